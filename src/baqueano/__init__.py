@@ -2,7 +2,7 @@
 
     import baqueano as bq
 
-    robot = bq.load("small")                    # a vehicle file: yours, or one of the garage
+    robot = bq.load("small")                    # a vehicle file: your own, or one of the package
     run = bq.experiment(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))
     fit = bq.identify(run, robot)
     fit.plot()

@@ -1,10 +1,8 @@
-"""Find the block of a `kind` in the vehicle file: ours by a short name, yours as "file.py:Class".
+"""Find the block of a `kind` in the vehicle file: a short name of the package, or your own "file.py:Class".
 
 Code that a vehicle file or a run names is executed if it is in the same folder, or if the user named it. Code from
-elsewhere is executed only if the user allows it, as it runs with all rights of the user.
-
-A room is a category of blocks, such as "sensor". block_checks checks the contract of each room, for the author of a
-block.
+elsewhere is executed only if the user allows this, because the code runs with all rights of the user. A role is a
+category of blocks, such as "sensor". block_checks checks the contract of each role, for the author of a block.
 """
 
 import importlib
@@ -73,15 +71,15 @@ BLOCK_TARGETS: dict[str, dict[str, str]] = {
     "supervisor": {"supervisor": "baqueano.supervisor:Supervisor"},
 }
 
-LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
-WORKING_FILE = "vehicle.toml"  # of the project in the working directory
+LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")  # the roles of the blocks in a drive
+WORKING_FILE = "vehicle.toml"  # vehicle file of the project in the working directory
 _trusted_files: set[Path] = set()  # files of blocks that the user named or allowed in this process
 ALLOW = "BAQUEANO_ALLOW_BLOCKS"  # set to 1 if the user allows code that files of other people name
-_modules: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
+_modules: dict[tuple[str, str], ModuleType] = {}  # modules of the user's files, by path and content
 
 
 def kinds(role: str) -> tuple[str, ...]:
-    """Return the short names of our blocks in a room.
+    """Return the short names of the package's blocks for a role.
 
     Parameters
     ----------
@@ -96,7 +94,7 @@ def kinds(role: str) -> tuple[str, ...]:
     Raises
     ------
     UsageError
-        For another room.
+        For another role.
 
     Examples
     --------
@@ -109,14 +107,14 @@ def kinds(role: str) -> tuple[str, ...]:
 
 
 def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
-    """Return the class behind a `kind` that the user names.
+    """Return the class of a `kind` that the user names.
 
     Parameters
     ----------
     role : str
         "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
     kind : str
-        Short name of one of our blocks, or "file.py:Class".
+        Short name of a block of the package, or "file.py:Class".
     folder : path, optional
         Folder to search first for a relative file; the working directory is searched second.
 
@@ -167,8 +165,11 @@ def permit_blocks(allow: bool = True) -> Iterator[None]:
 
 def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> type:
     """Return the class of a `kind` that a vehicle file in `folder` names; if `folder` is None, a run names it.
-    FileError for code outside `folder` that the user neither named nor allowed. Code in the working
-    directory is allowed if `folder` is in it too. FileError always for a run with a path outside the working directory.
+
+    Raise
+    FileError for code outside `folder` that the user neither named nor allowed. Code in the working directory is
+    allowed if `folder` is also in that directory. A run with a path outside the working directory always raises
+    FileError.
     """
     file_name = kind if kind.endswith(".py") else kind.rpartition(":")[0]
     path = _path_of(file_name, folder) if file_name.endswith(".py") else None
@@ -208,7 +209,7 @@ def _is_in_working_file(kind: str) -> bool:
 
 
 def role_of(block_class: type) -> str:
-    """Return the room of a class of the user, from the arguments of its `step`. FileError if none matches."""
+    """Return the role of a class of the user, from the arguments of its `step`. Raise FileError if none matches."""
     step = getattr(block_class, "step", None)
     if step is None:
         raise FileError(fault("block.no-step", place=place_of(block_class), block=block_class.__name__))
@@ -232,7 +233,7 @@ def role_of(block_class: type) -> str:
 
 def check_role(role: str, block: object) -> None:
     """Raise UsageError if a class or block of the user does not fit `role`.
-    It does not fit without `init` or `step`, or if its `step` has the arguments of another room of the loop.
+    It does not fit without `init` or `step`, or if its `step` has the arguments of another role of the loop.
     """
     block_class = block if isinstance(block, type) else type(block)
     if not all(callable(getattr(block_class, method, None)) for method in ("init", "step")):
@@ -261,7 +262,7 @@ def _find(file: str, folder: Path | str | None) -> Path:
 
 
 def _path_of(file: str, folder: Path | str | None) -> Path | None:
-    """Return the path of the file in the first folder to search that contains it; None if none does."""
+    """Return the path of the file in the first searched folder that contains it; None if no folder contains it."""
     candidates = _candidate_paths(Path(file).expanduser(), folder)
     return next((candidate.resolve() for candidate in candidates if candidate.is_file()), None)
 
@@ -275,12 +276,12 @@ def _class_names(module: ModuleType) -> list[str]:
 
 
 def read_module(file: str, folder: Path | str | None = None) -> ModuleType:
-    """Return a user's file as a module; it runs once for each content. FileError, with the line, if it raises."""
+    """Return a user's file as a module, which runs once for each content. Raise FileError with the line if it fails."""
     return _module(_find(file, folder))
 
 
 def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
-    """Return a message that lists the blocks "file.py:Class" of a file; FileError if the file cannot be read."""
+    """Return a message with the blocks "file.py:Class" of a file. Raise FileError if the file cannot be read."""
     class_names = [f"{file}:{name}" for name in _class_names(read_module(file, folder))]
     return (
         note("block.classes", file=file, classes=class_names)
@@ -302,7 +303,7 @@ def _class_of(path: Path, name: str) -> type:
 
 
 def _module(path: Path) -> ModuleType:
-    import hashlib  # it loads OpenSSL, which a robot without own blocks does not need
+    import hashlib  # imported here because it loads OpenSSL, which only blocks of the user need
 
     content = path.read_bytes()
     key = (str(path), hashlib.sha256(content).hexdigest())
@@ -314,7 +315,7 @@ def _module(path: Path) -> ModuleType:
         raise FileError(fault("block.not-module", path=path))
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    sys.path.append(str(path.parent))  # so that it may import modules beside it
+    sys.path.append(str(path.parent))  # so that the file can import the modules beside it
     try:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except SyntaxError as error:

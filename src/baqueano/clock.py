@@ -1,4 +1,4 @@
-"""Provide sources of time: a simulation, real time, or a run. Each clock yields strictly increasing integers t_ns.
+"""Provide clocks: for a simulation, for real time, or from a run. Each yields strictly increasing integers t_ns.
 
 A missed tick is skipped and not executed later: the next tick is again on the grid, and `missed` counts the skipped
 ticks.
@@ -12,7 +12,7 @@ from baqueano.signals import NANOSECONDS, Tick
 
 
 def simulated_ticks(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
-    """Yield the ends of the ticks [ns] up to `duration_s`, as fast as the machine runs; without end if it is None."""
+    """Yield the ends of the ticks [ns] up to `duration_s`, without waiting; endlessly if `duration_s` is None."""
     k = 1
     while duration_s is None or k <= round(duration_s * rate_hz):
         yield round(k * NANOSECONDS / rate_hz)
@@ -21,7 +21,7 @@ def simulated_ticks(rate_hz: float, duration_s: float | None = None) -> Iterator
 
 @dataclass
 class Wall:
-    """A clock of real time on a steady grid [ns]; it is monotonic, so it does not jump when the date is set."""
+    """A clock of real time on a regular grid [ns]. It is monotonic, so it does not jump when the date is set."""
 
     rate_hz: float
     duration_s: float | None = None

@@ -23,18 +23,18 @@ class Severity(StrEnum):
 
 
 class Verdict(StrEnum):
-    """The judgement of a result, and of the numbers that it wrote into a vehicle file."""
+    """The evaluation of a result, and of the values that the result wrote into a vehicle file."""
 
     USABLE = "USABLE"
     WARN = "WARN"
     REFUSED = "REFUSED"
     CANNOT_TELL = "CANNOT TELL"
     STOPPED = "STOPPED"
-    DONE = "DONE"  # of a result without a judgement
+    DONE = "DONE"  # of a result without an evaluation
     CONSISTENT = "CONSISTENT"
     INCONSISTENT = "INCONSISTENT"
     NOT_REPORTED = "NOT REPORTED"
-    GUESS = "GUESS"  # of numbers that were not measured
+    GUESS = "GUESS"  # of values that were not measured
 
     @classmethod
     def of(cls, reasons: "Iterable[Diagnostic]") -> "Verdict":
@@ -53,7 +53,7 @@ class Verdict(StrEnum):
 
 
 class StopReason(StrEnum):
-    """Reasons for which the motors are stopped, or may not start. The first word is the subject."""
+    """Reasons for which the motors are stopped, or are not allowed to start. The first word is the subject."""
 
     COMMAND_NOT_FINITE = "supervisor.command-not-finite"
     ESTIMATE_NOT_FINITE = "supervisor.estimate-not-finite"
@@ -102,7 +102,7 @@ class StopReason(StrEnum):
     MISSION_UNFINISHED_AT = "service.mission-unfinished-at"  # with the line of the block's file
     NOT_CHECKED = "service.not-checked"
     CHECKED_AGAIN = "service.checked-again"
-    RECORDED = "recorded.stop"  # of a run without a code: its words
+    RECORDED = "recorded.stop"  # of an older run without codes, with the sentence of the run
 
 
 FORMER_CODES = (  # beginning of a code in older runs → its present one
@@ -129,7 +129,7 @@ def code_of_today(code: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """A message as data. Names of `figures` end with their unit; a figure may be another diagnostic, the cause.
+    """A message as data. Names of `figures` end with their unit; a value can be another diagnostic, the cause.
 
     `fix` is a command to type, or empty.
     """
@@ -144,7 +144,7 @@ class Diagnostic:
         return hash((self.code, self.severity, self.subject, self.fix, frozenset(self.figures.items())))
 
     def to_json(self) -> dict[str, object]:
-        """Return the diagnostic as a dict for JSON; a figure that is not finite becomes null."""
+        """Return the diagnostic as a dict for JSON; a value that is not finite becomes null."""
         figures = {name: _to_json(value) for name, value in self.figures.items()}
         return {
             "code": str(self.code), "severity": str(self.severity), "subject": self.subject, "figures": figures,
@@ -153,7 +153,7 @@ class Diagnostic:
 
     @classmethod
     def of_json(cls, values: Any) -> "Diagnostic":
-        """Return the diagnostic of `to_json`, its inverse. ValueError for anything else."""
+        """Return the diagnostic from a dict of `to_json`: the inverse. Raise ValueError for any other value."""
         try:
             texts = values["code"], values["subject"], values["fix"]
             figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in values["figures"].items()}
@@ -218,7 +218,7 @@ def most_severe_first(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ..
     return tuple(sorted(diagnostics, key=lambda message: SEVERITY_ORDER.index(message.severity)))
 
 
-MAX_LISTED_NAMES = 20  # known names that are listed at most
+MAX_LISTED_NAMES = 20  # largest number of known names that are listed
 
 
 def _figure(value: object) -> "str | float | Diagnostic | None":
@@ -232,9 +232,7 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
-    """Return a message with the known names, at most MAX_LISTED_NAMES, and, if one of them is similar to `name`, a
-    suggestion.
-    """
+    """Return a message with the known names, at most MAX_LISTED_NAMES, and the name most similar to `name`, if any."""
     import difflib
 
     names = list(allowed)

@@ -12,11 +12,11 @@ from baqueano.diagnostics import Diagnostic, Severity
 from baqueano.messages import text
 
 INTERRUPTED = 130  # Ctrl-C, as shells have it
-USER_MODULE_PREFIX = "baqueano_user_"  # begins the name of a module that is a file of the user's blocks
+USER_MODULE_PREFIX = "baqueano_user_"  # beginning of the name of a module with the user's blocks
 
 
 class DiagnosticError(Exception):
-    """An exception that carries a diagnostic. Its text is for the reader.
+    """An exception with a diagnostic. The text of the exception is for the reader.
 
     `message` is a diagnostic, or a text from other code. `about` is the diagnostic for programs; by default `message`.
     """
@@ -35,11 +35,11 @@ class DiagnosticError(Exception):
 
 
 class Invalid(DiagnosticError, ValueError):
-    """The error of a number, name or shape that one of our blocks or functions does not accept."""
+    """The error of a value, name or shape that a block or function of the package does not accept."""
 
 
 class Misuse(DiagnosticError, TypeError):
-    """The error of a call, or of a type of argument, that one of our functions does not accept."""
+    """The error of a call, or of a type of argument, that a function of the package does not accept."""
 
 
 class MissingMethod(DiagnosticError, NotImplementedError):
@@ -112,13 +112,13 @@ def error_text(error: BaseException) -> str:
     """Return the kind of an error and its text: "ZeroDivisionError: division by zero", "SystemExit"."""
     try:
         text = str(error)
-    except Exception:  # its __str__ may be code of the user
+    except Exception:  # `__str__` can be code of the user
         text = ""
     return f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
 def user_code_place(error: BaseException) -> str:
-    """Return file and line of the last frame of a traceback in the user's code, "mine.py line 12", or "" if none.
+    """Return the file and line of the last frame in the user's code, such as "mine.py line 12", or "" without one.
 
     >>> user_code_place(ValueError("raised by nobody"))
     ''
@@ -137,9 +137,7 @@ def user_code_place(error: BaseException) -> str:
 def error_of_exit_code(
     code: int, reason: Diagnostic | str, default_class: type[BaqueanoError] = BaqueanoError
 ) -> BaqueanoError:
-    """Return the error for the exit code of a remote command; an `default_class` if our errors do not have this
-    code.
-    """
+    """Return the error for the exit code of a remote command; a `default_class` for an unknown code."""
     error_classes = (AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop)
     return {error_class.exit_code: error_class for error_class in error_classes}.get(code, default_class)(
         reason

@@ -39,7 +39,7 @@ def map_from_body(psi: Value) -> np.ndarray:
     Parameters
     ----------
     psi : float [rad]
-        Heading, counter-clockwise from the map's x.
+        Heading, counter-clockwise from the x axis of the map.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray (3,) [m, m, rad]
-        Error ahead, error to the left, and error of the heading.
+        Error forward, error to the left, and error of the heading.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
     xy_from : ndarray (n, 2) [m]
         Points to move.
     xy_to : ndarray (n, 2) [m]
-        Points to which they belong, in the same order.
+        Corresponding points, in the same order.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Run the loop: measure → estimate → guide → control → supervise → act.
 
 `step` is pure: from the blocks, their states and a tick it computes new states and a record. The clocked loop below, a
-simulation in one kernel and the tuning of gains all call this same function.
+simulation in one kernel and the tuning of gains all call this function.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -43,7 +43,7 @@ class Record(NamedTuple):
     command: Command  # by the supervisor, to the motors
     estimate: Estimate
     reference: Reference
-    degraded: tuple[Finding, ...] = ()  # the sensors that have been off for long: monitor.Finding
+    degraded: tuple[Finding, ...] = ()  # findings on sensors that have been wrong for a long time
     states: States | None = None  # of the blocks after the tick, in the clocked loop; not in a run
 
 
@@ -68,12 +68,12 @@ def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
 class Outcome(NamedTuple):
     """The end of a run of the loop: the reason of a stop, the guide's end, and the number of ticks."""
 
-    stopped: Diagnostic | None  # why the motors were stopped; None if nothing stopped them
+    stopped: Diagnostic | None  # reason why the motors were stopped; None if they were not stopped
     done: bool  # True if the guide reached its end
     ticks: int
 
 
-AFTER_STOP_S = 1.0  # a stopped vehicle is recorded for this long: it still rolls
+AFTER_STOP_S = 1.0  # a stopped vehicle is recorded for this time, because it still rolls
 
 
 def run(
@@ -87,7 +87,7 @@ def run(
     """Run the clocked loop over a world. The last command is always zero.
 
     After a fault of a block or a stop by the supervisor the command stays zero; the reason names a faulty block. The
-    loop still records for AFTER_STOP_S, then it ends. `eta` (3,) is the pose at the start.
+    loop then records for AFTER_STOP_S and ends. `eta` (3,) is the pose at the start.
     """
     n = world.commands
     blocks = Blocks(*(guard_block(role, b, n) for role, b in zip(Blocks._fields, blocks, strict=True)))
@@ -103,7 +103,7 @@ def run(
             done = bool(record.reference.done > 0.0)
             if done or (end_reason is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
                 break
-    except BlockFault as fault:  # in init: nothing has moved yet
+    except BlockFault as fault:  # in init, before any motion
         end_reason = fault.reason
         on_event(t_ns, end_reason)
     except KeyboardInterrupt:
@@ -117,7 +117,7 @@ def run(
 def _records(
     blocks: Blocks, world: World, clock: Iterable[int], eta: np.ndarray | None
 ) -> Iterator[tuple[Record, Diagnostic | None]]:
-    """Yield the record of every tick, and the reason why the motors are stopped; None while they may run."""
+    """Yield the record of every tick, and the reason why the motors are stopped; None while they are allowed to run."""
     states = init(blocks, eta)
     for t_ns in clock:
         records = []
@@ -132,7 +132,7 @@ def _records(
 def careful_step(
     blocks: Blocks, states: States, tick: Tick
 ) -> tuple[Blocks, States, Record, Diagnostic | None]:
-    """Return the blocks, the states and the record after `step`, and the reason of a stop; None if the motors may run.
+    """Return the blocks, the states and the record after `step`, and the reason of a stop; None without a stop.
 
     After a fault, blocks with a zero command replace guide, controller and supervisor. The estimator is replaced only
     if it caused the fault.

@@ -42,7 +42,7 @@ def front_door(
 ) -> "Callable[[str], object]":
     """Return the `__getattr__` of `on_demand` for a package in which submodules and functions have the same names.
 
-    The name always refers to the function, also after an import of the submodule.
+    The name always refers to the function, even after an import of the submodule.
     """
     exported_names = {name.partition(" as ")[2] or name for exports in names.values() for name in exports}
     module = type(sys)

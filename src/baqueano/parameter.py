@@ -1,10 +1,11 @@
-"""Define a field of a block that is a parameter: with its unit, its bounds, its meaning and its physics.
+"""Define a field of a block that is a parameter, with unit, bounds, meaning and physical properties.
 
 The vehicle file, the bounds of a fit, its free parameters, its advice and the labels of a report all use this data. So
-your vehicle works as ours do. `role` states whether a default fit estimates a parameter or keeps its value:
+your own vehicle works like a vehicle of the package. `role` states whether a default fit estimates a parameter or keeps
+its value:
 
     fitted   estimates                                   term    estimates if the value is not neutral
-    gain     estimates: the effect of a command          known   keeps: measured by hand
+    gain     estimates: the effect of a command          known   keeps: measured separately
     offset   estimates: it acts without a command        scale   keeps: of a sensor, known from its data sheet
                                                          noise   keeps: it does not act on the motion
 """
@@ -26,7 +27,7 @@ __all__ = ["Parameter", "document", "parameter", "parameters"]
 
 INF = float("inf")
 Kind = TypeVar("Kind", bound=type)
-SHOWN_BOUND = 1e3  # a bound beyond it only excludes absurd values, and is not shown to the reader
+SHOWN_BOUND = 1e3  # a larger bound only excludes absurd values, and is not shown to the reader
 SECTION_HEAD = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
 SECTION_ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
 ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")
@@ -41,7 +42,7 @@ class Parameter(NamedTuple):
     unit : str
         SI unit, "1" for none; one unit for all entries, or one per entry separated by ", ".
     low, high : float
-        Smallest and largest value that any entry may have.
+        Smallest and largest allowed value of each entry.
     meaning : str
         Meaning of the parameter, in one line.
     shape : tuple of int or None
@@ -51,7 +52,7 @@ class Parameter(NamedTuple):
     neutral : float or None
         Value at which the effect vanishes; None if no value does this.
     term : str or tuple of str
-        Name of the term that `choose` may add; entries and fields with the same name belong to one term.
+        Name of the term that `choose` can add; entries and fields with the same name belong to one term.
     start : tuple of float
         Values from which a search begins.
     shown_by : str or tuple of str
@@ -59,15 +60,15 @@ class Parameter(NamedTuple):
     measured_by : str
         Method by which a user measures it.
     symbol : str or tuple of str
-        Its letter, in LaTeX.
+        Symbol of the parameter, in LaTeX.
     label : str or tuple of str
-        Its short name for the reader; for a matrix, the name of the diagonal entries. If "", `meaning` is used.
+        Short name for the reader; for a matrix, the name of the diagonal entries. If "", `meaning` is used.
     std : str
-        Field with its standard deviation; a filter may include the parameter in its state.
+        Field with the standard deviation; a filter can include the parameter in its state.
     walk : str
-        For a bias, the field with its random walk in 1 s; "" for a constant.
+        For a bias, the field with the random walk in 1 s; "" for a constant.
     slip : str
-        Field with the standard deviation of its slow variation; "" for a constant.
+        Field with the standard deviation of the slow variation of a scale; "" for a constant.
     fade : str
         Field with the time constant of that variation.
 
@@ -97,7 +98,7 @@ class Parameter(NamedTuple):
 
     @property
     def axes(self) -> bool:
-        """Return True if its first index is an axis of the body: forward, sideways, turning."""
+        """Return True if the first index is an axis of the body: forward, sideways, turning."""
         return self.shape is not None and self.shape[:1] == (3,) and self.unit.count(", ") == 2
 
 
@@ -121,7 +122,7 @@ def parameter(
     meaning : str
         Meaning of the parameter, in one line.
     low, high : float
-        Smallest and largest value that any entry may have.
+        Smallest and largest allowed value of each entry.
     default : object
         Value of the field; arrays are given as lists or tuples.
     shape : tuple of int or None
@@ -134,12 +135,12 @@ def parameter(
     Returns
     -------
     dataclasses.Field
-        For the body of a dataclass.
+        Field for the body of a dataclass.
 
     Raises
     ------
     Invalid
-        If the role is unknown; a ValueError.
+        If the role is unknown; Invalid is a ValueError.
 
     Examples
     --------
@@ -189,8 +190,8 @@ def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
 def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
     """Yield (path, Parameter) of each parameter of a block at `path`; fields that are None are excluded.
 
-    Parameters of blocks within the block are first. A field that contains a block may change the roles of its
-    parameters: metadata={"roles": {name: role}}.
+    Parameters of blocks within the block are first. A field that contains a block can change the roles of the
+    parameters of that block: metadata={"roles": {name: role}}.
     """
     if not dataclasses.is_dataclass(block):
         return
@@ -212,7 +213,7 @@ def document(block: Kind) -> Kind:
     Parameters
     ----------
     block : type
-        A dataclass, below its decorator.
+        A dataclass; write `@document` above the decorator of the dataclass.
 
     Returns
     -------

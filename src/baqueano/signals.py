@@ -18,7 +18,7 @@ __all__ = ["Command", "Estimate", "Motion", "Reference", "Slot", "Tick", "second
 
 NANOSECONDS = 1_000_000_000
 Entry = TypeVar("Entry")
-STANDARD_GRAVITY = 9.80665  # m/s², by definition: accelerometers are calibrated by it
+STANDARD_GRAVITY = 9.80665  # m/s², by definition; accelerometers are calibrated with this value
 
 
 def seconds(t_ns: Value, since_ns: Value = 0) -> Value:
@@ -29,7 +29,7 @@ def seconds(t_ns: Value, since_ns: Value = 0) -> Value:
     t_ns : int or ndarray
         Time of the run's clock.
     since_ns : int or ndarray
-        Time to count from.
+        Time at which the duration begins.
 
     Returns
     -------
@@ -63,7 +63,7 @@ class Command(NamedTuple):
     Attributes
     ----------
     t_ns : int
-        Time of the estimate for which it was computed.
+        Time of the estimate for which the command was computed.
     u : ndarray (n,)
         Command of each channel, in the unit of the vehicle file; in [-1, 1] on a real robot.
 
@@ -172,7 +172,7 @@ class Estimate(NamedTuple):
     innovation_cov : ndarray (m, m), optional
         S = H Σ̄ Hᵀ + Q.
     weight : ndarray (m,), optional
-        Weight of each innovation: 1 is the full weight, below ½ the channel is refused; NaN without a measurement.
+        Weight of each innovation: 1 is the full weight, below ½ the channel is rejected; NaN without a measurement.
 
     Examples
     --------

@@ -25,7 +25,7 @@ from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
 
-MAX_SQUARABLE_M_S = 1e150  # m/s: above it the square of the estimated speed overflows
+MAX_SQUARABLE_M_S = 1e150  # the square of a larger estimated speed overflows
 REASONS = (
     None,
     StopReason.COMMAND_NOT_FINITE,
@@ -40,7 +40,7 @@ REASONS = (
 class SupervisorState(NamedTuple):
     """The state of a supervisor: the latched stop, its reason, and the time of the IMU's last measurement."""
 
-    stopped: float  # 1.0 after the first reason, and from then on
+    stopped: float  # 1.0 from the first reason on
     reason: float  # index into REASONS
     imu_ns: int  # time of the IMU's last measurement; -1 before the first tick
 
@@ -66,7 +66,7 @@ class Supervisor:
     imu_timeout_s: float = parameter(
         "s", "time without data from the IMU after which the vehicle is stopped", low=0.0, default=0.5
     )
-    watch: str = "imu"  # the sensor that must not be silent; a vehicle without it is not watched
+    watch: str = "imu"  # the sensor that must not be silent; without this sensor, silence is not checked
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -78,7 +78,7 @@ class Supervisor:
     def step(
         self, state: SupervisorState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[SupervisorState, Command]:
-        """Return the next state, and the command (n,) that may reach the motors."""
+        """Return the next state, and the command (n,) that is allowed to reach the motors."""
         imu_ns: Value = np.where((self._has(tick) > 0.0) | (state.imu_ns < 0), tick.t_ns, state.imu_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
         values = np.concatenate([eta, nu, cov.reshape(-1)])
@@ -110,9 +110,9 @@ def position_std(cov: Value) -> Value:
 
 
 def stop_reason(state: Tree) -> Diagnostic | None:
-    """Return why a supervisor stopped; None if it did not, or if a supervisor of the user does not report it.
+    """Return the reason why a supervisor stopped; None without a stop, or if the user's supervisor does not report it.
 
-    Its `reason` is an index into REASONS, or, in a supervisor with other reasons, a diagnostic or a sentence.
+    `reason` in the state is an index into REASONS, or, in a supervisor with other reasons, a diagnostic or a sentence.
     """
     reason = getattr(state, "reason", None) or 0.0
     if isinstance(reason, Diagnostic):
@@ -151,7 +151,7 @@ class GuardedBlock:
     zeros: dict[str, np.ndarray]  # its fields that must be finite, in their shapes
 
     def init(self, *start: np.ndarray) -> Tree:
-        """Return the start state of the block."""
+        """Return the start state of the block. Raise BlockFault if `init` of the block raises."""
         try:
             return self.block.init(*start)
         except BlockFault:
@@ -163,7 +163,7 @@ class GuardedBlock:
         """Return the result of the block's step. Raise BlockFault if the step raises or violates the contract."""
         try:
             result = self.block.step(state, *inputs)
-        except BlockFault:  # of a part, which is named
+        except BlockFault:  # of an inner block, which the fault names
             raise
         except BaseException as error:
             raise self._fault(error) from error
@@ -190,7 +190,7 @@ class GuardedBlock:
         return BlockFault(self.role, reason)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
-        """Return the fault of an exception of the block, also of sys.exit(). Raise an interruption from outside."""
+        """Return the fault of an exception of the block, even of sys.exit(). Re-raise an interruption from outside."""
         if from_outside(error):
             raise error
         return BlockFault(self.role, stop(reason, block=_block_place(self, error), error=error_text(error)))
@@ -227,7 +227,7 @@ class FallbackBlock:
         """Return None: this block does not have a state."""
 
     def step(self, state: None, *inputs: Tree) -> tuple[None, Tree]:
-        """Return the output of the room for a vehicle at rest: zero command or velocity, or an estimate of NaN."""
+        """Return the output of the role for a vehicle at rest: zero command or velocity, or an estimate of NaN."""
         t_ns = inputs[-1].t_ns
         if self.role == "estimator":
             return None, Estimate(t_ns, np.full(3, np.nan), np.full(3, np.nan), np.full((6, 6), np.nan))
@@ -269,7 +269,7 @@ def _text_of(value: object) -> str:
 
 
 def _block_place(guard: GuardedBlock, error: BaseException | None = None) -> str:
-    """Return the block, its file, and the line in which it raised or, without an error, its `step` begins."""
+    """Return the block, its file, and the line of the error or, without an error, the line where `step` begins."""
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
     block = _faulty_part(guard.block, {frame.filename for frame in frames})
     block_class: Tree = type(block)

@@ -1,11 +1,11 @@
 """Check the contracts of blocks: `check_estimator(block)` and the similar functions return diagnostics for the author.
 
     pure            arguments and the block itself never change
-    deterministic   the same call gives the same numbers, bit for bit
+    deterministic   the same call gives the same results, bit for bit
     stamped         an output has the timestamp of its input
     wrapped         angles in outputs are within [−π, π]
     positive        covariances are symmetric, without a negative eigenvalue
-    anywhere        a clock that begins at an epoch gives the same results as one that begins at 0
+    anywhere        a clock that begins at the epoch 1970 gives the same results as one that begins at 0
     alone           the block does not use a clock, file, random number or print
 
 The list is empty if a block passes. `notes` reports if a block can be compiled.
@@ -49,11 +49,11 @@ def check(
     Parameters
     ----------
     room : str
-        "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
+        Role of the block: "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
     block : object
         The block, not its class.
     sensors : NamedTuple of Sensor, optional
-        Sensors of the vehicle, for an estimator or a supervisor; else one IMU.
+        Sensors of the vehicle, for an estimator or a supervisor; the default is one IMU.
     commands : int
         Number of channels of the vehicle's command.
 

@@ -1,4 +1,4 @@
-"""Check if a block can be compiled, with the same results. Otherwise it runs uncompiled, and more slowly."""
+"""Check if a block can be compiled with the same results. Otherwise the block runs uncompiled, and more slowly."""
 
 from typing import Any
 
@@ -14,23 +14,23 @@ from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 
 RELATIVE_TOLERANCE = (
-    1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned block loses some of it
+    1e-9  # relative; back ends agree to 1e-12 per step, and an ill-conditioned block amplifies this
 )
 
 
 def notes(
     role: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
 ) -> list[Diagnostic]:
-    """Return notes on a block that fulfils its contract, if it cannot be compiled or its compiled results differ.
+    """Return notes on a block that fulfils its contract, but cannot be compiled or gives other results when compiled.
 
     Parameters
     ----------
     role : str
-        As in `check`.
+        Role of the block, as `room` of `check`.
     block : object
         The block.
     sensors : NamedTuple of Sensor, optional
-        Sensors of the vehicle, else one IMU.
+        Sensors of the vehicle; the default is one IMU.
     commands : int
         Number of channels of the vehicle's command.
     backend : str
@@ -39,7 +39,7 @@ def notes(
     Returns
     -------
     list of Diagnostic
-        Empty if the block can be compiled, with the same numbers.
+        Empty if the block can be compiled with the same results.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Check vehicles and sensors; their Protocols state the contract."""
+"""Check vehicles and sensors against the contracts of their protocols."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ IN_CURVE, WHILE_ROLLING, AFTER_TURN = note("when.curve"), note("when.rolling"), 
 
 
 def check_vehicle(block: object) -> list[Diagnostic]:
-    """Return the faults of a vehicle. In the check it drives a curve, rests, and rolls.
+    """Return the faults of a vehicle. In the check, the vehicle drives a curve, rests, and rolls.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def _motion(trial: Trial, motion: Motion, context: Diagnostic) -> None:
 
 
 def check_sensor(block: object) -> list[Diagnostic]:
-    """Return the faults of a sensor. In the check it measures a circle through ψ = π.
+    """Return the faults of a sensor. In the check, the sensor measures a circle through ψ = π.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _measure(trial: Trial, block: Any) -> None:
 
 def _rate(trial: Trial, block: Any, answer_count: int) -> None:
     if block.rate_hz == float("inf"):
-        return  # it answers when something happens
+        return  # this sensor measures when something happens
     delay_s = float(getattr(block, "delay_s", 0.0))
     in_sight = np.mean([bool(detects(block, circle_motion(k))) for k in range(TICK_COUNT)])
     expected = min(1.0 / DT_S, float(block.rate_hz)) * max(TICK_COUNT * DT_S - delay_s, 0.0) * in_sight

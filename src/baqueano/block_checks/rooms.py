@@ -16,9 +16,9 @@ from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, s
 DT_S = 0.02
 TICK_NS = 20_000_000
 YAW_RATE_RAD_S = 2.5  # rad/s: crosses π after 1.26 s
-EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer: since 1970
+EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer, which counts from 1970
 ON_CIRCLE, REPEATED_TICK = note("when.circle"), note("when.repeated")
-OUTPUT_TOLERANCE = 1e-3  # of the size of an output; times converted to floats cause an error of 1e-5
+OUTPUT_TOLERANCE = 1e-3  # of the magnitude of an output; times converted to floats cause an error of 1e-5
 
 
 def a_sensor() -> SensorBlocks:
@@ -32,8 +32,8 @@ def check_estimator(
 ) -> list[Diagnostic]:
     """Return the faults of an estimator.
 
-    In the check it estimates a circle across ψ = π. It receives no measurement for 2 s, then damaged measurements, a
-    repeated tick and a gap of 0.3 s.
+    In the check, the estimator estimates a circle across ψ = π. It does not receive measurements for 2 s; then it
+    receives damaged measurements, a repeated tick and a gap of 0.3 s.
 
     Parameters
     ----------
@@ -112,8 +112,8 @@ def slots_at(sensors: SensorBlocks, k: int) -> Any:
 def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     """Return the faults of a controller.
 
-    In the check it follows a circle across ψ = π. It follows the same circle in a map that is moved and turned, and
-    with headings one full turn further.
+    In the check, the controller follows a circle across ψ = π. Then it follows the same circle in a map that is moved
+    and turned, and with headings that are one full turn larger.
 
     Parameters
     ----------
@@ -149,7 +149,10 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
 
 
 def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
-    """Return the commands (80, n) along a circle placed at the pose `offset`; the last tick is repeated once."""
+    """Return the commands (80, n) along a circle at the pose `offset` (3,), with `turn` [rad] added to each heading.
+
+    The last tick is repeated once.
+    """
     state, command_rows = trial.checked_call("init", AT_START), []
     for k in [*range(80), 79]:
         t_ns, psi = (k + 1) * TICK_NS, YAW_RATE_RAD_S * DT_S * k
@@ -177,7 +180,7 @@ def _shift(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
 
 
 def check_guide(block: object) -> list[Diagnostic]:
-    """Return the faults of a guide. In the check it returns references for 3 s, at a repeated tick, and an hour later.
+    """Return the faults of a guide. In the check, it returns references for 3 s, at a repeated tick, and an hour later.
 
     Parameters
     ----------
@@ -269,7 +272,7 @@ def check_supervisor(
 def _supervise(
     trial: Trial, sensors: SensorBlocks, n: int, subject: str, bad_command: float, bad_position: float
 ) -> None:
-    """Run ten good ticks, one with a NaN, and ten good ticks. From the NaN on the commands must be zero."""
+    """Run ten good ticks, one bad tick, and ten good ticks. From the bad tick on, the commands must be zero."""
     state = trial.checked_call("init", AT_START)
     for k in range(21):
         is_bad = k == 10
@@ -323,8 +326,7 @@ def _supervised_command(
 
 
 def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -> None:
-    """Check that a drive gives the same results with a clock that begins at 0 and with a clock that begins at
-    an epoch."""
+    """Check that a clock that begins at the epoch 1970 gives the same results as a clock that begins at 0."""
     outputs_at_zero = _outputs_on_circle(trial, role, sensors, n, 0)
     outputs_at_epoch = _outputs_on_circle(trial, role, sensors, n, EPOCH_NS)
     for name, at_zero in outputs_at_zero.items():

@@ -7,7 +7,7 @@ from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, note
 
-OUTSIDE_MODULES = {  # module → what to do instead
+OUTSIDE_MODULES = {  # forbidden module → replacement
     "time": note("outside.time"), "datetime": note("outside.time"),
     "random": note("outside.random"), "secrets": note("outside.random"),
     "os": note("outside.machine"), "io": note("outside.files"), "pathlib": note("outside.files"),
@@ -21,7 +21,7 @@ OUTSIDE_CALLS = {
 
 
 def place(code_object: Any) -> str:
-    """Return file and line of a class or function, as "my_controller.py line 12"."""
+    """Return the file and the line of a class or function, as "my_controller.py line 12"."""
     try:
         return f"{Path(inspect.getfile(code_object)).name} line {inspect.getsourcelines(code_object)[1]}"
     except (OSError, TypeError):

@@ -1,4 +1,4 @@
-"""Read the source text of a class of the user: of its file, or of a notebook's cell."""
+"""Read the source text of a class of the user, from a file or from a cell of a notebook."""
 
 import inspect
 import linecache
@@ -13,16 +13,17 @@ def is_ours(block_class: type) -> bool:
 def source_text(block_class: type) -> str:
     """Return the text of the file or of the notebook's cell in which a class is written.
 
-    Return "" if Python does not store the text, as for a class that was typed in a terminal.
+    Return "" if Python does not store the text, for example if the class was typed in a terminal.
     """
     file = _file_of(block_class)
-    linecache.checkcache(file)  # a file may have changed; a notebook keeps its cells
+    linecache.checkcache(file)  # a file can have changed; the cells of a notebook are stored
     return "".join(linecache.getlines(file))
 
 
 def _file_of(block_class: type) -> str:
-    """Return the file name under which Python stores the text of a class. This is the file name of a method, because a
-    notebook's cell is not in a file.
+    """Return the file name under which Python stores the text of a class; "" if Python does not store the text.
+
+    This is the file name of a method of the class, because a cell of a notebook is not in a file.
     """
     methods = [method for method in vars(block_class).values() if isinstance(method, FunctionType)]
     files = [method.__code__.co_filename for method in methods if method.__module__ == block_class.__module__]

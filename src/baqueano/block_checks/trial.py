@@ -1,7 +1,7 @@
 """Check one block: repeat some of its calls with the same arguments, and compare the results.
 
-Pure: the arguments and the block itself do not change. Deterministic: two equal calls give the same numbers, bit for
-bit. Faults are stored as diagnostics, each once.
+Pure: the arguments and the block itself do not change. Deterministic: two equal calls give the same results, bit for
+bit. Faults are stored as diagnostics, each of them once.
 """
 
 import copy
@@ -22,7 +22,7 @@ INCOMPLETE_CODES = ("check.no-method", "check.no-attribute", "check.no-commands"
 
 
 class GaveUp(Exception):
-    """Raised to end the check: the block raised an exception or returned an unusable result."""
+    """Exception that ends the check, because the block raised an exception or returned an unusable result."""
 
 
 class Trial:
@@ -42,11 +42,11 @@ class Trial:
 
     @property
     def is_incomplete(self) -> bool:
-        """Return True if the block is without a method or attribute that its check needs."""
+        """Return True if the block lacks a method or an attribute that the check needs."""
         return any(fault_.code in INCOMPLETE_CODES for fault_ in self.faults)
 
     def add_fault(self, code: str, method_name: str = "", **figures: Any) -> None:
-        """Store a diagnostic for the author, with the place in the code."""
+        """Store a diagnostic for the author, with its place in the code."""
         place_text = (
             place(getattr(self.block_class, method_name, self.block_class))
             if method_name
@@ -57,7 +57,8 @@ class Trial:
 
     def checked_call(self, method_name: str, context: Diagnostic, *arguments: object) -> Any:
         """Return the result of a call. Repeat some calls, and store faults if results, arguments or the block change.
-        Raise GaveUp if the block raises.
+
+        Raise GaveUp if the block raises an exception.
         """
         frozen_arguments = _freeze(arguments)
         first = self._call(method_name, context, arguments)
@@ -131,7 +132,7 @@ class Trial:
     def expect_covariance(
         self, quantity: str, value: object, size: int, context: Diagnostic, method_name: str = "step"
     ) -> np.ndarray:
-        """Return a covariance, and check that it is symmetric and without a negative eigenvalue."""
+        """Return a covariance (size, size), and check that it is symmetric and without a negative eigenvalue."""
         P = self.expect(quantity, value, (size, size), context, method_name)
         scale = np.max(np.abs(P), initial=0.0)
         if np.max(np.abs(P - P.T), initial=0.0) > 1e-9 * scale:
@@ -191,7 +192,7 @@ def _fields(block: object) -> Any:
 
 
 def _freeze(value: object) -> Any:
-    """Return a copy that compares with ==, bit for bit, with NaN equal to NaN."""
+    """Return a copy that == compares bit for bit; NaN is equal to NaN."""
     if isinstance(value, np.ndarray):
         return (
             "array",

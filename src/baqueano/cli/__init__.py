@@ -46,9 +46,9 @@ VERBS_BY_SUBPACKAGE = {  # subpackage → verbs; the other verbs are modules of 
     "robot": ("robot",),
 }
 
-MAX_HELP_LETTERS = 200  # letters: no first sentence is as long
+MAX_HELP_LETTERS = 200  # characters; every first sentence is shorter
 
-# what values are called
+# names of the values of options
 METAVARS = N_("TEXT"), N_("INTEGER"), N_("NUMBER"), N_("FLOAT"), N_("FILE"), N_("FOLDER")
 USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
 BACKENDS = ("auto", "c", "python", "numpy")
@@ -71,7 +71,7 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the typed subcommand. Raise UsageError with the nearest name for an unknown one."""
+        """Return the typed subcommand. Raise UsageError, with the nearest name, for an unknown subcommand."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise unknown_verb_error(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)
@@ -93,7 +93,7 @@ def command_of(verb: str) -> click.Command:
         (f"{subpackage}." for subpackage, verbs in VERBS_BY_SUBPACKAGE.items() if verb in verbs), ""
     )
     command = importlib.import_module(f"baqueano.cli.{subpackage}{verb}").command
-    command._help_option = None  # click caches the one of the first call
+    command._help_option = None  # click caches the help option of the first call
     return in_language(command)
 
 
@@ -205,7 +205,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:
-    """Return the arguments without `--lang`, and its value. The option may be at any position before `--`."""
+    """Return the arguments without `--lang`, and its value. The option can be at any position before `--`."""
     end = args.index("--") if "--" in args else len(args)
     for k, arg in enumerate(args[:end]):
         if arg == "--lang" and k + 1 < end:

@@ -15,7 +15,7 @@ from baqueano.diagnostics import note
 
 def program_name() -> str:
     """Return the command that a user types to start this program: its name, or its path if the shell does not
-    find it."""
+    find the name."""
     if shutil.which("baqueano") or not (program_path := Path(sys.argv[0])).is_file():
         return "baqueano"
     return str(program_path)

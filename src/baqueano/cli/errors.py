@@ -19,7 +19,7 @@ NEGATIVE_ANSWER, USAGE, BAD_FILE = 1, 2, 3
 
 
 class Interruption(BaqueanoError):
-    """The error of a drive that Ctrl-C ended; its recording is complete until then."""
+    """The error of a drive that Ctrl-C ended; the recording is complete up to that time."""
 
     exit_code = INTERRUPTED
 
@@ -47,7 +47,7 @@ class CommandError(NamedTuple):
         return f"baqueano: {self.sentence}"
 
     def to_json(self) -> dict[str, object]:
-        """Return the error for --json: code, figures, text, the command to type next, and the exit code."""
+        """Return the error for --json: code, values, text, the command to type next, and the exit code."""
         next_entry = {} if self.next is None else {"next": self.next.to_json()}
         return self.reason.to_json() | {"text": self.sentence} | next_entry | {"exit_code": self.code}
 
@@ -74,7 +74,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             return fault("cli.interrupted"), INTERRUPTED
         case MemoryError():
             return fault("cli.memory", error=str(error)), NEGATIVE_ANSWER
-        case _ if type(error).__name__ == "CompileError":  # of the engine, which need not be loaded here
+        case _ if type(error).__name__ == "CompileError":  # of the engine, which is not imported here
             return fault("cli.not-compiled", "--backend python", error=cause_of(error)), USAGE
         case OSError():
             location = fault("cli.output") if error.filename is None else error.filename

@@ -1,9 +1,9 @@
 """Suggest the command to type after an error: a command that helps, never the failed command unchanged.
 
-The code and figures of the error decide. A mistyped name (`found`, with the nearest name in `near`, see names.py) is
-corrected in the command. A `missing` path is replaced by the nearest file, and a decimal comma by a point. Otherwise
-the suggestion is the error's `fix`. Without a `fix` it depends on the error. After a usage error it is --help, after a
-bad map the help on maps, after a bad run the list of runs.
+The suggestion depends on the code and the values of the error. A mistyped name (`found`, with the nearest name in
+`near`, see names.py) is corrected in the command. A `missing` path is replaced by the nearest file, and a decimal comma
+by a point. Otherwise the suggestion is the error's `fix`. For an error without a `fix`, the suggestion depends on the
+error: --help after a usage error, the help on maps after a bad map, the list of runs after a bad run.
 """
 
 import difflib
@@ -16,7 +16,7 @@ from baqueano.messages.printable import baqueano_command
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
-MIN_SIMILARITY = 0.75  # share of letters that two similar file names have in common
+MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
 DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
 ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")
 MAX_LISTED_FILES = 5  # files of a folder that are named
@@ -57,7 +57,7 @@ def next_line(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnostic 
 
 
 def _causes(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
-    """Yield the message, and all messages in its figures."""
+    """Yield the message, and all messages in its values."""
     yield diagnostic
     for figure in diagnostic.figures.values():
         if isinstance(figure, Diagnostic):
@@ -90,7 +90,7 @@ def _with_decimal_points(args: list[str]) -> list[str]:
 
 
 def _nearest_file(missing_path: Path) -> Path | None:
-    """Return the file in the same folder with the most similar name; None without one."""
+    """Return the file in the same folder with the most similar name; None without a similar name."""
     close_names = difflib.get_close_matches(
         missing_path.name, _file_names(missing_path.parent), n=1, cutoff=MIN_SIMILARITY
     )

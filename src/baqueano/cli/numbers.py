@@ -1,4 +1,4 @@
-"""Parse numbers on the command line, which must be finite and in their range. One sentence explains each error."""
+"""Parse numbers on the command line, which must be finite and in their range. Each error has one sentence."""
 
 import math
 from typing import Any
@@ -10,7 +10,7 @@ from baqueano.errors import UsageError
 
 
 class Number(click.ParamType):
-    """A finite number of `unit` from `low` to `high`; `low` itself is excluded if `exclude_low`."""
+    """A finite number of `unit` from `low` to `high`; `low` itself is excluded if `exclude_low` is True."""
 
     name = "number"
 
@@ -20,7 +20,7 @@ class Number(click.ParamType):
         self.range = f"{'>' if exclude_low else '≥'} {low:g}{upper_text} [{unit}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the typed number. Raise UsageError for other text and for numbers outside the range."""
+        """Return the typed number. Raise UsageError for any other text, and for a number outside the range."""
         try:
             x = float(value)
         except ValueError:

@@ -128,14 +128,14 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
 
 
 def is_measured(vehicle_file: "VehicleFile", robot: str) -> bool:
-    """Return True if the model was fitted, or is a garage vehicle in its own simulation."""
+    """Return True if the model was fitted, or if it is a vehicle of the garage in its own simulation."""
     return not vehicle_file.is_guess or (vehicle_file.path is None and robot in ("simulated", "emulated"))
 
 
 def advise_to_measure(vehicle_file: "VehicleFile", robot: str = "simulated") -> None:
     """Print the commands to type first if the model was not measured.
 
-    In a simulation a garage vehicle is its own truth, so it does not need this advice.
+    In a simulation, a vehicle of the garage is its own truth, so this advice is not printed.
     """
     if is_measured(vehicle_file, robot):
         return
@@ -167,9 +167,9 @@ def naming_options(vehicle_file: "VehicleFile", folder: str = "runs") -> list[st
 
 
 def own_naming_options(folder: str, run: "Run | None" = None) -> list[str]:
-    """Return the options of `naming_options` if only a run is known, without its vehicle file.
+    """Return the options of `naming_options` if only a run is known, but not its vehicle file.
 
-    A `run` that contains a vehicle file does not need a vehicle option for a replay.
+    A replay of a `run` that contains a vehicle file does not need a vehicle option.
     """
     vehicle = [] if OWN_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
     return vehicle + _runs_option(folder)
@@ -180,7 +180,7 @@ def _runs_option(folder: str) -> list[str]:
 
 
 def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:
-    """Print the command to type if the errors of an estimator in these runs are larger than it reports."""
+    """Print the command to type if the errors of an estimator in these runs are larger than its covariance states."""
     for comparison, run in zip(compared.runs, runs, strict=True):
         if comparison.too_sure:
             is_in_folder = run.path is None or run.path.parent == Path(folder)
@@ -251,7 +251,7 @@ def route_path(name: str) -> Path:
 
 
 def own_block(vehicle_file: "VehicleFile | None", role: str, kind: str | None) -> str | None:
-    """Return `kind` of --estimator, --guide or --controller if it can be loaded. Raise FileError if it cannot.
+    """Return `kind` of --estimator, --guide or --controller. Raise FileError if it cannot be loaded.
 
     `vehicle_file` is None without a vehicle file.
     """
@@ -283,7 +283,9 @@ def own_block(vehicle_file: "VehicleFile | None", role: str, kind: str | None) -
 
 
 def raise_stop(run: "Run", path: Path) -> None:
-    """Raise the error of a stopped drive, whose run is stored at `path`. Return if the drive was not stopped."""
+    """Raise SafetyStop, or Interruption after Ctrl-C, for a stopped drive, whose run is stored at `path`.
+    Return if the drive was not stopped.
+    """
     from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
@@ -308,8 +310,8 @@ def print_warnings(run: "Run") -> None:
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
-    """Return the runs of these names, numbers or paths; `last` is
-    the newest run, `3-28` and `trial*` select several runs.
+    """Return the runs of these names, numbers or paths; `last` is the newest run.
+    `3-28` and `trial*` select several runs. Raise FileError if a name does not select a run.
     """
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all

@@ -1,4 +1,4 @@
-"""Print text for people and figures for programs: results on stdout, messages on stderr, in any encoding.
+"""Print text for people and data for programs: results on stdout, messages on stderr, in any encoding.
 
 A control character in the text of a robot or a file is printed as its code (printable.py).
 """
@@ -25,7 +25,7 @@ from baqueano.messages.printable import one_line, printable
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-printed_objects: list[str] = []  # JSON that this command printed; a later error then prints no second object
+printed_objects: list[str] = []  # JSON that this command printed; it prints at most one object
 PROGRESS_PERIOD_S = 30.0  # seconds between the progress lines of work without a terminal
 _LETTERS = {
     "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "η": "eta", "μ": "mu", "ν": "nu", "π": "pi",
@@ -43,7 +43,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 
 
 def replace_unprintable_letters(*streams: TextIO) -> None:
-    """Replace letters that the terminal's encoding does not contain, such as ψ by psi, so that printing does
+    """Replace characters that the terminal's encoding does not contain, such as ψ by psi, so that printing does
     not fail."""
     codecs.register_error("baqueano", _spell)
     for stream in streams:
@@ -81,8 +81,8 @@ def answer(
 ) -> None:
     """Print a result: its table for people, or one JSON object for programs.
 
-    The object has `rows`, followed by the rows `more`, `verdict`,
-    `reasons` if the result has them, and the rows `beside`.
+    The object contains `rows` (of the result, then `more`), `verdict`, `reasons` if the result has them, and the rows
+    `beside`, each list under its name.
     """
     if not as_json:
         print_result(result.table())
@@ -100,7 +100,7 @@ def answer(
 
 
 def _finite_row(row: "TableRow") -> "JsonObject":
-    """Return a row with Python numbers in place of NumPy's.
+    """Return a row with Python numbers in place of NumPy numbers.
     NaN and infinity become null, because JSON does not have them.
     """
     import numpy as np
@@ -226,7 +226,7 @@ def steps() -> Iterator[Callable[[Diagnostic | str], ProgressLine]]:
 def _rewrite(line: str) -> None:
     """Replace the previous line on a terminal by `line`, cut to the terminal's width."""
     if is_terminal():
-        import shutil  # it loads bz2 and lzma, for which --help does not wait
+        import shutil  # this import loads bz2 and lzma, for which --help must not wait
 
         width = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
         visible = one_line(line.removesuffix("\n"))[:width]

@@ -1,6 +1,6 @@
 """Compare runs: errors of the estimate and of the vehicle, and the consistency of the filter.
 
-compare(runs).table()      # ATE, RPE, across the path, NEES, NIS with their χ² bands
+compare(runs).table()      # ATE, RPE, cross-track error, NEES and NIS with their χ² bands
 """
 
 from typing import TYPE_CHECKING

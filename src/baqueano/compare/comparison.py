@@ -2,8 +2,8 @@
 
 Each run has a row with the errors of the estimate against the truth (errors.py) and of the vehicle against its
 reference. The row also contains the evenness of the drive (evenness.py), NEES and NIS (filter_consistency.py), and the
-corridor at the end (corridor.py). A figure is NaN, never 0, if the run does not determine it. With two or more runs of
-the same route, each row also contains the distance of the run's vehicle from the first run's path.
+corridor at the end (corridor.py). A value that the run does not determine is NaN, never 0. With two or more runs of the
+same route, each row also contains the distance of the run's vehicle from the first run's path.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Path(NamedTuple):
-    """The distances of a vehicle from a path, over a run."""
+    """The distances of a vehicle from a path over a run: rms, 95 % quantile, and largest value."""
 
     rms_m: float
     p95_m: float
@@ -46,7 +46,7 @@ UNKNOWN_PATH = Path(float("nan"), float("nan"), float("nan"))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunComparison:
-    """The error and consistency figures of a run."""
+    """The errors of a run, and the consistency of its filter."""
 
     name: str
     duration_s: float
@@ -56,11 +56,11 @@ class RunComparison:
     rpe_heading_rad: float
     speed_error_m_s: float  # ν_x, ν_y of the estimate against the truth, rms
     yaw_rate_error_rad_s: float
-    end_error_m: float  # estimate against truth at the last time that both have
-    across_true: Path  # the vehicle across its reference, by the truth
+    end_error_m: float  # estimate against truth at the last time of both
+    across_true: Path  # cross-track error of the vehicle, by the truth
     across_estimate: Path  # the same, by the estimate
-    across_first: Path  # the vehicle across the path of the first run
-    pace_true: "Pace"  # the forward speed against its reference's, by the truth
+    across_first: Path  # cross-track distance of the vehicle from the path of the first run
+    pace_true: "Pace"  # forward speed against the reference speed, by the truth
     pace_estimate: "Pace"  # the same, by the estimate
     sign_changes_per_s: float  # of the forward command that was sent
     at_limit: float  # share of ticks at which a sent command, or a wheel, is at its limit
@@ -70,8 +70,8 @@ class RunComparison:
     no_covariance: NoCovariance | None  # None: the covariance is valid at every tick
     refusals: tuple[
         Refusals, ...
-    ] = ()  # how often the estimator refused each number; empty: it does not count refusals
-    laps: tuple[DriveLap, ...] = ()  # of a route that returns to its beginning
+    ] = ()  # how often the estimator rejected each channel; empty: rejections are not recorded
+    laps: tuple[DriveLap, ...] = ()  # laps of a route that returns to its beginning
 
     @property
     def verdict(self) -> str:
@@ -104,7 +104,7 @@ class RunComparison:
         return row | corridor_row(self.corridor)
 
     def lines(self) -> list[str]:
-        """Return a short text about the run: its known errors [cm rms], and its sentences."""
+        """Return lines with the known errors of the run [cm rms], and with its sentences."""
         errors = (
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
@@ -117,7 +117,7 @@ class RunComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Return sentences on laps, corridor at the end and consistency.
+        """Return sentences on the laps, the corridor at the end and consistency.
         If the estimate diverged or a covariance is not valid, return only a sentence about this.
         """
         if np.isfinite(self.diverged_s):
@@ -154,9 +154,9 @@ class Comparison(Result):
     alignment : str
         Alignment of the estimate with the truth: "none", "start" or "rigid".
     over_s : float
-        Span of the relative error.
+        Time span of the relative error.
     of_drives : bool
-        False if a run is a replay, because its vehicle drove by another estimate.
+        False if a run is a replay, because its vehicle drove with another estimate.
 
     Examples
     --------
@@ -204,7 +204,7 @@ class Comparison(Result):
         )
 
     def table(self) -> str:
-        """Return the figures, 80 columns wide, with a column for each run, then the sentences about each run."""
+        """Return a text, 80 columns wide: a table with a column for each run, then the sentences about each run."""
         sentences = [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
         sentences += [verdict_line(self.verdict, self.reasons), *self._advice()]
         return "\n".join(
@@ -240,7 +240,7 @@ def compare(
     alignment : str
         Alignment of estimate and truth: "none" (both in one map), "start" or "rigid"; only "none" allows a NEES.
     over_s : float
-        Span of the relative error.
+        Time span of the relative error.
     skip_s : float
         Seconds at the start that are ignored.
     names : sequence of str, optional
@@ -289,7 +289,7 @@ def compare(
 
 
 def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> RunComparison:
-    lost_s, run = diverged_s(run), until_diverged(run)  # the figures are of the time before
+    lost_s, run = diverged_s(run), until_diverged(run)  # the errors are those before the divergence
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
@@ -352,8 +352,9 @@ def _pace(log: Any, run: "Run") -> "Pace":
 
 
 def _command_figures(run: "Run") -> dict[str, float]:
-    """Return the figures of the sent command until the guide
-    finished; of the applied command if no sent one was logged.
+    """Return sign changes and share at a limit of the sent command, until the guide finished.
+
+    If the sent command was not recorded, use the applied command.
     """
     ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
     k = slice(None) if ref is None or not len(ref.t_ns) else _until_done(run.t_ns, ref)
@@ -369,8 +370,7 @@ def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
 
 
 def _distances_between_runs(run: "Run", first: "Run") -> Path:
-    """Return the distances of the vehicle from the path of another run; the time of each run counts from its
-    beginning."""
+    """Return the distances of the vehicle from the path of another run; times begin with each run."""
     if run is first:
         return UNKNOWN_PATH
     a, b = (r.truth if r.truth is not None else r.estimate for r in (run, first))

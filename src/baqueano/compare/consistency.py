@@ -5,11 +5,11 @@
     f = N (tr Γ_0)² / Σ_k (1 − |k|/N) |Γ_k|²,   Γ_k = mean of w_t w_{t+k}ᵀ, until |Γ_k|² < 0.05 |Γ_0|², then w̄ w̄ᵀ (4)
     l_i = 1 − mean of w_i² + w̄_i²  in place of w̄_i²  unless  w̄_i²/l_i < χ²_1(a)                                  (5)
 
-Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4), f/d counts independent samples of Gaussian errors. Their
-correlation uses the known mean 0: an error that lasts for the whole drive is one sample. Such an error may be small
-by chance; then ρ̄ < 1 although the filter is right. So the missing variance of an entry counts as a lasting error,
-unless that is improbable (5). The interval is the wider one of (3) and a circular block bootstrap (Politis, Romano
-1992) with blocks of ≥ 2 N d/f.
+Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4), f/d is the number of independent samples of Gaussian errors.
+Their correlation uses the known mean 0: an error that lasts for the whole drive is one sample. Such an error can be
+small by chance; then ρ̄ < 1 although the filter is consistent. So the missing variance of an entry is treated as a
+lasting error, unless that is improbable (5). The interval is the wider one of (3) and a circular block bootstrap
+(Politis, Romano 1992) with blocks of ≥ 2 N d/f.
 """
 
 from statistics import NormalDist
@@ -20,11 +20,11 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-FALSE_ALARM = 0.05  # a consistent filter is called inconsistent this often
+FALSE_ALARM = 0.05  # probability that a consistent filter is called inconsistent
 # draws and blocks of the bootstrap, and the independent samples that it needs
 BOOTSTRAP_DRAWS, MAX_BLOCKS, MIN_SAMPLES = 400, 200, 5
-MIN_CORRELATION = 0.05  # of |Γ_0|²: a smaller correlation counts as chance
-ACCEPTED_RATIO = 1.1  # a variance within this factor of 1 counts as right
+MIN_CORRELATION = 0.05  # of |Γ_0|²: a smaller correlation is considered random
+ACCEPTED_RATIO = 1.1  # a variance within this factor of 1 is considered consistent
 MAX_BAND_RATIO = 1.6  # the verdict is "cannot tell" if the band is wider than this factor on either side
 
 
@@ -56,7 +56,8 @@ NOT_REPORTED = Band(float("nan"), float("nan"), float("nan"), 0, 0.0)
 def whiten(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return the whitened errors w (N, d) of errors (N, d) with covariances (N, d, d).  (1)
 
-    An unknown entry, as of a sensor without a reading, is excluded: its w is NaN. A row whose P is singular is NaN.
+    An unknown entry, such as that of a sensor without a reading, is excluded: its w is NaN. A row whose P is singular
+    is NaN.
     """
     is_finite, w = (
         np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
@@ -129,7 +130,7 @@ def degrees_of_freedom(w: np.ndarray) -> float:
 
 
 def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return the lag-1 autocorrelation (m,) of each normalised innovation; 95 % of white ones are within ±1.96/√N."""
+    """Return the lag-1 autocorrelation (m,) of the normalised innovations; white noise: 95 % within ±1.96/√N."""
     with np.errstate(invalid="ignore"):
         y = innovation / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
     correlations = np.full(y.shape[1], np.nan)
@@ -162,7 +163,7 @@ def _chi2_of_one(probability: float) -> float:
 
 
 def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
-    """Return the interval that contains χ²_f / f with probability 1 − `false_alarm`. UsageError without SciPy."""
+    """Return the interval of χ²_f / f with probability 1 − `false_alarm`. Raise UsageError if SciPy is missing."""
     try:
         from scipy.stats import chi2
     except ImportError as error:

@@ -22,16 +22,16 @@ CHI_SQUARE_95, QUANTILE_95 = 5.991, 1.960
 RETURN_DISTANCE_M, RETURN_ANGLE_RAD = (
     0.03,
     0.15,
-)  # a reference this close to its first pose has returned to it
+)  # a reference within this distance of its first pose has returned to this pose
 
 
 class Corridor(NamedTuple):
     """The 95 % regions along a path at M ticks, until the vehicle is lost."""
 
     t_s: np.ndarray  # (M,) since the first tick
-    eta: np.ndarray  # (M, 3) middle
+    eta: np.ndarray  # (M, 3) poses in the middle of the corridor
     across_m: np.ndarray  # (M,) half-width to the left and right of the heading
-    area_m2: np.ndarray  # (M,) of the ellipse of the position
+    area_m2: np.ndarray  # (M,) area of the ellipse of the position
     heading_rad: np.ndarray  # (M,) half-width
     lost_s: float  # time from which the vehicle is lost; NaN: never
     lap_s: float  # NaN: no lap was closed
@@ -70,7 +70,7 @@ def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = f
     The covariances (N, k, k) begin with the pose.
     """
     sd = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
-    is_lost = ~(sd <= MAX_HEADING_STD_RAD)  # NaN is lost too
+    is_lost = ~(sd <= MAX_HEADING_STD_RAD)  # NaN also means lost
     m = int(np.argmax(is_lost)) if is_lost.any() else len(t_s)
     P, psi = cov[:m, :2, :2], eta[:m, 2]
     left_directions = np.stack([-np.sin(psi), np.cos(psi)], axis=1)

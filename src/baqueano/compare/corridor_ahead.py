@@ -1,8 +1,8 @@
 """Predict the corridor of a route before it is driven.
 
 The vehicle of the file drives the route in simulation, without noise, with the file's controller and estimator. The
-covariance of the estimator along that drive is the forecast: it contains noise, biases and scales of the file. A
-vehicle that differs from the file drives farther from its path; the forecast does not include this effect.
+covariance of the estimator along that drive is the forecast: it includes the noise, the biases and the scales of the
+file. A vehicle that differs from the file drives farther from its path; the forecast does not include this effect.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CorridorAhead(Result):
-    """The corridor at the end of each lap, or of an open route.
+    """The predicted corridor at the end of each lap, or of an open route.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class CorridorAhead(Result):
         return "LOST" if np.isfinite(self.corridor.lost_s) else "KNOWN"
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per lap (SI); NaN if the vehicle is lost before its end."""
+        """Return one flat row per lap (SI); NaN if the vehicle is lost before the end of the lap."""
         out = []
         for lap in range(1, self.laps + 1):
             row = {"lap": lap, "t_s": lap * self.lap_s}
@@ -78,7 +78,7 @@ class CorridorAhead(Result):
         return "\n".join([*lines, f"{_(self.verdict)}: {self.corridor.sentence}"])
 
     def _tick(self, lap: int) -> int | None:
-        """Return the tick at which a lap ends; None if the vehicle is lost before it."""
+        """Return the index of the tick at which a lap ends; None if the vehicle is lost before this tick."""
         if self.corridor.lost_s <= lap * self.lap_s:
             return None
         return min(int(np.searchsorted(self.corridor.t_s, lap * self.lap_s)), len(self.corridor.t_s) - 1)

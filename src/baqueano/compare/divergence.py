@@ -16,17 +16,17 @@ from baqueano.runs.interpolated import poses_at
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
-MAX_PATH_SIZES = 5.0  # sizes of the true path
+MAX_PATH_SIZES = 5.0  # largest error, in sizes of the true path
 MAX_SPEED_M_S = 100.0
 ROUNDING_SHARE = 1e-9  # of the largest eigenvalue
 
 
 class NoCovariance(NamedTuple):
-    """The ticks of a run at which the covariance is not valid."""
+    """The number of ticks of a run at which the covariance is not valid, and the number of all ticks."""
 
     ticks: int
     of: int
-    from_s: float  # time of the first of them
+    from_s: float  # time of the first of these ticks
 
 
 def diverged_s(run: Run) -> float:
@@ -44,12 +44,12 @@ def diverged_s(run: Run) -> float:
             path_size = float(np.hypot(*np.ptp(known_positions, axis=0)))
             errors_m = np.hypot(
                 *(p - true_xy - (p[0] - known_positions[0])).T
-            )  # the map of a recording begins elsewhere
+            )  # the map of a recording can have another origin
             distances, limit = (
                 np.where(np.isfinite(errors_m), errors_m, distances),
                 MAX_PATH_SIZES * max(1.0, path_size) * np.ones(len(t_s)),
             )
-    is_lost = ~(distances <= limit)  # NaN is lost too
+    is_lost = ~(distances <= limit)  # NaN is also a divergence
     return float(t_s[np.argmax(is_lost)]) if is_lost.any() else float("nan")
 
 

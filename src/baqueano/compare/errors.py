@@ -8,7 +8,7 @@ p, ψ is the estimate, p*, ψ* the truth at the same times, T the pose as a rigi
 by Sturm et al. 2012, and as in the tool `evo`: the alignment is rigid, without scale. (3) searches only within
 `window_s` of the time of the reference. So it does not use the wrong branch of a path that crosses itself.
 
-A position error may be small by chance, so report the heading error too. Usually RPE is suitable for an estimator with
+A position error can be small by chance, so report the heading error too. Usually RPE is suitable for an estimator with
 only an IMU, and ATE for an estimator with a sensor that measures the pose.
 """
 
@@ -33,7 +33,9 @@ class PoseErrors(NamedTuple):
 
 def align_trajectory(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> np.ndarray:
     """Return `eta` (N, 3) aligned to `eta_true` (N, 3): unchanged, by the first pose, or by all positions ("rigid").
-    "rigid" works without a true heading. Raise UsageError for "start" if no true heading is known."""
+
+    "rigid" does not need a true heading. Raise UsageError for another name, and for "start" without a true heading.
+    """
     if alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", found=alignment, known=ALIGNMENTS))
     is_finite = np.isfinite(eta) & np.isfinite(eta_true)
@@ -66,7 +68,7 @@ def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, span_s: fl
     later_rows = later_rows[first_rows]
     is_on_time = (
         np.abs(t_ns[later_rows] - t_ns[first_rows] - span_ns) < 0.1 * span_ns
-    )  # a gap is not a motion over `over_s`
+    )  # a gap is not a motion over `span_s`
     first_rows, later_rows = first_rows[is_on_time], later_rows[is_on_time]
     motion, true_motion = (
         _relative_pose(eta[first_rows], eta[later_rows]),
@@ -117,7 +119,9 @@ def _signed_distance(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
         - d[rows, nearest_segment, 1] * r[rows, nearest_segment, 0]
     )
     distance = np.sqrt(squared_distance[rows, nearest_segment])
-    to_point = np.hypot(*(xy - corners[:, 0]).T)  # the reference does not move at all in the window
+    to_point = np.hypot(
+        *(xy - corners[:, 0]).T
+    )  # distance to the point, if the reference does not move in the window
     return np.where(np.isinf(distance), to_point, distance * np.where(side == 0.0, 1.0, side))
 
 

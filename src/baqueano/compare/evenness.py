@@ -7,10 +7,10 @@
     sign changes of the forward command per second, where |u_x| > dead band                              (3)
     at a limit   the share of ticks with |u_i| ≥ limit_i, or |w_k| ≥ limit of channel k,  w = mix(u)     (4)
 
-(1) also grows with a wrong model: a dead zone that is wrong by 10 % causes 15 % of speed error. (2) excludes a steady
-error and keeps a visible stutter. If the reference speed is steady, e − ē is the speed minus its 1 s mean. Compared
-with (1), (2) counts a stutter of 1.4 Hz, the worst case, 1.22 times, and a stutter of 5 Hz or more once. Input: arrays;
-output: numbers. An unknown figure is NaN.
+(1) also grows with a wrong model: a dead zone that is wrong by 10 % causes 15 % of speed error. (2) excludes a constant
+error and keeps a visible stutter. If the reference speed is constant, e − ē is the speed minus its 1 s mean. Compared
+with (1), (2) weights a stutter of 1.4 Hz, the worst case, with 1.22, and a stutter of 5 Hz or more with 1. An unknown
+value is NaN.
 """
 
 import tomllib
@@ -24,8 +24,8 @@ from baqueano.vehicles.drivetrain import MIXINGS, mix
 
 START_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
 MEAN_WINDOW_S = 1.0  # of the mean in (2)
-DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller one does not count
-LIMIT_SHARE = 1.0 - 1e-9  # of a limit: a command scaled down to it may differ by rounding
+DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller command is ignored
+LIMIT_SHARE = 1.0 - 1e-9  # of a limit: a command scaled down to the limit can differ from it by rounding
 
 
 class Pace(NamedTuple):
@@ -78,8 +78,9 @@ def about_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S)
 
 def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
     """Return the sign changes per second of the forward command (N,); NaN for fewer than two known commands.  (3)
+
     A command of at most `DEAD_BAND` times the largest command of the drive counts as zero. So a pause or noise around 0
-    is not a change. Forwards, 0, forwards is not a change, but forwards, 0, backwards is a change.
+    is not a change. Forward, 0, forward is not a change, but forward, 0, backward is a change.
     """
     is_finite = np.isfinite(forward)
     t_ns, forward = t_ns[is_finite], forward[is_finite]
@@ -92,7 +93,7 @@ def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
 
 def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
     """Return 1.0 for each command of u (N, n) that reaches a limit, 0.0 for others, NaN for an unknown one: (N,).  (4)
-    The two wheels are checked too, because a wheel may reach its limit while u_x and u_ψ are within their limits.
+    The two wheels are checked too, because a wheel can reach its limit while u_x and u_ψ are within their limits.
     """
     w = np.abs(mix(limits.mixing, u.T)).T
     is_at_limit = np.any(_reaches_limit(np.abs(u), limits.command), axis=1) | np.any(

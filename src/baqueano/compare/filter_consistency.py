@@ -1,10 +1,10 @@
 """Test the consistency of a filter: NEES per state and joint, NIS per channel and joint, and one sentence.
 
 If the truth is known, the sentence reports the joint NEES of pose and velocity. If no sensor bounds the pose, its NEES
-has too few samples, and the sentence reports this. If a NEES cannot decide, the NIS may still show "too sure" or "too
-cautious". The false alarm rate FALSE_ALARM is for all tests together: each test has a part of it.
+has too few samples, and the sentence reports this. If a NEES cannot decide, the NIS can still show "too sure" or "too
+cautious". The false alarm rate FALSE_ALARM is for all tests together: each test has a share of this rate.
 
-    lag-1 autocorrelation of an innovation   Σ y_t y_{t−1} / Σ y_t²;  95 % of white ones are within ± 1.96/√N   (1)
+    lag-1 autocorrelation of an innovation   Σ y_t y_{t−1} / Σ y_t²;  for white noise 95 % are within ± 1.96/√N   (1)
 """
 
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ class FilterConsistency:
 
     @property
     def messages(self) -> tuple[Diagnostic, ...]:
-        """Return the verdict with its figure and worst state, then its limitations: few samples, autocorrelation."""
+        """Return the verdict with its value and its worst state, then its limitations: few samples, autocorrelation."""
         verdict, name, band = self._decision()
         if band is None:
             return (note("consistency.not-reported"),)
@@ -111,7 +111,7 @@ class FilterConsistency:
         return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
 
     def _decision(self) -> tuple[str, str, Band | None]:
-        """Return the verdict, the name of the joint figure that decides it, and its band; None if not reported."""
+        """Return the verdict, the name of the joint test that decides, and its band (None if not reported)."""
         truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
         bands = [(name, band) for name, band in truth if band.verdict != "not reported"]
         deciding_bands = [*bands, ("nis", self.nis)]
@@ -127,9 +127,7 @@ class FilterConsistency:
         return "consistent" if consistent_bands else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> Diagnostic | str:
-        """Return the state that deviates most in the direction of the
-        verdict; "" without one, or if the truth is not known.
-        """
+        """Return the state that deviates most in the direction of the verdict; "" if no state deviates."""
         deviating_means = {
             name: band.mean for name, band in self.states.items() if band.verdict == verdict != "consistent"
         }

@@ -4,7 +4,7 @@
     gap   |p(end) − p(begin)|,  ψ(end) − ψ(begin)      of the vehicle                                      (2)
 
 A passage is the point at which the reference is nearest to the end of the route, with the heading of the end.
-So the crossing of a figure eight does not count.
+So the crossing of a figure eight is not a passage.
 If a drive begins with a lead-in to the route, the first lap begins with the drive.
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
 
 MAX_END_DISTANCE_M, MAX_END_ANGLE_RAD = 0.02, 0.3
-MIN_LAP_M = 0.3  # of a lap
+MIN_LAP_M = 0.3  # smallest length of a lap
 
 
 class DriveLap(NamedTuple):
@@ -31,7 +31,7 @@ class DriveLap(NamedTuple):
     Attributes
     ----------
     number : int
-        From 1.
+        Number of the lap, from 1.
     begin_s, duration_s : float
         Beginning since the start of the run, and duration.
     rms_m, max_m : float
@@ -67,7 +67,7 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
     if ref is None or log is None or len(ref.t_ns) < 3 or len(log.t_ns) < 2:
         return ()
     end_indices = _end_passages(ref.eta, bool(ref.done[-1] > 0.0))
-    if len(end_indices) < 2:  # it does not come back
+    if len(end_indices) < 2:  # the reference does not return
         return ()
     end_indices = end_indices if end_indices[0] == 0 else [0, *end_indices]
     cross_track_m = errors.cross_track(log.t_ns, log.eta[:, :2], ref.t_ns, ref.eta[:, :2])

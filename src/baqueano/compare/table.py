@@ -1,4 +1,4 @@
-"""Print the table of a comparison in 80 columns: sections of figures with a column for each run.
+"""Format the table of a comparison in 80 columns: sections of rows, with a column for each run.
 Columns that do not fit are printed in a block below.
 """
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from baqueano.compare.consistency import Band
     from baqueano.contracts.values import JsonObject
 
-LINE_LETTERS = 80  # letters of a line
-COLUMN_LETTERS, MIN_COLUMN_LETTERS = 18, 8  # letters of a run's column
+LINE_LETTERS = 80  # characters of a line
+COLUMN_LETTERS, MIN_COLUMN_LETTERS = 18, 8  # characters of the column of a run
 DEGREES_PER_RAD = 180.0 / np.pi
 ALIGNMENT_TITLES = {
     "none": N_("estimate − truth, rms"),
@@ -29,16 +29,16 @@ ALIGNMENT_TITLES = {
 
 
 class TableLine(NamedTuple):
-    """A row of the table: the same figure of each run."""
+    """A row of the table: the same quantity of each run."""
 
     label: str
     unit: str
     value_of: "Callable[[RunComparison], Any]"
-    is_error: bool = False  # a smaller one is better
+    is_error: bool = False  # True if a smaller value is better
 
 
 def table(comparison: "Comparison") -> str:
-    """Return the table in blocks of columns. A block contains the figures that at least one of its runs has."""
+    """Return the table as text, in blocks of columns. A block contains the rows that at least one of its runs has."""
     sections = [
         (
             title,
@@ -81,8 +81,8 @@ def table(comparison: "Comparison") -> str:
 
 
 def sections_of(comparison: "Comparison") -> "list[JsonObject]":
-    """Return the figures that at least one run contains, for a page: {title, rows: [{label, unit, cells, best}]}.
-    `best` is the column of the smallest error; None if the figure is not an error or the smallest error is not unique.
+    """Return the rows that at least one run has, for a page: [{title, rows: [{label, unit, cells, best}]}].
+    `best` is the column of the smallest error; None if the row is not an error or the smallest error is not unique.
     """
     sections: list[JsonObject] = []
     for title, lines in _sections(comparison):
@@ -222,7 +222,7 @@ def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[T
 
 
 def _refusal_text(run: "RunComparison", name: str) -> str:
-    """Return a text such as "540 of 1501" for a number; "-" if refusals are not counted, or without readings."""
+    """Return the rejected readings of a channel, such as "540 of 1501"; "-" without a record or without readings."""
     refusals = [refusal for refusal in run.refusals if refusal.name == name and refusal.arrived]
     return _("{refused} of {arrived}", **refusals[0]._asdict()) if refusals else "-"
 

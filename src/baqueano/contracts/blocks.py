@@ -1,7 +1,7 @@
-"""Define the contracts of the blocks with each other, and of the world with the loop. signals.py defines the signals.
+"""Define the contracts between the blocks, and between the world and the loop. signals.py defines the signals.
 
-Blocks do not derive from these classes: a class of yours with these methods works as ours do. Optional attributes of a
-block are in optional.py, with their defaults. The contract of a vehicle is `vehicles.Vehicle`.
+Blocks do not derive from these classes: your own class with these methods works like a class of the package. Optional
+attributes of a block are in optional.py, with their defaults. The contract of a vehicle is `vehicles.Vehicle`.
 """
 
 from collections.abc import Callable, Sequence
@@ -60,7 +60,7 @@ class Sensor(Protocol):
 
     @property
     def noise_size(self) -> int:
-        """Return the number of standard normal numbers that `step` needs."""
+        """Return the number of standard normals that `step` needs."""
         ...
 
     @property
@@ -108,7 +108,7 @@ class Estimator(Protocol):
     def init(self) -> Callable[..., Tree]:
         """Return the function that returns the belief before the first tick.
 
-        It may have the arguments `eta` (3,), the pose at the start, and `nu` (3,), the velocity at the start.
+        The function can have the arguments `eta` (3,), the pose at the start, and `nu` (3,), the velocity at the start.
         """
         ...
 
@@ -160,7 +160,7 @@ class Controller(Protocol):
 
 
 class Supervision(Protocol):
-    """Protocol of a supervisor, the last block before the motors; `supervisor.Supervisor` is ours.
+    """Protocol of a supervisor, the last block before the motors; the package contains `supervisor.Supervisor`.
 
     Examples
     --------
@@ -173,7 +173,7 @@ class Supervision(Protocol):
         ...
 
     def step(self, state: Tree, command: Command, tick: Tick, estimate: Estimate, /) -> tuple[Tree, Command]:
-        """Return the next state, and the command (n,) that may reach the motors."""
+        """Return the next state, and the command (n,) that is allowed to reach the motors."""
         ...
 
 
@@ -190,7 +190,7 @@ class World(Protocol):
     """
 
     commands: int  # n, the length of a command
-    notes: Sequence[Diagnostic | str] = ()  # for the beginning of a run
+    notes: Sequence[Diagnostic | str] = ()  # messages for the beginning of a run
 
     def read(self, t_ns: int) -> list[Tick]:
         """Return the ticks since the last call, in order; the last one has the timestamp `t_ns`."""
@@ -201,13 +201,13 @@ class World(Protocol):
         ...
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and true motion of each tick since the last call; empty if this is not available."""
+        """Return the time [ns] and the true motion of each tick since the last call; empty if this is not available."""
         return []
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of quantities without a `Sensor`, as a battery, since the last call."""
+        """Return the name, time [ns] and value of quantities without a `Sensor` (a voltage) since the last call."""
         return []
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Return time [ns] and message of the events of the hardware since the last call."""
+        """Return the time [ns] and the message of the events of the hardware since the last call."""
         return []

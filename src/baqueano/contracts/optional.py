@@ -1,6 +1,6 @@
 """Define the optional attributes of blocks with their defaults. Only this module reads optional attributes of a block.
 
-A class of yours needs only the methods of its protocol (blocks.py, vehicles/vehicle.py), not these attributes.
+Your own class needs only the methods of its protocol (blocks.py, vehicles/state.py), not these attributes.
 """
 
 import dataclasses
@@ -11,35 +11,35 @@ from baqueano.contracts.values import Tree
 INF = float("inf")
 DEFAULTS: dict[str, object] = {
     # of a vehicle
-    "nu_dot": None,  # its acceleration (3,); without one a command is a velocity
-    "turning_arm_m": None,  # lever arm by which a force turns it
+    "nu_dot": None,  # its acceleration (3,); without this method a command is a velocity
+    "turning_arm_m": None,  # ν̇_y per ν̇_ψ [m]: position of the origin forward of the centre of turning
     # of a sensor
-    "delay_slots": 0,  # past ticks that it keeps for its delay
+    "delay_slots": 0,  # number of past ticks that are stored for the delay
     "has_low_pass": False,
     "usual_std": None,  # (m,) usual standard deviation of the noise, if it was not measured
     "cov": None,  # Q (m, m); None for a sensor that is only recorded
-    "limit": INF,  # end of its range
-    "detects": None,  # motion → True if it can measure; default: always
+    "limit": INF,  # full scale: largest absolute reading
+    "detects": None,  # motion → True if the sensor can measure; default: always
     "difference": None,  # z − expected (m,), for an angle; default: the plain difference
     "reads": "",  # the part of a real vehicle that it reads: imu, wheels, odometer, encoders, mark; default: none
-    "mistakes": None,  # errors of z after a confusion of marks or tags (k, m); default: no confusion
+    "mistakes": None,  # z → corrections (k, m) of z for each possible mistake of a tag; default: no mistakes
     # of an estimator
     "has_kalman_gains": True,
     "row": None,  # the step of one row, if `step` has a loop over time
-    "stacks_innovations": False,  # True if its innovations are those of the sensors in `use`, one after the other
+    "stacks_innovations": False,  # True if the innovations are those of the sensors in `use`, one after the other
     # of a guide
     "laps": None,  # number of laps
-    "entry_state": None,  # its state if the vehicle joins the route at a time along it; it began this time earlier
+    "entry_state": None,  # the state of a guide whose vehicle joins the route at a later time of the route
     "set_pace": None,  # sets the pace that the operator requests during a drive
     # of any block
-    "as_written": False,  # True if it calls a person, a clock or a library: its step is never compiled
-    "goes_around": (),  # names of its fields with the blocks that it contains, and of their states in its state
+    "as_written": False,  # True if the step uses a person, a clock or a library: it is never compiled
+    "goes_around": (),  # names of the fields of inner blocks, and of their states in its state
     "diagnostic": None,  # state → the Diagnostic of this tick for the run, or None; default: always None
 }
 
 
 def of(block: object, name: str) -> Tree:
-    """Return the optional attribute `name` of a block, or its default; KeyError for a name without a default."""
+    """Return the optional attribute `name` of a block, or its default. Raise KeyError for a name without a default."""
     return getattr(block, name, DEFAULTS[name])
 
 

@@ -1,4 +1,4 @@
-"""Define the presentation of every result: a short print, a card in a notebook, a figure, and a data frame.
+"""Define the presentation of every result: a short print, a summary in a notebook, a figure, and a data frame.
 
 A class that derives from `Result` has `table()`, the complete result as text, and `rows()`, flat dicts for programs.
 The code that draws is in `report`, a layer above all results, and is imported at its first use.
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
     from baqueano.contracts.values import TableRow
 
-MAX_LINES, MAX_LETTERS = 12, 110  # of a short print
+MAX_LINES, MAX_LETTERS = 12, 110  # lines, and characters of a line, of a short print
 
 
 class Tabular(Protocol):
-    """An object with rows and a table: a Result, or a NamedTuple that borrows the methods of Result."""
+    """Protocol of an object with rows and a table: a Result, or a NamedTuple that uses the methods of Result."""
 
     def rows(self) -> list["TableRow"]:
         """Return flat dicts, one for each row."""
         ...
 
     def table(self) -> str:
-        """Return the whole as text."""
+        """Return the complete result as text."""
         ...
 
 
@@ -52,7 +52,7 @@ class Result:
         raise NotImplementedError
 
     def table(self) -> str:
-        """Return the whole as text."""
+        """Return the complete result as text."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -60,7 +60,7 @@ class Result:
         return shorten([], lines, []) if len(lines) > MAX_LINES else in_lines(map(_shorten_line, lines))
 
     def _repr_html_(self: Tabular) -> str:
-        """Return the card that a notebook shows."""
+        """Return the HTML summary that a notebook shows."""
         return import_module("baqueano.report.card").html_of(self)
 
     def plot(
@@ -74,12 +74,13 @@ class Result:
         """Draw the result and return the figure: `plot(width="column").savefig("run.pdf")`.
 
         `kind` chooses another drawing of the result, `ax` or `figure` receives the drawing, `width` is "column", "page"
-        or a number [mm]. UsageError without matplotlib, or for an unknown kind; it lists the known kinds.
+        or a number [mm]. Raise UsageError if matplotlib is not installed, or for an unknown kind, with a list of the
+        known kinds.
         """
         return import_module("baqueano.report.plots").plot(self, kind, ax or figure, width)
 
     def to_pandas(self: Tabular) -> Any:
-        """Return the rows as a pandas DataFrame. UsageError with the command to type if pandas is not installed."""
+        """Return the rows as a pandas DataFrame. Raise UsageError with the command to type if pandas is missing."""
         return pandas().DataFrame(self.rows())
 
 
@@ -105,7 +106,7 @@ def _shorten_line(line: str) -> str:
 
 
 def pandas() -> Any:
-    """Return the module pandas. UsageError if it is missing."""
+    """Return the module pandas. Raise UsageError if it is not installed."""
     try:
         import pandas  # pyright: ignore[reportMissingImports]
     except ImportError as error:

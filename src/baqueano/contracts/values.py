@@ -1,4 +1,4 @@
-"""Define types that are wider than usual, because no narrower type is correct."""
+"""Define types that are wider than usual, because a narrower type would not be correct."""
 
 from typing import Any, TypeAlias
 

@@ -2,8 +2,8 @@
 
     init() -> state;   step(state, reference, estimate) -> (state, Command)
 
-To add a controller, put its file beside `pd.py`, or name it in the vehicle file as "file.py:Class". Or derive from
-`ModelFollower` and define only its law: the requested velocity.
+To add a controller, put its file beside `pd.py`, or name it in the vehicle file as "file.py:Class". You can also derive
+a class from `ModelFollower` and define only its law: the requested velocity.
 """
 
 from baqueano.contracts.blocks import Controller

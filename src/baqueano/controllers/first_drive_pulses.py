@@ -14,11 +14,11 @@ class CarefulController:
     Parameters
     ----------
     pulses : object
-        An object with init() → state, and advance(state, estimate) → (state, u (n,), over).
+        An object with init() → state, and advance(state, estimate) → (state, u (n,), True after the last pulse).
 
     Examples
     --------
-    `first_drive` builds it; its command is that of the pulses.
+    `first_drive` builds this controller. Its command is the command of the pulses.
 
     >>> from baqueano.signals import Estimate
     >>> class Still:

@@ -1,4 +1,4 @@
-"""Drive by hand: a person gives the commands."""
+"""Manual drive: a person gives the commands."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

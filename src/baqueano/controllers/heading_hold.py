@@ -1,4 +1,4 @@
-"""Hold the heading by the gyro while a person requests speed and no turn.
+"""Hold the heading with the gyro while a person requests a speed but does not request a turn.
 
     e = ψ_r − ψ:   u_ψ = s (K_ψ e + K_i ∫e dt − K_r r),   |u_ψ| ≤ bound                                   (1)
     τ ṙ = k u_ψ − r, with a total delay T                                   the model                     (2)
@@ -11,7 +11,7 @@ v, so s = v₀ v / (v² + (v₀/4)²); else s is 1. `heading_gains` finds k, τ 
 the first tick with |r| < MAX_QUIET_RAD_S after the turn, at the latest SETTLING_CONSTANTS (τ + T) after its end. Before
 that tick, only −K_r r acts.
 
-If an estimator has refused the IMU for MIN_LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
+If an estimator has rejected the IMU for more than MIN_LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
 
 BANDWIDTH_MARGIN = 6.0
-MAX_TURN_SHARE = 0.25  # of the limit of the turn
+MAX_TURN_SHARE = 0.25  # largest correction, as a share of the limit of u_ψ
 MAX_SPEED_SHARE = 0.5  # share of the speed command: no wheel stops or turns backward for the correction
 MAX_QUIET_RAD_S = 0.05
 SETTLING_CONSTANTS = 3.0
@@ -47,7 +47,7 @@ class Gyro(NamedTuple):
 
     rows: slice  # of the IMU in the innovation; the gyro is the last entry
     scale: float
-    gate: float  # squared distance beyond which the estimator refuses the IMU
+    gate: float  # squared distance beyond which the estimator rejects the IMU
 
 
 class HeadingHoldState(NamedTuple):
@@ -55,17 +55,17 @@ class HeadingHoldState(NamedTuple):
 
     hand: Tree
     t_ns: int  # of the last tick, -1 before the first
-    out_s: float  # duration for which the IMU has been refused
+    out_s: float  # duration for which the IMU has been rejected
     forward_sign: float = 0.0  # sign of the requested speed, 0 without a reference heading
     since_ns: int = 0  # time of the first request of this speed without a turn
     psi: float = nan  # ψ_r [rad], NaN until it is set
     sum: float = 0.0  # ∫e dt [rad s]
-    missing_angle: float = 0.0  # integral of the refused innovations [rad]
+    missing_angle: float = 0.0  # integral of the rejected innovations [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHold:
-    """Hold the heading by the gyro while the controller `hand` requests speed and no turn.
+    """Controller that holds the heading with the gyro while `hand` requests a speed but does not request a turn.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class HeadingHold:
     of_speed : float
         Bound of the correction, as a ratio to |u_x|.
     gyro : Gyro, optional
-        Position of the gyro in the innovations, for an estimator that may refuse it.
+        Position of the gyro in the innovations, for an estimator that can reject the gyro.
 
     Notes
     -----
@@ -109,7 +109,7 @@ class HeadingHold:
     def step(
         self, state: HeadingHoldState, reference: Reference, estimate: Estimate
     ) -> tuple[HeadingHoldState, Command]:
-        """Return the state and the command (n,) of the hand, with a turning command that keeps the heading."""
+        """Return the state and the command (n,) of `hand`, with a turning command that keeps the heading."""
         hand, command = self.hand.step(state.hand, reference, estimate)
         u, t_ns = command.u, estimate.t_ns
         dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
@@ -147,7 +147,7 @@ class HeadingHold:
         return min(max(turn, -bound), bound), integral
 
     def _missing_yaw_rate(self, estimate: Estimate) -> float:
-        """Return the gyro's yaw rate minus the estimate [rad/s] if the estimator refused the IMU; else 0."""
+        """Return the gyro's yaw rate minus the estimate [rad/s] if the estimator rejected the IMU; else 0."""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.gyro is None or y is None or S is None:
             return 0.0

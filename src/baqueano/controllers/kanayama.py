@@ -2,10 +2,10 @@
 
     v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (k_y e_y + k_χ sin e_χ)                                   (1)
 
-v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. An
-error fades over a distance, not over a time: with k_χ² = 4 k_y it is critically damped and fades over 2 / k_χ metres.
-The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct an error beside the
-vehicle. The error after a turn on the spot remains until the vehicle moves on.
+v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
+e_y decays over a distance, not over a time: with k_χ² = 4 k_y it is critically damped and decays over 2 / k_χ metres.
+The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct e_y. The error after
+a turn on the spot remains until the vehicle moves on.
 
 Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990. Prediction and command: model_following.py.
 """

@@ -5,10 +5,10 @@
     K = (R + Bᵀ P B)⁻¹ Bᵀ P A,    P⁺ = Q + Aᵀ P (A − B K)                                                 (3)
     (v, ω) = ν_f − K e,    Q = diag(1/e_max²),    R = diag(1/δν_max²)                                     (4)
 
-e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) a
+e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) per
 tick propagates the Riccati equation forward, without future references. An error of e_max has the same cost as a change
-of velocity of δν_max (Bryson's rule). The angle of approach to a far path is at most MAX_APPROACH_RAD. At rest an error
-beside the vehicle cannot be corrected, so (2) is evaluated at MIN_SPEED_M_S. Prediction and command:
+of velocity of δν_max (Bryson's rule). The angle of approach to a far path is at most MAX_APPROACH_RAD. At rest a
+cross-track error cannot be corrected, so (2) is evaluated at a speed of at least MIN_SPEED_M_S. Prediction and command:
 model_following.py.
 
 Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
@@ -32,7 +32,7 @@ INITIAL_HORIZON_S = 10.0  # of (3) before the first tick, at MIN_SPEED_M_S
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class Lqr(ModelFollower):
-    """Controller with the optimal linear feedback for five weights that you choose.
+    """Controller with the optimal linear feedback for five weights (`e_max` and `change_max`) that you choose.
 
     References
     ----------
@@ -65,7 +65,7 @@ class Lqr(ModelFollower):
     )
 
     def memory(self) -> np.ndarray:
-        """Return the start value of P (3, 3): the solution of (3) for a slow vehicle."""
+        """Return P (3, 3) before the first tick: the solution of (3) for a slow vehicle."""
         A, B = _linear(np.array([MIN_SPEED_M_S, 0.0, 0.0]), 1.0 / self.rate_hz)
         P = np.diag(1.0 / self.e_max**2)
         for _ in range(round(INITIAL_HORIZON_S * self.rate_hz)):

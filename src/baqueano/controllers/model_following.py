@@ -8,10 +8,10 @@
 
 η, ν: pose and velocity; ω: mean yaw rate over T; index r: reference; e_χ: error of the course; ν_w = (v_w, ω_w). (5)
 inverts friction, actuator matrix, unequal wheels and dead zone, so weak feedback (4) is enough: the same gains suit a
-small robot and a car. If a wheel reaches its limit, the turn has priority. To invert delay and lag of the motors would
-amplify noise. So the vehicle is T = delay + lag + λ behind its reference, and (1) predicts over T. (5) is one Newton
-step a tick, exact for a model linear in its effort. Use an identified model: a guessed dead zone causes a wrong speed.
-Source of (5): computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9;
+small robot and a car. If a wheel reaches its limit, the turn has priority. An inverse of the delay and lag of the
+motors would amplify noise. So the vehicle is T = delay + lag + λ behind its reference, and (1) predicts over T. (5) is
+one Newton step per tick, exact for a model linear in its effort. Use an identified model: a guessed dead zone causes a
+wrong speed. Source of (5): computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9;
 docs/derivations/pd_feedforward.md.
 """
 
@@ -32,12 +32,12 @@ from baqueano.vehicles.effort import constant_effort
 from baqueano.vehicles.state import DynamicVehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
-MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # acceleration of ν_f: a start does not take the whole command
-MAX_INTEGRAL_SHARE = 0.5  # of the reference speed: the most that the integral may add
+MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # of ν_f: a start does not need the whole command
+MAX_INTEGRAL_SHARE = 0.5  # largest integral, as a share of the reference speed
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
-NEWTON_DAMPING = 1e-6  # of the Newton step if an effort has no effect, as the servo of a car at rest
+NEWTON_DAMPING = 1e-6  # of the Newton step, for an effort without effect, such as the servo of a car at rest
 
 
 class FollowerState(NamedTuple):
@@ -50,7 +50,7 @@ class FollowerState(NamedTuple):
     nu : ndarray (3,) [m/s, m/s, rad/s]
         ν_f, the reference without jumps, in the body frame.
     v_i : float [m/s]
-        Integral of the error ahead.
+        Integral part of the requested speed: k_i times the integral of e_x.
     effort : ndarray (n,) [unit of u]
         ε of (5), from which the command is computed.
     law : ndarray
@@ -107,7 +107,7 @@ class ModelFollower:
     vehicle : DynamicVehicle
         The model that computes the command for a velocity: a block of vehicles/.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
 
     Notes
     -----
@@ -144,11 +144,14 @@ class ModelFollower:
             )
 
     def memory(self) -> np.ndarray:
-        """Return the memory of the law before the first tick; empty for most laws."""
+        """Return the memory (…,) of the law before the first tick; it is empty, (0,), for most laws."""
         return np.zeros(0)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the memory of the law, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
+        """Return the memory of the law, and the requested velocity (v, ω) [m/s, rad/s].  (4)
+
+        A subclass defines this method; the base class raises MissingMethod.
+        """
         raise MissingMethod(fault("follower.no-law", block=type(self).__name__))
 
     def init(self) -> FollowerState:
@@ -161,7 +164,7 @@ class ModelFollower:
         """Return the state and the command (n,) with which the model follows the reference."""
         eta_r, nu_r, eta, nu = reference.eta, reference.nu, estimate.eta, estimate.nu
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 1.0 / self.rate_hz)
-        nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # it starts at the velocity of the vehicle
+        nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # ν_f starts at the velocity of the vehicle
         nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
         displacement = 0.25 * self.late_s * (nu + 2.0 * nu_f + nu_r)
@@ -202,9 +205,9 @@ class ModelFollower:
 
 
 def slip(nu: np.ndarray) -> Value:
-    """Return β [rad], the angle from the heading to the course for ν (3,), also backward; positive to the left.
+    """Return β [rad], the angle from the heading to the course for ν (3,); positive to the left, even backward.
 
-    It is 0 at rest.  (2)
+    β is 0 at rest.  (2)
     """
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + MIN_COURSE_SPEED_M_S**2))
 

@@ -6,7 +6,7 @@
 η is the pose, η_r the reference, e the error in the body frame, J(ψ) the rotation from body to map; α, β, γ are gains.
 
 Source: Grotz et al., section Base Controller. The paper does not define how to compute ė_ψ. Here it is the wrapped
-difference of two ticks over the time between them, and 0 at the first tick.
+difference of e_ψ between two ticks, divided by the time between them; at the first tick it is 0.
 
 e_y is never corrected: a vehicle beside its path stays beside it (errata 10). Pd is the baseline for the other
 controllers.
@@ -45,7 +45,7 @@ class PdState(NamedTuple):
 class Pd:
     """PD controller of the paper: proportional along the path, proportional and derivative in heading.
 
-    `PdFeedforward` is usually better: `Pd` never corrects the error beside the path (errata 10).
+    `PdFeedforward` is usually better: `Pd` never corrects the cross-track error (errata 10).
 
     References
     ----------

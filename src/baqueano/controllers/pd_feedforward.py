@@ -2,9 +2,9 @@
 
     v = v_f + k_x e_x,    ω = ω_f + k_χ (e_χ ± atan(e_y / L))                                             (1)
 
-v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. The
-vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. Prediction and
-command: model_following.py. It drives at any speed and turns on the spot.
+v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
+The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. Prediction
+and command: model_following.py. The controller works at any speed and in turns on the spot.
 
 Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivations/pd_feedforward.md.
 """
@@ -21,7 +21,7 @@ from baqueano.parameter import document, parameter
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class PdFeedforward(ModelFollower):
-    """Controller with feed-forward from the model and weak feedback of position and course: the recommended one.
+    """Controller with feed-forward from the model and weak feedback of position and course: the recommended controller.
 
     References
     ----------

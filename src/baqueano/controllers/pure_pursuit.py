@@ -1,11 +1,11 @@
 """Pure pursuit: drive on the arc that ends at a point of the path ahead.
 
-    L = look_ahead_m + look_ahead_s |v_f|,    (x, y): the path L after the reference, in the vehicle's frame
+    L = look_ahead_m + look_ahead_s |v_f|,    (x, y): point of the path L after the reference, in the body frame
     v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
 
-v_f is the speed of the reference without jumps, e_x the error ahead. (1) is the curvature of the arc that leaves the
-vehicle along its course and ends at (x, y). With a longer L the motion is smoother, but cuts corners. The law cannot
-turn on the spot, and it does not correct at rest.
+v_f is the speed of the reference without jumps, e_x the along-track error. (1) is the curvature of the arc that leaves
+the vehicle along its course and ends at (x, y). With a longer L the motion is smoother, but cuts corners. The law
+cannot turn on the spot, and it does not correct at rest.
 
 Source: Coulter, CMU-RI-TR-92-01, 1992. Prediction and command: model_following.py.
 """
@@ -22,7 +22,7 @@ from baqueano.parameter import document, parameter
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class PurePursuit(ModelFollower):
-    """Controller that steers to a point of the path, with one length to choose.
+    """Controller that steers to a point of the path; its main parameter is the distance L to this point.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Send commands from a list, each at its time: an experiment, a recording.
+"""Send commands from a list, each at its time, for an experiment or from a recording.
 
 `Schedule` replaces the controller in the loop. So an experiment has the same loop, the same supervisor and the same
 kind of run as any other drive.
@@ -48,7 +48,7 @@ class Schedule:
 
     @classmethod
     def at_rate(cls, u: np.ndarray, rate_hz: float) -> "Schedule":
-        """Return the schedule of the commands `u` (N, n) at a steady rate."""
+        """Return the schedule of the commands `u` (N, n) at the constant rate `rate_hz`."""
         return cls(
             np.round(np.arange(len(u)) * (NANOSECONDS / rate_hz)).astype(np.int64), np.array(u, dtype=float)
         )

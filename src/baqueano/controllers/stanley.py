@@ -1,12 +1,12 @@
-"""Stanley: steer a front axle onto the path, as a driver looks at the front wheels.
+"""Stanley's law: steer a front axle onto the path, as a driver who watches the front wheels.
 
     y_f = e_y ± l sin e_χ,    δ = e_χ ± atan(k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
     v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
 
-v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. y_f
-is the sideways error of an axle l ahead of the origin; − is for backward motion. y_f fades at the rate k. The axle
-is compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real axle.
-The law does not correct at rest, nor in a turn on the spot.
+v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
+y_f is the cross-track error of an axle l ahead of the origin; − is for backward motion. y_f decays at the rate k. The
+axle is compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real
+axle. The law does not correct errors at rest or in a turn on the spot.
 
 Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Prediction and command: model_following.py.
 """

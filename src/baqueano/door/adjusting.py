@@ -1,10 +1,10 @@
 """Apply changes of gains and pace during a drive: between two ticks, each with an event in the run.
 
 The client that drives, the holder, requests the changes. The run also records, at its first tick, the blocks that a
-mission uses in place of the blocks of its vehicle file. Two kinds of parameters can be set: numbers of the controller,
-and `guide.pace` of a repetition, from 0 to 1. At pace 0 the vehicle brakes and waits, at 1 it drives at full pace. The
-limits of the supervisor clip each command of a controller. A changed controller runs as Python code, in about 0.1 ms a
-tick, because compiling it would delay the loop.
+mission uses in place of the blocks of its vehicle file. Two kinds of parameters can be set: numeric parameters of the
+controller, and `guide.pace` of a repetition, from 0 to 1. At pace 0 the vehicle brakes and waits, at 1 it drives at
+full pace. The limits of the supervisor clip each command of a controller. A changed controller runs as Python code, in
+about 0.1 ms per tick, because compiling it would delay the loop.
 """
 
 from dataclasses import replace
@@ -33,7 +33,7 @@ PACE, WHO = "guide.pace", "holder"
 
 
 class Adjustable:
-    """A wrapper of a controller whose parameters may change between two ticks."""
+    """A wrapper of a controller whose parameters can change between two ticks."""
 
     def __init__(self, block: Tree) -> None:
         self.block = block
@@ -78,7 +78,7 @@ class Adjusting(Observer):
         blocks: "dict[str, str] | None" = None,
     ) -> None:
         self._operator, self._tell = operator, broadcast
-        self._blocks = dict(blocks or {})  # blocks in place of the file's blocks, not yet recorded
+        self._blocks = dict(blocks or {})  # role → kind that replaces the file's, not recorded yet
         self._controller = Adjustable(None)
         self._set_pace: Callable[[str, float], None] | None = None
         self._pace = 1.0

@@ -19,7 +19,7 @@ WAIT_S = 0.01
 
 
 class RunFiles:
-    """A sender of the runs in `folder`. Only the door's thread may call the methods; `ring` wakes that thread."""
+    """A sender of the runs in `folder`. Only the door's thread is allowed to call the methods; `ring` wakes it."""
 
     def __init__(self, folder: Path, ring: Callable[[], object]) -> None:
         self.folder, self._ring = folder, ring
@@ -43,8 +43,8 @@ class RunFiles:
     def fetch(self, guest: Guest, name: str, is_connected: Callable[[Guest], bool]) -> None:
         """Send a run in chunks to a guest while `is_connected` returns True for it; the last chunk has `left` 0.
 
-        A thread sends each chunk once few bytes wait for the guest. Raise Invalid if the run does not exist or too many
-        transfers are under way.
+        A thread sends each chunk once few bytes wait for the guest. Raise Invalid if the run does not exist, or if too
+        many transfers are under way. Raise OSError if the file cannot be opened.
         """
         path = self.folder / name
         if not is_name(name) or path.is_symlink() or not path.is_file():

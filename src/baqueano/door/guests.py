@@ -1,4 +1,4 @@
-"""One connection to the door: received bytes are cut into lines, and messages are sent completely and in order.
+"""Implement one connection to the door: cut received bytes into lines, and send messages completely and in order.
 
 lines     at most MAX_BACKLOG lines wait, with LONG_BYTES bytes in total, and one mission; further lines are dropped,
           except a stop                                                                                          (1)
@@ -23,12 +23,12 @@ MAX_BYTES = 64 << 20  # largest number of bytes of a line: an hour of commands
 MAX_PENDING_BYTES = 1 << 20  # bytes that wait for a guest that does not read
 READ_BYTES = 16 << 10  # bytes that are read at once
 MAX_BACKLOG = 256  # most lines that wait
-MISSION_PATTERN = re.compile(rb'"do"\s*:\s*"mission"')  # in the begin of each mission
+MISSION_PATTERN = re.compile(rb'"do"\s*:\s*"mission"')  # at the beginning of each mission
 STOP_PATTERN = re.compile(rb'"do"\s*:\s*"stop"')  # in each stop; a line that contains it is read at once
 
 
 class Guest:
-    """A connection. Only the door's thread may use its lines; any thread may call `enqueue`."""
+    """A connection. Only the door's thread is allowed to use its lines; any thread can call `enqueue`."""
 
     def __init__(self, connection: socket.socket) -> None:
         self.line = connection
@@ -37,9 +37,9 @@ class Guest:
         self.answered = -1  # number of the last answered line, counted over all guests
         self.columns: tuple[int, ...] | None = None  # indices of the requested columns; None: all
         self.names: tuple[str, ...] | None = None  # names of the requested columns
-        self.hz, self.turn = 0.0, 0  # frames a second; the period in which the last frame was sent
-        self.drive, self.shown = -1, 0  # the drive that was described to it; rows of it that were sent
-        self._coming = bytearray()  # the begin of a line
+        self.hz, self.turn = 0.0, 0  # frames per second; the period in which the last frame was sent
+        self.drive, self.shown = -1, 0  # the drive that was described to the guest; its rows that were sent
+        self._coming = bytearray()  # the beginning of a line
         self._backlog = 0  # bytes of the waiting lines, without the mission
         self._mission = (
             False  # a line longer than LONG_BYTES waits, after which heartbeats must not be dropped

@@ -1,10 +1,10 @@
-"""Mailbox of the operator who drives from outside: one client, the holder, at a time. Its silence stops the vehicle.
+"""Store the requests of the operator. One client, the holder, has the right to drive; its silence stops the vehicle.
 
   SILENCE_S without a message of the holder   the vehicle stops, unless the mission is unattended             (1)
-  a set-point older than SILENCE_S            is ignored                                                      (2)
+  a command older than SILENCE_S              is ignored                                                      (2)
 
 For a holder who drives through a page the allowed silence is shorter, because one more process is in between. Any
-client may stop the vehicle. The clients' messages arrive in another thread than the loop's; both threads may call the
+client can stop the vehicle. The clients' messages arrive in another thread than the loop's. Both threads can call the
 methods at any time.
 """
 
@@ -29,7 +29,7 @@ class Operator:
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._now_ns = now_ns
-        # reentrant, because a signal handler of the same thread may stop the vehicle in any method
+        # reentrant, because a signal handler of the same thread can stop the vehicle in any method
         self._lock = threading.RLock()
         self._last_beat_ns = -(1 << 62)
         self._u: np.ndarray | None = None
@@ -51,7 +51,7 @@ class Operator:
             self._last_beat_ns = self._now_ns()
 
     def hold(self, guest: object, silence_s: float | None = None) -> None:
-        """Make `guest` the holder, who counts as disconnected after `silence_s` [s] of silence (None: SILENCE_S).
+        """Make `guest` the holder. After `silence_s` [s] of silence (None: SILENCE_S) it is regarded as disconnected.
 
         Raise SafetyStop while another client is the holder.
         """
@@ -62,9 +62,9 @@ class Operator:
         self.sign_of_life(guest)
 
     def release(self, guest: object) -> None:
-        """End the holding of `guest`, if it is the holder.
+        """Revoke the right of `guest` to drive, if it is the holder.
 
-        If its mission still drives, the mission ends by (1).
+        If its mission is still under way, the mission ends by (1).
         """
         with self._lock:
             if self._holder is guest:
@@ -76,7 +76,7 @@ class Operator:
 
     @property
     def silence_s(self) -> float:
-        """Return the silence [s] after which the holder counts as disconnected."""
+        """Return the silence [s] after which the holder is regarded as disconnected."""
         return self._silence_s
 
     @property
@@ -184,13 +184,15 @@ class Operator:
         return mark_count
 
     def forget(self, reason: Diagnostic | None) -> None:
-        """Clear the command, the requests to end or to clear, and the stop for `reason`; another stop remains."""
+        """Discard the command, the requests to end or to clear a stop, and the stop with this `reason`.
+        A stop with another reason remains.
+        """
         with self._lock:
             self._stop = None if self._stop == reason else self._stop
             self.clear_requested, self._quit, self._u = False, False, None
 
     def free(self) -> None:
-        """Record that the mission has ended, so that another may be requested."""
+        """Record that the mission has ended, so that another can be requested."""
         self._busy = False
 
     def _check_only_holder(self, client: object) -> None:

@@ -1,4 +1,4 @@
-"""Convert the end of a mission, also an error of its blocks, to the reason of the stop and an exit code."""
+"""Convert the end of a mission, even an error of its blocks, to the reason of the stop and an exit code."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Join a pair of pipes to a socket: the pipes of ssh, or of a parent process, also on Windows."""
+"""Join a pair of pipes to a socket: the pipes of ssh, or of a parent process, even on Windows."""
 
 import os
 import socket
@@ -17,13 +17,13 @@ def attach(path: Path, source: BinaryIO, sink: BinaryIO) -> None:
 
     Raise RobotUnreachable if no service listens there.
     """
-    from baqueano.door.remote import not_reachable  # it loads numpy, which the page does not need
+    from baqueano.door.remote import not_reachable  # that module loads numpy, which the page does not need
 
     line = socket.socket(socket.AF_UNIX)
     try:
         line.connect(str(path))
     except OSError as error:
-        from baqueano.door.remote import not_reachable  # it reads runs, which a page process does not
+        from baqueano.door.remote import not_reachable  # that module reads runs; a page does not
 
         raise RobotUnreachable(not_reachable(path, error)) from error
     join(line, source, sink)

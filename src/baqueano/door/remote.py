@@ -3,7 +3,7 @@
   ssh HOST baqueano robot attach       joins the two ends; only ssh listens on the network
   a heartbeat every BEAT_PERIOD_S      the vehicle stops SILENCE_S after the last one (operator.py)
 
-HOST is an address for ssh, also user@name:port; "here" is the vehicle itself, and a path is the socket of its service.
+HOST is an address for ssh, such as user@name:port; "here" is this computer, and a path is the socket of a service.
 """
 
 import base64
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from baqueano.drive.mission import Mission
 
 BEAT_PERIOD_S = 0.1
-SET_POINT_PERIOD_S = 0.02  # between set-points of a person who drives
+SET_POINT_PERIOD_S = 0.02  # between commands of a person who drives
 PING_PERIOD_S = 0.5
 GREETING_TIMEOUT_S = 15.0  # ssh exchanges keys, and a Pi starts Python
 # from an acknowledged stop to STOPPED; the motors are off earlier, and the run is closed first
@@ -122,12 +122,12 @@ class Remote:
         words: Callable[[], list["TableRow"]] = list,
         on_state: Callable[["JsonObject"], Any] = lambda state: None,
     ) -> Run:
-        """Drive a mission on the vehicle, store its run at `path`, and return the run.
+        """Execute a mission on the vehicle, store its run at `path`, and return the run.
 
         `hand` returns the present command, and ends the drive by KeyboardInterrupt, as Ctrl-C does. `words` returns
         further messages to send. `on_state` receives the vehicle's state with "link_ms", the round-trip time [ms].
-        Raise SafetyStop if the vehicle was stopped before it drove. Raise the error if the mission ended with one; a
-        run that exists is stored all the same.
+        Raise SafetyStop if the vehicle was stopped before it drove. If the mission ended with an error, raise that
+        error; a run that exists is stored even then. Raise UsageError for another version of the protocol.
         """
         self._drop_old_messages()
         name = uuid4().hex
@@ -232,7 +232,7 @@ class Remote:
     def _pieces(self, run: str, max_bytes: int) -> Iterator[bytes]:
         """Yield a run in pieces.
 
-        Raise FileError if it has more than `max_bytes` bytes, RobotUnreachable if its pieces are not consistent.
+        Raise FileError if it has more than `max_bytes` bytes, and RobotUnreachable if its pieces are not consistent.
         """
         size, received_bytes = None, 0
         while size is None or received_bytes < size:
@@ -336,9 +336,9 @@ def _local_remote(path: Path, first: "JsonObject") -> Iterator[Remote]:
 def stop(host: str, reason: Diagnostic) -> "JsonObject":
     """Stop the vehicle at HOST, and return its state once it is STOPPED.
 
-    Raise AnswerNo if it acknowledged the stop but was not STOPPED within STOP_TIMEOUT_S. That can happen while a
-    drive is being prepared: it then ends later, before the vehicle moves. Raise RobotUnreachable if the vehicle did
-    not acknowledge the stop.
+    Raise AnswerNo if the vehicle acknowledged the stop but was not STOPPED within STOP_TIMEOUT_S. That can happen while
+    a drive is being prepared: the drive then ends later, before the vehicle moves. Raise RobotUnreachable if the
+    vehicle did not acknowledge the stop.
     """
     with connect(host, do="stop", why=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_TIMEOUT_S):

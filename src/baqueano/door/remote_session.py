@@ -1,7 +1,7 @@
-"""Run a command at a vehicle, and end it once its user is lost: by Ctrl-C, a lost connection, or a dead laptop.
+"""Run a command at a vehicle, and end it after Ctrl-C, a lost connection, or a failure of the user's laptop.
 
   ssh ends      only the command's stdin ends: without a terminal no signal arrives                             (1)
-  Wi-Fi ends    sshd may wait for hours, so a heartbeat is written to the command's stdin each BEAT_PERIOD_S   (2)
+  Wi-Fi ends    sshd can wait for hours, so a heartbeat is written to the command's stdin each BEAT_PERIOD_S   (2)
   HUP, TERM     the terminal has hung up, or the machine is switched off                                        (3)
 
 (1) applies only to a pipe or a socket, because /dev/null, a file or a terminal cannot be closed from the other end. (2)
@@ -34,8 +34,8 @@ STDIN = 0
 def answer_of(command: list[str]) -> tuple[bytes, int]:
     """Run a program, and return its stdout and its exit code; show its stderr as it arrives.
 
-    During this time heartbeats are written to its stdin. Ctrl-C ends them and waits up to ENDING_TIMEOUT_S for the
-    program, so that its last messages are shown. A second Ctrl-C ends the wait.
+    During this time heartbeats are written to its stdin. Ctrl-C ends the heartbeats and waits up to ENDING_TIMEOUT_S
+    for the program, so that its last messages are shown. A second Ctrl-C ends the wait.
     """
     program = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
@@ -77,7 +77,7 @@ def _ignore_ctrl_c() -> None:
 
 @contextmanager
 def interrupt_on_hangup(notify: Callable[[str], object]) -> Iterator[None]:
-    """Raise KeyboardInterrupt in the body once the user is lost; works only in the main thread and on Unix."""
+    """Raise KeyboardInterrupt in the body once the connection to the user is lost; only in the main thread, on Unix."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGHUP"):
         yield
         return

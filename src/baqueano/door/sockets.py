@@ -1,4 +1,4 @@
-"""The door of the service: connections of any number of clients, one line of JSON for each message.
+"""Serve up to MAX_GUESTS clients of the service at a socket, with one line of JSON for each message.
 
   to the vehicle     mission {mission, attended, id, door, by}, hand {u}, beat, mark, end, stop {why}, clear,
                      runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
@@ -8,7 +8,7 @@
 `why`, `said` and `about` are diagnostics (wire.py), except the `why` of a `no`, which is a sentence. `door` is the
 version of the protocol: missions of other versions are refused, but stops are always accepted. A new connection
 receives the last state at once. All connections receive the events of each drive, which its client recognises by `id`.
-The user of the service and its group may open the socket; other users need ssh (remote.py). In each turn the door reads
+Only the user of the service and its group can open the socket; others need ssh (remote.py). In each turn the door reads
 all connections, handles the stops, sends the queued messages, and answers the other lines in equal shares. A malformed
 line is answered by `no`. A client that does not read is disconnected.
 """
@@ -44,7 +44,7 @@ STOP_CONNECTIONS = 4  # extra connections, for SHORT_S each, for a stop when all
 SHORT_S, STOPPED_S = 1.0, 15.0  # time of an extra connection before a stop, and after it, to report STOPPED
 MAX_LINES = 128  # most lines answered in a turn, of all guests together
 MAX_TURN_S = 0.002  # time limit of a turn; then stops and messages of the loop are handled first
-LONGEST_ID, LOOK_S = 64, 5.0  # most letters of an id; longest wait, as a message to send wakes the door
+LONGEST_ID, LOOK_S = 64, 5.0  # most characters of an id; longest wait, since a message to send wakes the door
 SWITCH_INTERVAL_S = 5e-4  # the door and a computing loop wait at most this time for each other, not 5 ms
 TURN_PAUSE_S = 0.001  # pause after a turn with many lines, so that the loop's thread runs
 SEND_BUFFER_BYTES = 16 << 10  # bytes buffered by the system for a slow reader; more would delay its frames
@@ -53,7 +53,7 @@ Handler = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and re
 
 
 class Door:
-    """A thread that serves clients at the socket `path`, if any. `words` has the handlers of further messages."""
+    """A thread that serves clients at the socket `path`, if any. `handlers` contains those of further messages."""
 
     def __init__(
         self, path: Path | None, operator: "Operator", folder: Path, handlers: Mapping[str, Handler] | None = None,
@@ -65,7 +65,7 @@ class Door:
         self._state: JsonObject = {}  # the last state sent
         self._outbox: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
-        self._behind = False  # some ticks are not yet made into rows
+        self._behind = False  # some ticks are not yet converted to rows
         self._busy, self._number = 0, 0  # lines answered in the last turn, and in total
         self._end_event = threading.Event()
         self._listener = None if path is None else _listening(path)
@@ -131,7 +131,7 @@ class Door:
         self._send_all()
 
     def _patience(self) -> float:
-        """Return the time [s] for which the door may wait for an event."""
+        """Return the longest time [s] for which the door waits for an event."""
         if self._busy >= MAX_LINES // 2:
             time.sleep(TURN_PAUSE_S)
         if self._behind or self._coming or self._outbox or any(guest.lines for guest in self._guests):
@@ -229,7 +229,7 @@ class Door:
 
     def _answer(self, guest: Guest, line: bytes) -> None:
         try:
-            if len(line) > LONG_BYTES:  # decoding blocks every thread, so check first if it would be refused
+            if len(line) > LONG_BYTES:  # decoding blocks every thread, so check first if it is allowed
                 self.operator.check_admission(guest)
             request = json.loads(line)
             if len(line) > LONG_BYTES and request["do"] not in ("mission", "stop"):
@@ -237,11 +237,11 @@ class Door:
             self._do(guest, request, request["do"])
         except (BaqueanoError, Invalid) as error:
             self._refuse(guest, error.diagnostic, getattr(error, "exit_code", UsageError.exit_code))
-        except Exception as error:  # a line may contain any error, and this thread is the only reader
+        except Exception as error:  # a line can cause any error, and this thread is the only reader
             self._refuse(guest, note("door.not-understood", Severity.ERROR, error=error_text(error)), 2)
 
     def _refuse(self, guest: Guest, about: Diagnostic, code: int) -> None:
-        """Send a refusal; its sentence `why` is for clients of another version, which cannot read diagnostics."""
+        """Send a refusal. Its sentence `why` is for clients of another version, which cannot read diagnostics."""
         guest.enqueue({"is": "no", "why": text(about), "about": about, "code": code})
 
     def _do(self, guest: Guest, request: "JsonObject", verb: str) -> None:
@@ -268,7 +268,7 @@ class Door:
             raise Invalid(fault("door.unknown-word", found=repr(verb), known=[*actions, *self._handlers]))
 
     def _ask(self, guest: Guest, request: "JsonObject") -> None:
-        """Queue a mission. Raise UsageError if it is of another version of the protocol."""
+        """Queue a mission. Raise UsageError for another version of the protocol, SafetyStop if it is refused."""
         if (version := request.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
@@ -393,7 +393,7 @@ def _listening(path: Path) -> socket.socket:
 
 
 def _reason(cause: object) -> Diagnostic:
-    """Return the reason in a stop request as a diagnostic, also if the reason is malformed."""
+    """Return the reason in a stop request as a diagnostic, even if the reason is malformed."""
     try:
         return Diagnostic.of_json(cause)
     except (ValueError, RecursionError):

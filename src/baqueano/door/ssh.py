@@ -1,4 +1,4 @@
-"""Run commands at a HOST by ssh, on this terminal.
+"""Run commands at a HOST over ssh, in this terminal.
 
 ssh … -- HOST COMMAND      ssh does not read text after -- as an option, even if it begins with -
 """
@@ -24,7 +24,7 @@ LAST_OUTPUT_S = 1.0  # time to show the last output of a program that has ended
 def host_args(host: str) -> list[str]:
     """Return the arguments of ssh for `host`, "user@name" or "user@name:port".
 
-    Raise UsageError if it does not have this form.
+    Raise UsageError if `host` does not have this form.
     """
     name, colon, port = host.rpartition(":")
     port_words, name = (["-p", port], name) if colon and port.isdigit() else ([], host)

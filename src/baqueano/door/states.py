@@ -1,4 +1,4 @@
-"""The states of the vehicle, and the transitions between them.
+"""Define the states of the vehicle, and the transitions between them.
 
   DISARMED ──ready──► READY ──mission──► MISSION ──done──► READY
       ▲                 │ └───manual───► MANUAL  ──done──► READY
@@ -37,7 +37,7 @@ NEXT_STATE = {
 
 
 class Machine:
-    """The present state; `reason` states why the vehicle does not drive, None if it may drive."""
+    """The present state; `reason` states why the vehicle does not drive, None if it is allowed to drive."""
 
     def __init__(self) -> None:
         self.state = DoorState.DISARMED

@@ -9,7 +9,7 @@ from baqueano.messages.printable import words
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-DIAGNOSTIC_FIELDS = ("why", "said", "about", "imu_bus", "degraded")  # fields that may be diagnostics
+DIAGNOSTIC_FIELDS = ("why", "said", "about", "imu_bus", "degraded")  # fields that can be diagnostics
 REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
@@ -25,7 +25,7 @@ def encode(message: "JsonObject") -> bytes:
 
 
 def decode(line: bytes) -> "JsonObject | None":
-    """Return the message in a line, with its texts printable and on one line each; None if the line is invalid."""
+    """Return the message in a line, with each text printable and on one line; None if the message is invalid."""
     try:
         message = words(json.loads(line))
         message |= {

@@ -1,4 +1,4 @@
-"""Limit the time of blocks that run as Python code: a block that hangs ends with an error that names its line.
+"""Limit the time of blocks that run as Python code. A block that hangs raises an error that names its line.
 
 A compiled block consists of arithmetic without loops and cannot hang, but Python code can. An alarm of the operating
 system interrupts it between two instructions of Python. A block that is stuck inside C (a call of a library, a huge
@@ -24,7 +24,7 @@ Value = TypeVar("Value")
 
 
 class BudgetExceeded(FromOutside):
-    """The alarm, of a class that an `except Exception` in a block does not catch."""
+    """The exception that the alarm raises. An `except Exception` in a block does not catch it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
             signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
             return call(*inputs)
         finally:
-            running = False  # an alarm from here on is too late; one before this line is held below
+            running = False  # a later alarm has no effect; an earlier one is handled below
     except BudgetExceeded as alarm:
         text = _("it took longer than {ms:.0f} ms", ms=1e3 * seconds)
         raise TimeoutError(text).with_traceback(alarm.__traceback__) from None

@@ -7,7 +7,7 @@
 
 z_ω is the reading of the gyro, and s₀ its scale in the vehicle file. c is the cosine of its tilt, b its zero at rest
 in the same run. σ_w is the random walk of b, σ_z the noise of a sample, δ the sampling interval, σ_mark = 2°
-[assumed]. (1) is refused if k = 0. k is certain if the scale is wrong by less than MAX_TURN_ERROR and |k| < 1 / (2
+[assumed]. (1) is not computed if k = 0. k is certain if the scale is wrong by less than MAX_TURN_ERROR and |k| < 1 / (2
 MAX_TURN_ERROR). Derivation: docs/derivations/repeat_and_drift.md.
 """
 
@@ -31,7 +31,7 @@ from baqueano.vehicle_file.file import VehicleFile
 MARK_STD_RAD = np.radians(2.0)
 MAX_TURN_ERROR = 0.1
 MAX_TURNS = 4  # most turns between two marks
-REST_S, MIN_REST_S = 1.0, 1.0  # time without a command before it counts as rest; least duration of rest
+REST_S, MIN_REST_S = 1.0, 1.0  # at rest after this time without a command; least duration of rest
 
 
 @dataclass(frozen=True, repr=False)
@@ -90,7 +90,7 @@ class Closure(Result):
 
 
 def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) -> Closure:
-    """Return the scales from the marks of `run`, for the vehicle of `vehicle_file`.
+    """Return the sensor scales that follow from the marks of `run`, for the vehicle of `vehicle_file`.
 
     The scales of speed sensors need `length_m`, the length of the path between the first and the last mark. Raise
     AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
@@ -132,7 +132,7 @@ def _turn_std(sensor: Tree, bias_std: float, t_s: float) -> float:
 
 
 def _turn_count(turned_rad: float, name: str) -> int:
-    """Return the number k of turns between two marks. Raise AnswerNo if k is not nearly whole, or over MAX_TURNS."""
+    """Return the number k of turns between two marks. Raise AnswerNo if the turn is not whole, or over MAX_TURNS."""
     turns = round(turned_rad / (2.0 * np.pi))
     residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MAX_TURNS or residual_rad > max(
@@ -152,7 +152,7 @@ def _bias_at_rest(run: Run, channel: Channel) -> tuple[float, float]:
 
     Raise AnswerNo if the rest was too short.
     """
-    in_motion = np.any(run.applied != 0.0, axis=1)  # an unknown command (NaN) counts as motion
+    in_motion = np.any(run.applied != 0.0, axis=1)  # an unknown command (NaN) is treated as motion
     last_motion_ns = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
     tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
     at_rest = (
@@ -194,7 +194,7 @@ def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
 
 
 def _distances(run: Run, vehicle_file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
-    """Return the distance [m] between two times [ns] by each speed sensor, with its scale in the vehicle file."""
+    """Return the distance [m] that each speed sensor measured between two times [ns], with its scale in the file."""
     distances = {}
     for name, sensor in vehicle_file.sensors._asdict().items():
         if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):

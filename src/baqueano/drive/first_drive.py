@@ -1,6 +1,6 @@
 """Drive a vehicle for the first time, when its response to a command is unknown: growing pulses around one spot.
 
-  rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
+  rough gain along x = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                      (1)
   left forward    v > 0, Δψ < 0    correct                                                              (2)
                   v < 0, Δψ > 0    the left motor runs backwards
                   v > 0, Δψ > 0    the right wheel turned: the two are swapped
@@ -9,8 +9,8 @@
 v is the largest speed after a pulse and Δψ the turn, both from commands and IMU only. v̂ and Δψ̂ are the same
 quantities of the file's model under the same commands. The model's dead zones are replaced by the levels at which
 motion was first measured, unless all pulses fit better with the file's dead zones. Two wheels are tried one at a time,
-forward and backward, because each has two dead zones. Correct the wiring before you fit parameters. Pulses:
-first_drive_pulses.py.
+forward and backward, because each has two dead zones. Correct the wiring before you fit parameters.
+first_drive_pulses.py plans the pulses.
 """
 
 from collections.abc import Sequence
@@ -146,7 +146,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     Raises
     ------
     UsageError
-        If the file lacks a sensor imu, or a finite [command] limit above 0.
+        If the file lacks the sensor imu, or a finite [command] limit above 0.
 
     Notes
     -----
@@ -172,7 +172,7 @@ def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
 
 
 def directions(vehicle_file: VehicleFile) -> np.ndarray:
-    """Return the commands (D, n) at full level to try by pulses.
+    """Return the commands (D, n) of the pulses at full level, one for each of D directions.
 
     The turn is the first of several channels, because the vehicle then stays in place; for a car the throttle is first.
     Raise UsageError if the command limits are not finite or all zero.
@@ -193,13 +193,13 @@ def directions(vehicle_file: VehicleFile) -> np.ndarray:
 
 
 def is_two_wheeled(vehicle_file: VehicleFile) -> bool:
-    """Return True if the commands are mixed to a left and a right wheel, and the limits permit both to move."""
+    """Return True if the commands are mixed to a left and a right wheel, and the limits allow both to move."""
     limit = vehicle_file.command.limit
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
 
 
 def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
-    """Estimate gains, dead zones and wiring of a first drive from commands and IMU."""
+    """Return the gains, dead zones and wiring of a first drive, estimated from commands and IMU."""
     commands = directions(vehicle_file)
     pulses = pulses_of(run)
     onset_levels = np.array([_onset_level_of(pulses, command) for command in commands])
@@ -219,7 +219,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
-    """Return the pulses of a careful run and their motion, in order. Raise UsageError for a run without estimates."""
+    """Return the pulses of a first drive and their motion, in order. Raise UsageError for a run without estimates."""
     is_on = np.any(run.applied != 0.0, axis=1).astype(int)
     begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
     ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
@@ -255,14 +255,14 @@ def with_dead_zones(vehicle_file: VehicleFile, commands: np.ndarray, duties: np.
 
 
 def onset_level(level: np.ndarray) -> np.ndarray:
-    """Return the midpoint (D,) between each level of first motion and the previous level, without motion."""
+    """Return the midpoint (D,) between each level of first motion and the previous level, which gave no motion."""
     previous_level = np.maximum(level - STEP, 0.0)
     previous_level = np.where(GROWTH * previous_level > STEP, level / (1.0 + GROWTH), previous_level)
     return 0.5 * (previous_level + level)
 
 
 def with_rough_gains(result: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
-    """Return the file with the rough gains and, if `result.late` is False, dead zones, as initial values for a fit.
+    """Return the file with the rough gains, and the dead zones if `result.late` is False, as initial values for a fit.
 
     Raise AnswerNo if the wiring is wrong or a direction did not move the vehicle.
     """
@@ -324,7 +324,7 @@ def _wiring(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic
             if p.significance > MIN_SIGMA and _is_parallel(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
-                speed_turn[wheel] += p.v * p.turn * side  # v times turn: the large pulses count most
+                speed_turn[wheel] += p.v * p.turn * side  # large pulses have the largest weight
                 var[wheel] += (p.turn * p.v / max(p.v_significance, 1e-9)) ** 2
     if not np.all(turn != 0.0):
         return ()
@@ -341,7 +341,7 @@ def _wiring(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic
 
 
 def _onset_level_of(pulses: tuple[Pulse, ...], command: np.ndarray) -> float:
-    """Return the smallest part of the command `command` (n,) that moved the vehicle, NaN if it never moved."""
+    """Return the smallest part of `command` (n,) that moved the vehicle, NaN if it never moved."""
     return min(_levels([p for p in pulses if p.significance > MIN_SIGMA], command), default=float("nan"))
 
 

@@ -2,15 +2,15 @@
 
 `Careful` sends one pulse after the other, each of PULSE_S and in one direction, as small as possible:
 
-  level ← level + max(STEP, GROWTH level)          while |v| and |Δψ| do not exceed MIN_SIGMA sd      (1)
+  level ← min(1, level + max(STEP, GROWTH level))        after each pulse of an unfinished direction      (1)
 
-A pulse ends at once if |v| or |ω| exceeds its limit. A direction is finished after a pulse that ended in this way,
-after MAX_MOVING_PULSES pulses that moved the vehicle, or at full command. The next pulse uses the unfinished
-direction with the lowest level, so that forward and backward, left and right alternate around one spot. A direction
-that leads back to the spot has priority. A direction that leads away waits until all directions with an unknown
-effect are tried. Levels are parts of [command] limit. There are two directions per channel; for a car, the throttle
-with the wheel straight, left and right. `CarefulGuide` and `CarefulController` step the same `Careful` on the
-estimates of `Inertial`, so both stop together.
+A pulse moved the vehicle if |v| or |Δψ| exceeded MIN_SIGMA standard deviations. A pulse ends at once if |v| or |ω|
+exceeds its limit. A direction is finished after a pulse that ended in this way, after MAX_MOVING_PULSES pulses that
+moved the vehicle, or at full command. The next pulse uses the unfinished direction with the lowest level, so that
+opposite directions alternate around one spot. A direction that leads back to the spot has priority. A direction that
+leads away waits until all directions with an unknown effect are tried. Levels are parts of [command] limit. There are
+two directions per channel; for a car, the throttle with the wheels straight, left and right. `CarefulGuide` and
+`CarefulController` advance the same `Careful` with the estimates of `Inertial`, so both stop together.
 """
 
 from dataclasses import dataclass
@@ -31,14 +31,14 @@ class Pulses(NamedTuple):
     """The state of `Careful`, for D directions."""
 
     begun_ns: int  # -1 before the first tick
-    since_ns: int  # begin of the pulse or the pause
+    since_ns: int  # beginning of the pulse or the pause
     active: int  # the direction of the pulse; -1 in a pause
     previous: int  # the direction of the last pulse; -1 before the first
     level: np.ndarray  # (D,) level of the next pulse
     moved_count: np.ndarray  # (D,) number of pulses that moved the vehicle
     displacement: np.ndarray  # (D, 2) last displacement [m] by each direction, along and across the heading
     is_done: np.ndarray  # (D,) bool
-    start_pose: np.ndarray  # (3,) pose at the begin of the pulse
+    start_pose: np.ndarray  # (3,) pose at the beginning of the pulse
     significance: float  # largest v or Δψ of this pulse in standard deviations
     is_cut: bool  # the pulse reached a limit
 
@@ -51,7 +51,7 @@ class Careful:
     speed_m_s: float = 0.2
     turn_rad_s: float = 2.5
     max_duration_s: float = 120.0
-    max_distance_m: float = 0.3  # the drive ends if the estimated distance exceeds it by more than its std
+    max_distance_m: float = 0.3  # the drive ends if the estimated distance exceeds this by more than one std
 
     def init(self) -> Pulses:
         """Return the state before the first tick."""
@@ -77,7 +77,7 @@ class Careful:
         return state, u, is_over
 
     def _observe(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """Return the state with `significance` and `cut` updated by an estimate, from the first pulse on."""
+        """Return the state with `significance` and `is_cut` updated by an estimate, from the first pulse on."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turn = abs(estimate.eta[2] - state.start_pose[2])

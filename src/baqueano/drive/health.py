@@ -2,13 +2,13 @@
 
 The filter predicts every measurement and the variance of its error:
 
-  NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
+  NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, OUTLIER_SIGMA²)                                 (1)
 
 y are the innovations with their covariance S, m the number of values that arrived in a tick. A filter that fits its
 vehicle has NIS = 1. Above MAX_NIS the innovations are √2 times as large as predicted: the vehicle no longer fits the
-identified model. It is worn, loaded, on another floor, or its IMU is loose. This is reported once a run; only the
+identified model. It is worn, loaded, on another floor, or its IMU is loose. This is reported once per run; only the
 supervisor stops the motors. The monitor (monitor/) reports which channel of which sensor disagrees, and for how long.
-The report at the end states if the run left the envelope of the fit, and the number of refused readings per channel.
+The report at the end states if the run left the envelope of the fit, and the number of rejected readings per channel.
 """
 
 from collections import deque
@@ -24,7 +24,7 @@ from baqueano.vehicle_file.envelope import Envelope, Watch
 
 WINDOW_S = 5.0
 MAX_NIS = 2.0
-OUTLIER_SIGMA = 5.0  # standard deviations: the limit for a single wild measurement
+OUTLIER_SIGMA = 5.0  # standard deviations: limits the effect of a single outlier
 SOURCE = "model"
 SENSORS_SOURCE = "sensors"
 Line = tuple[str, str, Diagnostic]  # source, level, message of an event
@@ -70,7 +70,7 @@ class Health:
         self._sum = 0.0
 
     def last_lines(self) -> list[Line]:
-        """Return the events at the end of the run: signals outside the envelope, and refused readings."""
+        """Return the events at the end of the run: signals outside the envelope, and rejected readings."""
         counts = () if self._sensors is None else self._sensors.refusals
         envelope_lines = [(SOURCE, "warning", message) for message in self.envelope_notes()]
         return [*envelope_lines, *([(REFUSED_SOURCE, "info", refusal_event(counts))] if counts else [])]
@@ -84,7 +84,7 @@ class Health:
         self._watch.update(tick)
 
     def check(self, t_ns: int, estimate: Any) -> Diagnostic | None:
-        """Return a message when the model no longer fits, once a run; None otherwise.  (1)"""
+        """Return a message when the model no longer fits, once per run; None otherwise.  (1)"""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.reported or y is None or S is None:
             return None
@@ -111,7 +111,7 @@ class Health:
 def normalised_square(y: list[float], S: list[list[float]]) -> float | None:
     """Return yᵀ S⁻¹ y / m of the m finite innovations in `y`, None if m is 0.
 
-    `y` and `S` are overwritten. For three numbers NumPy would take five times as long.
+    `y` (list of n) and `S` (n rows of n) are overwritten. For three values NumPy would take five times as long.
     """
     finite, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
     for row, k in enumerate(finite, 1):

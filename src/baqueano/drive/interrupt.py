@@ -9,9 +9,9 @@ from types import FrameType
 
 @contextmanager
 def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
-    """Yield the ticks of `ticking`: after Ctrl-C they raise KeyboardInterrupt in place of the next tick.
+    """Yield the ticks of `ticking`. After Ctrl-C their iterator raises KeyboardInterrupt in place of the next tick.
 
-    Ctrl-C is not changed if `is_default_handler` returns False.
+    The effect of Ctrl-C is not changed if `is_default_handler` returns False.
     """
     interrupted = False
 

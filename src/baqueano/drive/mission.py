@@ -1,7 +1,7 @@
 """Represent a mission as data: the same on the laptop, in a simulation and on the vehicle.
 
-`perform` drives it by the functions of verbs.py and returns the run. `pack` prepares it to be sent: its JSON then
-contains the texts of the vehicle file and of the user's blocks. The JSON contains every double with all its digits.
+`perform` executes a mission with the functions of verbs.py and returns the run. `pack` prepares a mission to be sent:
+its JSON then contains the texts of the vehicle file and of the user's blocks. The JSON contains all digits of a double.
 """
 
 import json
@@ -33,8 +33,8 @@ MAX_LAPS = 10**9
 class Mission:
     """A mission as data. The constructor raises UsageError for an unknown kind or a missing `u` or route.
 
-    An experiment needs `u`, a repetition a route. A lesson has a route, or None if a person drives. In the kind "drive"
-    a person drives without teaching a route.
+    An experiment needs `u`, a repetition needs a route. A lesson has a route, or None if a person drives. In the kind
+    "drive" a person drives without teaching a route. UsageError is also raised for a damaged `start` or `precautions`.
 
     >>> lesson_by_hand = Mission("teach")
     >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
@@ -46,11 +46,11 @@ class Mission:
     u: np.ndarray | None = None  # (N, n), a command per tick
     route: Route | None = None
     laps: int = 1  # 0: without end
-    hold: bool = True  # by hand: hold the heading, if the vehicle has a gyro
-    blocks: dict[str, str] = field(default_factory=dict)  # room → "file.py:Class" in place of the file's own
+    hold: bool = True  # manual driving: hold the heading, if the vehicle has a gyro
+    blocks: dict[str, str] = field(default_factory=dict)  # role → "file.py:Class", replaces the file's block
     start: tuple[
         float, ...
-    ] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; else where the route begins
+    ] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; () for the first pose of the route
     precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
     vehicle: str = ""  # text of the vehicle file, after `pack`
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
@@ -131,10 +131,10 @@ def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
 def perform(
     mission: Mission, vehicle_file: VehicleFile, hand: Callable[[], np.ndarray] | None = None, **options: Any
 ) -> Run:
-    """Drive a mission with the vehicle of the file, and return the run.
+    """Execute a mission with the vehicle of the file, and return the run.
 
-    `hand` returns the present command (n,) of a person. Options are as in `session.drive` and its `Conditions`; another
-    `world`, as `worlds.Robot`, is a real vehicle. Raise UsageError for a lesson without a route and without `hand`.
+    `hand` returns the present command (n,) of a person. Options are as in `session.drive` and its `Conditions`; with
+    the `world` `worlds.Robot`, a real vehicle drives. Raise UsageError for a lesson without a route and without `hand`.
 
     >>> from baqueano.vehicle_file import load
     >>> run = perform(Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (50, 1))), load("small"))
@@ -183,7 +183,7 @@ def _kinds(data: JsonObject) -> list[str]:
 
 
 def _finite_float(number: str) -> float:
-    """Return a number in JSON as a float. Raise ValueError for NaN, Infinity and numbers that do not fit a double."""
+    """Return a number in JSON as a float. Raise ValueError for NaN, Infinity, and numbers too large for a double."""
     value = float(number)
     if not abs(value) < float("inf"):
         raise ValueError(f"{number} is not finite")

@@ -1,4 +1,4 @@
-"""Define observers of a drive, which are called at every tick and may stop the vehicle."""
+"""Define observers of a drive, which are called at every tick and can stop the vehicle."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ LastLine = tuple[str, str, Diagnostic | str]  # source, level, message
 
 
 class Observer:
-    """An observer that does not act; a subclass overrides the methods that it needs.
+    """An observer that does nothing; a subclass overrides the methods that it needs.
 
     >>> class Loud(Observer):
     ...     def progress(self, done_s: float) -> None:
@@ -29,7 +29,7 @@ class Observer:
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle at `t_ns`, or None if it may continue."""
+        """Return the reason to stop the vehicle at `t_ns`, or None to continue."""
         return None
 
     def pop_mark_count(self) -> int:
@@ -72,7 +72,7 @@ class WatchdogState(NamedTuple):
     """State of the watchdog: the supervisor's state, and the reason why the motors are stopped."""
 
     supervisor: Tree
-    reason: Diagnostic | None  # None while it is not stopped
+    reason: Diagnostic | None  # None while the vehicle is not stopped
 
 
 @dataclass(frozen=True, slots=True, eq=False)

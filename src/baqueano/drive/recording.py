@@ -30,7 +30,7 @@ class Recording:
     health: Health
     observers: Sequence[Observer]
     begun_ns: int
-    diagnostics: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by room
+    diagnostics: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by role
     tick_count: int = 0
     is_logging: bool = True  # the disk accepts the run
 
@@ -76,7 +76,7 @@ class Recording:
             self.sink.event(self.last_ns, level, source, message)
 
     def _write_diagnostic(self, role: str, record: Record) -> None:
-        """Write the diagnostic that a block returns for its state; a block that raises an error is not called again."""
+        """Write the diagnostic of a block about its state; a block that raises an error is not called again."""
         state, t_ns = getattr(record.states, role, None), record.tick.t_ns
         if state is None:  # it was replaced after a fault
             return
@@ -110,7 +110,7 @@ class Recording:
 
 
 def diagnostics_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
-    """Return, for each room whose block has diagnostics, a function from the block's state to a diagnostic or None."""
+    """Return, for each role whose block has diagnostics, a function from the block's state to a diagnostic or None."""
     functions = {role: tuple(_diagnostic_functions(block)) for role, block in blocks._asdict().items()}
     return {role: partial(_first_diagnostic, diagnose) for role, diagnose in functions.items() if diagnose}
 
@@ -119,7 +119,7 @@ def _diagnostic_functions(block: Tree) -> Iterator[Callable[[Tree], Diagnostic |
     """Yield the `diagnostic` functions of a block and of the blocks inside it, as functions of the outer state."""
     if (
         inner := getattr(block, "block", None)
-    ) is not None:  # timed, compiled: with the state of the one inside
+    ) is not None:  # a budgeted or compiled block has the state of the inner block
         yield from _diagnostic_functions(inner)
         return
     if (diagnostic := optional.of(block, "diagnostic")) is not None:

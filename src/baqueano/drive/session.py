@@ -1,4 +1,4 @@
-"""Run a drive: drive blocks through a world, and return the run. All functions of verbs.py call `drive`."""
+"""Run the blocks of a drive in a world, and return the run. All functions of verbs.py call `drive`."""
 
 import inspect
 from collections.abc import Iterable, Sequence
@@ -38,10 +38,10 @@ class Conditions:
 
     The world is a simulation of `truth` with the noise of `seed`, for `duration_s` at most. `truth` is a vehicle file;
     its default is the truth that the file of the drive names, or that file itself. Another `world` and its clock
-    `ticking` may be given. `shake` are faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s: push 0.3 N
-    s left"). An empty list yields the same drive without faults, bit for bit equal to a shaken run up to its first
-    fault. `eta` (3,) [m, rad] is the pose at the start, or (6,) with the velocity of a vehicle that is already moving.
-    For `backend` see `symbolic.compile_block`.
+    `ticking` can be given. `shake` contains faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s: push
+    0.3 N s left"). An empty list yields the same drive without faults: it is bit for bit equal to a run with faults up
+    to the first fault. `eta` (3,) [m, rad] is the pose at the start, or (6,) with the velocity of a vehicle that is
+    already moving. For `backend` see `symbolic.compile_block`.
     """
 
     truth: VehicleFile | None = None
@@ -61,7 +61,7 @@ class Conditions:
     def world_of(self, vehicle_file: VehicleFile) -> World:
         """Return the world of the drive.
 
-        Raise UsageError if file and world have different numbers of commands, or if `shake` is given for another world.
+        Raise UsageError if file and world have different numbers of commands, or if `world` and `shake` are both given.
         """
         world = self.world or self._simulated_world(vehicle_file)
         if self.world is not None and self.shake is not None:
@@ -88,9 +88,9 @@ class Conditions:
 
 
 def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
-    """Return the metadata about blocks that are not built in, and a message for each without a source text.
+    """Return the metadata about blocks that are not built in, and a message for each block without a source text.
 
-    The key "controller" contains the class and its numbers, "controller.text" the source text.
+    The key "controller" contains the class and its numeric parameters, "controller.text" the source text.
     """
     blocks_by_role = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
     own_blocks = {
@@ -128,14 +128,14 @@ def drive(
     observers: Sequence[Observer] = (),
     **conditions: Any,
 ) -> Run:
-    """Drive blocks through a world until the guide is done.
+    """Run blocks in a world until the guide is done.
 
     Parameters
     ----------
     blocks : Blocks
         Estimator, guide, controller and supervisor.
     vehicle_file : VehicleFile
-        The vehicle to which they belong.
+        The vehicle to which the blocks belong.
     kind : str
         The kind of drive in the metadata of the run.
     path : path, optional
@@ -143,14 +143,14 @@ def drive(
     live : bool
         True for a real vehicle: the loop does not wait for the disk or for a block that hangs.
     observers : sequence of Observer
-        Called at each tick with its record; they may stop the drive.
+        Called at each tick with its record; they can stop the drive.
     **conditions : object
         Keywords of `Conditions`: `world`, `truth`, `seed`, `eta`, `backend`, …
 
     Returns
     -------
     Run
-        Without records if `live` writes into a file: an hour would take more memory than a vehicle has.
+        Without records if `live` is True and `path` is given: one hour would take more memory than a vehicle has.
 
     Raises
     ------
@@ -250,7 +250,7 @@ def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, li
     try:
         states = loop.init(blocks)
         _, estimate = blocks.estimator.step(states.estimator, tick)
-    except BaseException as error:  # the loop meets it again, stops, and names the block
+    except BaseException as error:  # the loop raises it again, stops, and names the block
         if from_outside(error):
             raise
         return blocks, []
@@ -298,7 +298,7 @@ def compiled_or_unchanged(
         return block, note(
             "drive.not-compiled", room=role, block=type(block).__name__, error=error.diagnostic
         )
-    except BaseException as error:  # the loop meets it again, stops, and names the block
+    except BaseException as error:  # the loop raises it again, stops, and names the block
         if from_outside(error):
             raise
         return block, None
@@ -306,12 +306,12 @@ def compiled_or_unchanged(
 
 
 def _may_hang(block: object) -> bool:
-    """Return True for a block that runs as Python code and may contain code of the user."""
+    """Return True for a block that runs as Python code and can contain code of the user."""
     return not (optional.of(block, "as_written") or isinstance(block, CompiledBlock))
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
-    """Return the part of the start (3,) or (6,) that the estimator's init() accepts, and a diagnostic or None.
+    """Return the part of the start, (3,) or (6,), that the estimator's init() accepts, and a diagnostic or None.
 
     The part is None if init() does not accept a start; the diagnostic reports this if the start is not zero.
     """
@@ -333,7 +333,7 @@ def example_tick(vehicle_file: VehicleFile) -> Tick:
 
 
 def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recording: Recording) -> None:
-    """Run the loop. Raise SafetyStop if it was stopped before its first tick."""
+    """Run the loop. Raise SafetyStop if the drive was stopped before its first tick."""
     with between_ticks(ticking) as until_interrupted:
         outcome = loop.run(
             blocks, recording.world, until_interrupted, recording.tick, recording.record_stop, start

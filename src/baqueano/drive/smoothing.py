@@ -1,4 +1,4 @@
-"""Smooth the estimates of a replayed run: each estimate then also uses the later measurements."""
+"""Smooth the estimates of a replayed run. Each estimate then also uses the later measurements."""
 
 from dataclasses import replace
 from typing import Any

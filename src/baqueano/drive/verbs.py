@@ -1,4 +1,4 @@
-"""Drive a vehicle by an experiment, a lesson or a repetition, or replay a run; each function returns a run."""
+"""Drive a vehicle for an experiment, a lesson or a repetition, or replay a run. Each function returns a run."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -26,10 +26,10 @@ from baqueano.signals import seconds
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.worlds import ReplayedWorld
 
-ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
-STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive counts as waiting
+ROUTE_RATE_HZ = 20.0  # poses per second of a taught route
+STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive is removed
 CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start is closed
-MIN_LOOP_M = 1.2  # a shorter drive that ends near its start has hardly left it
+MIN_LOOP_M = 1.2  # a shorter drive that ends near its start is not a loop
 
 
 def experiment(
@@ -56,7 +56,7 @@ def experiment(
     Raises
     ------
     UsageError
-        If `u` has another shape, or a number that is not finite.
+        If `u` has another shape, or a value that is not finite.
 
     Examples
     --------
@@ -130,8 +130,8 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     closed : bool
         True if the drive returns to its start.
     **options : object
-        `estimator` and `controller` as in `repeat`; `hold`: if a function commands straight motion, the gyro keeps the
-        heading; keywords of `drive`.
+        `estimator` and `controller` as in `repeat`; `hold`: True to hold the heading by the gyro while a function
+        commands straight motion; keywords of `drive`.
 
     Returns
     -------
@@ -202,8 +202,8 @@ def repeat(
         A block in place of the file's: a built-in kind, "file.py:Class", a class, which is built with the values of the
         file, or a finished block. The run records the text of each block that is not built in.
     **options : object
-        `check`: False to skip the check of the route; `anyway`: drive also a route that is too fast or has gaps;
-        `room`: stop before the vehicle may leave it; `lead_in`: False to begin with the route at any pose;
+        `check`: False to skip the check of the route; `anyway`: drive even a route that is too fast or has gaps;
+        `room`: stop before the vehicle might leave it; `lead_in`: False to begin with the route at any pose;
         `way_back`: drive back to the start afterwards; `caution`: False to continue with a doubtful estimate;
         `patience_s`: the time after which the drive of a stuck vehicle ends.
         Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
@@ -220,7 +220,7 @@ def repeat(
     FileError
         If the file lacks gains or noise: `tune` and `identify` find them.
     UsageError
-        If a block belongs to another room.
+        If a block has another role.
 
     Examples
     --------
@@ -258,8 +258,8 @@ def replay(
 ) -> Run:  # fmt: skip
     """Pass the ticks of a run through blocks again; no vehicle moves.
 
-    The same blocks and back end return the same numbers, bit for bit. The commands of a controller are recorded as
-    requested, without any effect on the motion.
+    The same blocks and back end return the same results, bit for bit. The commands of a controller are recorded as
+    requested; they do not affect the motion.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def replay(
 
 
 def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
-    """Return the vehicle file that a run contains. Raise UsageError for a run without one.
+    """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file.
 
     Raise FileError if the file names a user's block that the vehicle.toml of this folder does not name. `allow_blocks`
     permits such blocks.
@@ -320,10 +320,10 @@ def blocks_of(
     run: Run, vehicle_file: VehicleFile, estimator: OwnBlock | None = None, guide: OwnBlock | None = None,
     controller: OwnBlock | None = None,
 ) -> Blocks:  # fmt: skip
-    """Return the blocks for a replay: of `vehicle_file`, or as given, with the recorded references and commands.
+    """Return the blocks for a replay: the blocks of `vehicle_file` or the given ones, with the recorded references.
 
-    A given `guide` receives the recorded references as a route. Without `controller` the recorded commands are played,
-    except for a repetition whose file has gains.
+    A given `guide` receives the recorded references as a route. Without `controller` the recorded commands are
+    repeated, except for a repetition whose file has gains.
     """
     ref = run.reference
     leader = Idle(float("inf")) if ref is None else Playback(*ref)

@@ -3,7 +3,7 @@
     init(eta=None) -> belief;   step(belief, tick) -> (belief, Estimate)
 
 `eta` (3,) is the pose at the start. An estimator whose `init` does not have an argument starts at the origin. `step` is
-called at every tick, also when no measurement arrived: then it predicts, and its covariance grows.
+called at every tick, even when no measurement arrived: then it predicts, and the covariance grows.
 
 To add an estimator, put its file beside `ekf.py`, or name it in the vehicle file as "file.py:Class".
 """

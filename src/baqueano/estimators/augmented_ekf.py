@@ -8,8 +8,8 @@ Two different parameters describe the error of the model (σ_d, T) and the noise
 wrongly, d_ψ explains the difference, and the gyro determines the yaw rate. A model that was identified with a gyro has
 the scale error of that gyro. Then the innovations do not show κ, and κ acts only on the path of the pose.
 
-At rest (no command for MIN_REST_S, predicted speed below MAX_REST_NU) the filter sets ν and d to 0. A refused reading
-ends the rest, because a person may carry the vehicle.
+At rest (no command for MIN_REST_S, predicted speed below MAX_REST_NU) the filter sets ν and d to 0. A rejected reading
+ends the rest, because a person might carry the vehicle.
 
 Sources: Jazwinski 1970, section 8.4; Schmidt 1966 for κ; Skog et al. 2010 for the detection of rest.
 """
@@ -55,19 +55,19 @@ class AugmentedBelief(NamedTuple):
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (n,) of (1); biases and scales are differences from those of the vehicle file
     cov: np.ndarray  # (n, n)
-    mean_disturbance: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not fade
+    mean_disturbance: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not decay
     model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
-    last_innovations: np.ndarray  # (m,) the last innovation of each number
-    inconsistency: np.ndarray  # (2, 2) of speed and yaw rate: size and duration, see doubt.py
+    last_innovations: np.ndarray  # (m,) the last innovation of each channel
+    inconsistency: np.ndarray  # (2, 2) of speed and yaw rate: absolute value and duration, see doubt.py
     pose_memory: PoseMemory  # of the sensors that measure the pose
-    quiet_s: Value  # time since the last command, or since the last number that was refused
+    quiet_s: Value  # time since the last command, or since the last rejected channel
     drivetrain: DrivetrainState
 
 
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class AugmentedEkf:
-    """EKF that estimates disturbances and biases and considers scale errors: the recommended estimator.
+    """EKF that estimates disturbances and biases, with scale errors as consider states: the recommended estimator.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class AugmentedEkf:
     (6, 6)
     """
 
-    has_kalman_gains: ClassVar[bool] = False  # a number corrects only the states of augmented/state.py (2)
+    has_kalman_gains: ClassVar[bool] = False  # a channel corrects only the states of augmented/state.py (2)
 
     vehicle: DynamicVehicle
     sensors: SensorBlocks
@@ -157,7 +157,7 @@ class AugmentedEkf:
         )
 
     def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Predict, then correct with the measurements that arrived. A tick that is not newer is ignored."""
+        """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
@@ -165,12 +165,12 @@ class AugmentedEkf:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Return belief and estimate after a row of any duration; they are finite and positive definite."""
+        """Return the belief and the estimate after a row of any duration; they are finite and positive definite."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x = predict_row(self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
-        nu_dot = None  # of a dynamic model it follows from the state
+        nu_dot = None  # for a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
@@ -225,7 +225,7 @@ class AugmentedEkf:
 
     @property
     def process_noise_cov(self) -> np.ndarray:
-        """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance, for a filter with only white noise."""
+        """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance as white noise, for filters such as `Ekf`."""
         dt_s, d = 1.0 / self.rate_hz, self.disturbance_std[[0, 0, 1]]
         fading_share = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
         return np.diag(

@@ -57,7 +57,7 @@ class Complementary:
     sensors : NamedTuple of Sensor
         The sensors, by name.
     readings : tuple of Reading
-        Computed from the sensors; not an argument.
+        The velocities that the sensors measure; computed from the sensors, not an argument.
 
     Notes
     -----
@@ -92,7 +92,7 @@ class Complementary:
         return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
     def step(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """Return belief and estimate after a tick. A tick that is not newer is ignored."""
+        """Return the belief and the estimate after a tick. A tick that is not newer is ignored."""
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
@@ -100,7 +100,7 @@ class Complementary:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """Return belief and estimate after one row.  (1)-(4)"""
+        """Return the belief and the estimate after one row.  (1)-(4)"""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))

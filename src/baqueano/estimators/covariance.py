@@ -4,7 +4,7 @@ The nearest valid matrix in the Frobenius norm follows from the symmetric part V
 
     V max(Λ, 0) Vᵀ                                                                                        (1)
 
-The printed Q and R of the paper fail this check (errata 5), and a filter with them diverges at once.
+The printed Q and R of the paper fail this check (errata 5), and a filter with these matrices diverges at once.
 """
 
 from functools import cache
@@ -20,7 +20,7 @@ ROUNDING_SHARE = 1e-14  # of a variance
 
 
 def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
-    """Return `matrix` as floats (size, size). Raise ValueError with the wrong entry and the nearest valid matrix."""
+    """Return `matrix` as floats (size, size). Raise Invalid with the wrong entry and the nearest valid matrix."""
     P = np.array(matrix, dtype=float)
     if P.shape != (size, size):
         raise Invalid(fault("cov.shape", name=name, found=str(P.shape), size=size))

@@ -11,7 +11,7 @@ velocity_readings.py defines h(0), H and L: L H = I, so a reading replaces the v
 gated. ν has the age d of its reading, η is current: the sum of (3) is the trapezoid rule plus d times the last ν.
 During t, the time without a reading before this tick, the error of the model is assumed to grow linearly. b is the bias
 of the gyro, a random walk; s and s_v are the constant scale errors of gyro and speed. All three stay 0, and only their
-uncertainty counts (consider states, Schmidt 1966).
+uncertainty has an effect (consider states, Schmidt 1966).
 """
 
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ class DeadReckoningBelief(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning:
     """Dead reckoning with gyro and wheels, and with the model if a sensor is missing. It also estimates its covariance.
-    It does not correct the pose. Prefer `AugmentedEkf` if a camera or a floor mark measures the pose.
+    Sensors of the pose are ignored. Prefer `AugmentedEkf` if a camera or a floor mark measures the pose.
 
     Parameters
     ----------
@@ -74,13 +74,13 @@ class DeadReckoning:
     use : tuple of str
         Sensors that are read; if empty, all sensors that measure a velocity.
     readings : tuple of Reading
-        Computed from the sensors; not an argument.
+        The velocities that the sensors measure; computed from the sensors, not an argument.
     gyro_bias : tuple of UncertainParameter
-        Computed from the gyro that is read first; not an argument.
+        Bias of the gyro that is read first; computed from the sensors, not an argument.
 
     References
     ----------
-    Schmidt 1966 for the states that are only considered: equations (1)-(4) of the module.
+    Schmidt 1966 for the consider states; equations (1)-(4) of the module.
 
     Examples
     --------
@@ -133,7 +133,7 @@ class DeadReckoning:
         )
 
     def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Predict one tick, then use the readings that arrived. A tick that is not newer is ignored."""
+        """Return the belief and the estimate after a tick: predict, then use readings. Ignore an older tick."""
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
@@ -141,7 +141,7 @@ class DeadReckoning:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Return belief and estimate after a row. Beyond the longest row only the covariance is predicted."""
+        """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
@@ -162,7 +162,7 @@ class DeadReckoning:
     def _reading_times(
         self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return d and t (3,) [s] of ν after this row. A reading of ν_ψ counts for ν_y too, as in a car."""
+        """Return d and t (3,) [s] of ν after this row. A reading of ν_ψ is also a reading of ν_y, as in a car."""
         ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
         for reading in self.readings:
             sensor, slot = getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name)

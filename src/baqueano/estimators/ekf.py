@@ -161,7 +161,7 @@ class Ekf:
         return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Predict, then correct with the measurements that arrived.
+        """Return the belief and the estimate after a tick: predict, then correct with the measurements that arrived.
 
         A tick that is not newer than the last tick is ignored. A tick after a pause is split into rows.
         """
@@ -172,7 +172,7 @@ class Ekf:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Return belief and estimate after a row of any duration; they are finite and positive definite.
+        """Return the belief and the estimate after a row of any duration; they are finite and positive definite.
 
         The mean is predicted for at most the longest row; after that only its covariance grows.
         """
@@ -194,7 +194,7 @@ class Ekf:
         return is_dynamic(self.vehicle)
 
     def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
+        """Return the mean (9,) and the covariance (9, 9) one row later.  (1, 8, 9)"""
         g = self._move_paper if self.mode == "paper" and self._is_dynamic else self._move
         previous = Gaussian(belief.mean, belief.cov)
         predicted = predict(previous, lambda x: g(x, belief.effort, effort, row.moved_s), np.zeros((9, 9)))
@@ -222,7 +222,7 @@ class Ekf:
         return _state(eta_next, nu_next, f + np.exp(-dt_s / self.disturbance_time_s) * a_d)
 
     def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Slot) -> tuple[Value, ...]:
-        """Return mean, covariance, innovation (m,), its covariance (m, m) and the weights (m,).  (2, 3)"""
+        """Return the mean, the covariance, the innovation (m,), its covariance (m, m) and the weights (m,).  (2, 3)"""
         sensor = getattr(self.sensors, name)
         old_s = self._age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov

@@ -1,8 +1,8 @@
-"""Dead reckoning with the IMU only, with zero-velocity updates: for a vehicle without a model.
+"""Dead reckoning with only the IMU, with zero-velocity updates: for a vehicle without a model.
 
-The vehicle is assumed to be at rest with speed 0 before its first command, and when the command has been zero for
-MIN_REST_S. The biases b and the noise σ of the channels are computed from readings at rest. While the vehicle drives,
-with v the speed, ψ the heading, s the distance, δ the tick:
+The vehicle is assumed to be at rest before its first command, and when the command has been zero for MIN_REST_S. The
+biases b and the noise σ of the channels are computed from readings at rest. While the vehicle drives, with v the speed,
+ψ the heading, s the distance, δ the tick:
 
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
     var v = σ_x² δ² k + σ_x² (k δ)² / n_rest,   the same for ψ with σ_ω                                   (2)
@@ -28,8 +28,8 @@ class InertialBelief(NamedTuple):
     """The state of `Inertial`: statistics at rest, pose and speed."""
 
     t_ns: int  # -1 before the first tick
-    since_ns: int  # when the last command ended
-    rest_count: float  # samples at rest
+    since_ns: int  # time at which the last command ended
+    rest_count: float  # number of samples at rest
     mean: np.ndarray  # (3,) mean of the samples at rest
     squared_deviations: np.ndarray  # (3,) sum of their squared deviations
     eta: np.ndarray  # (3,)
@@ -41,7 +41,7 @@ class InertialBelief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
-    """Dead reckoning with the IMU only, for a vehicle without a model. ν is (v, 0, ω).
+    """Dead reckoning with only the IMU, for a vehicle without a model. ν is (v, 0, ω).
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Inertial:
         return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
-        """Return the pose since the start and the velocity, with the variances (2) and (3) of the module."""
+        """Return the belief, and the estimate: pose since the start, velocity, and the variances of (2) and (3)."""
         s = state
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns
@@ -111,7 +111,7 @@ class Inertial:
 
 
 def _cov(s: InertialBelief, dt_s: float) -> Value:
-    """Return the covariance (6, 6), diagonal, with (2) and (3); zeros before three samples at rest."""
+    """Return the diagonal covariance (6, 6) of (2) and (3); zeros before three samples at rest have arrived."""
     cov = np.zeros((6, 6))
     if s.rest_count > 2.0:
         var = s.squared_deviations / (s.rest_count - 1.0)

@@ -1,4 +1,4 @@
-"""The Kalman filter: pure functions `predict` and `correct`, for all filters here and for the likelihood of a fit.
+"""The Kalman filter: pure functions `predict` and `correct`, for the filters of this package and the fits.
 
     x̄ = g(x),   P̄ = G P Gᵀ + R,   G = ∂g/∂x                                                              (1)
 
@@ -10,9 +10,9 @@ channel at a time. With Q = L diag(q) Lᵀ, the entries of L⁻¹ z have indepen
     D = P − K H_c P,   P ← D + (q_c K − D H_cᵀ) Kᵀ                    Joseph's form, multiplied out        (4)
 
 (3) computes the same Δ and P as all rows at once, without a matrix to invert; yᵀ S⁻¹ y = Σ e², log |S| = Σ log s. E is
-1 for an estimated state, 0 for a considered state, whose uncertainty counts but whose estimate is constant. A weight
-w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has no effect. Derivation: docs/derivations/kalman.md.
-Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968 for (4); Schmidt 1966 for E.
+1 for an estimated state, and 0 for a consider state: its uncertainty is included, but its estimate is constant. A
+weight w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has no effect. Derivation:
+docs/derivations/kalman.md. Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968 for (4); Schmidt 1966 for E.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,7 @@ class Correction(NamedTuple):
 
     move: np.ndarray  # Δ (n,), to be added to the mean
     cov: np.ndarray  # (n, n) afterwards
-    e: np.ndarray  # (m,) whitened innovations: independent unit normals, if the filter is right
+    e: np.ndarray  # (m,) whitened innovations: independent standard normals if the filter is consistent
     s: np.ndarray  # (m,) their variances before they were divided
 
 

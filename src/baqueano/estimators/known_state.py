@@ -1,7 +1,7 @@
-"""An estimator that returns the true state: to tune and to judge a controller without estimation errors.
+"""Estimators that return the true state, to tune and evaluate a controller without estimation errors.
 
 `KnownState` returns the reading of the sensor `truth` (sensors/truth.py), with a covariance of zero. Both work in the
-loop like any other sensor and estimator, so the same loop serves for a perfect pose. Real vehicles do not have them.
+loop like any other sensor and estimator. A real vehicle does not have this sensor.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from baqueano.signals import Estimate, Motion, Tick
 
 
 class KnownStateBelief(NamedTuple):
-    """The last true state (η, ν) that was measured."""
+    """Belief of `KnownState`: the last true state (η, ν) that was measured."""
 
     z: np.ndarray  # (6,) η, ν
 

@@ -24,11 +24,11 @@ from baqueano.vehicles.rk4 import MAX_ROW_S
 
 MAX_ROW_NS = round(MAX_ROW_S * NANOSECONDS)
 MAX_PREDICTION_S = 1.0  # longest prediction without a tick; after it the position is too uncertain to predict
-JITTER_PERIODS = 1.25  # periods
-# m², rad²: beyond it a pose is unknown, and a double would lose the smaller variances of the matrix
+JITTER_PERIODS = 1.25  # longest row in periods of the ticks
+# m², rad²: beyond this a pose is unknown, and rounding would destroy the smaller variances of the matrix
 MAX_POSE_VARIANCE = 1e6
-INTEGER_TYPES = (int, np.integer)  # types of a time that is known: not in a trace
-BOOLEAN_TYPES = (bool, np.bool_)  # types of a condition that is known: not in a trace
+INTEGER_TYPES = (int, np.integer)  # types of a time with a known value, in contrast to a traced time
+BOOLEAN_TYPES = (bool, np.bool_)  # types of a condition with a known value, in contrast to a traced condition
 
 
 def max_row_s(rate_hz: float) -> float:
@@ -55,8 +55,9 @@ def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
 
 
 def limit_covariance(cov: np.ndarray) -> np.ndarray:
-    """Return the covariance (n, n) with each deviation of x, y, ψ halved whose variance exceeds MAX_POSE_VARIANCE.
-    Rounding of a larger variance would make the other entries inaccurate.
+    """Return the covariance (n, n). A standard deviation of x, y or ψ is halved if its variance is too large.
+
+    The limit is MAX_POSE_VARIANCE. Rounding of a larger variance would make the other entries inaccurate.
     """
     is_too_large = np.diag(cov)[:3] > MAX_POSE_VARIANCE
     D = np.concatenate([np.where(is_too_large, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
@@ -64,7 +65,7 @@ def limit_covariance(cov: np.ndarray) -> np.ndarray:
 
 
 def rows_of_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
-    """Return the rows of N ticks, whose leaves begin with an axis N, and the index (N,) of each tick's row.  (1)-(3)"""
+    """Return the rows of N ticks, and the index (N,) of the row of each tick. Leaves begin with an axis N.  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
     silent_times_of_gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise(t_ns)]
     counts = np.array(
@@ -97,13 +98,13 @@ class FilterRow(NamedTuple):
     """A row of the filter: its duration and its command."""
 
     is_new: Value  # True if the row is newer than the last row; else it is ignored
-    dt_s: Value  # its length; a nominal period for the first row
-    moved_s: Value  # the part of it that is predicted: at most the longest row
+    dt_s: Value  # duration of the row; a nominal period for the first row
+    moved_s: Value  # the predicted part of the duration: at most that of the longest row
     u: np.ndarray  # (n,) the command; 0 for an entry that is not finite
 
 
 def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
-    """Return duration and command of the row that ends with this tick."""
+    """Return the duration and the command of the row that ends with this tick."""
     is_new = tick.t_ns > since_ns
     dt_s = np.where(is_new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
@@ -121,9 +122,9 @@ def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[Drivetr
 
 
 def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return the covariance (3, 3) that is added to the pose in the part of a row beyond the longest duration.
+    """Return the covariance (3, 3) that the pose gains in the part of a row that is not predicted.
 
-    The mean (η, ν, …) is not predicted in that part.
+    `mean` (n,) and `cov` (n, n) are those of the state (η, ν, …); they give the velocity in that part.
     """
     squared_displacement = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
     return np.diag(
@@ -141,9 +142,9 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
 
 
 def step_in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
-    """Return the result of `block.row` for a tick, after the silent rows of `block.rows_before` before it.
+    """Return the belief and the estimate of `block.row` for a tick, after the silent rows of `block.rows_before`.
 
-    While a step is traced the times are not known, and the tick is one row.
+    While a step is traced, the times are not known, and the tick is one row.
     """
     if isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(belief.t_ns, INTEGER_TYPES):
         for silent_tick in block.rows_before(belief, tick):
@@ -165,8 +166,10 @@ def tree_where(condition: Value, a: Tree, b: Tree) -> Tree:
 
 
 def branch(condition: Value, if_true: Callable[[], Tree], if_false: Callable[[], Tree]) -> Tree:
-    """Return if_true() if the condition is true, else if_false(). While a step is traced, compute both and return
-    `tree_where`."""
+    """Return if_true() if the condition is true, else if_false().
+
+    While a step is traced, compute both and return `tree_where` of them.
+    """
     if isinstance(condition, BOOLEAN_TYPES):
         return if_true() if condition else if_false()
     return tree_where(condition, if_true(), if_false())

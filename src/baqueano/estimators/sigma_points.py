@@ -22,7 +22,7 @@ from baqueano.estimators.kalman import Gaussian, boxplus
 
 
 class SigmaSpread(NamedTuple):
-    """The moments of a function at the sigma points."""
+    """Mean, odd part and even part of a function at the sigma points, and the root L of the covariance."""
 
     mean: np.ndarray  # m (m,)
     odd_part: np.ndarray  # o (m, n)
@@ -31,7 +31,7 @@ class SigmaSpread(NamedTuple):
 
 
 def propagate(f: Callable[[np.ndarray], np.ndarray], x: Gaussian) -> SigmaSpread:
-    """Return mean, odd part and even part of `f` at the sigma points of x, and L.  (1, 2)"""
+    """Return the mean, the odd part and the even part of `f` at the sigma points of x, and L.  (1, 2)"""
     L, n = root(x.cov), len(x.mean)
     steps = [np.sqrt(float(n)) * L[:, i] for i in range(n)]
     p, q = (np.stack([f(boxplus(x.mean, sign * step)) for step in steps], axis=1) for sign in (1.0, -1.0))

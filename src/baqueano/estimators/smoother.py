@@ -54,7 +54,9 @@ def can_be_smoothed(estimator: Estimator, belief: Tree, tick: Tick) -> bool:
 def smooth(
     estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (N, n) and covariance (N, n, n) of each row from all measurements; leaves of `ticks` have N rows.
+    """Return the mean (N, n) and covariance (N, n, n) of each row from all measurements.
+
+    The leaves of `ticks` have N rows.
 
     Raise TraceError for an estimator that cannot be compiled.
     """
@@ -62,7 +64,7 @@ def smooth(
 
 
 def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
-    """Run the filter and return the state and the prediction of each row."""
+    """Run the filter over `ticks`, and return the state and the prediction of each row."""
     row = optional.of(estimator, "row") or estimator.step
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, ForwardPass]:

@@ -1,12 +1,12 @@
 """The unscented Kalman filter: it evaluates g and h at points around the mean, and does not need derivatives.
 
 The state is x = (η, ν, ν̇): pose, velocity and acceleration. ekf.py defines g and h, in its default mode. e is the
-effort, e₋ the previous one, δ the tick, f the acceleration of the model, T_d the fading time of a_d:
+effort, e₋ the previous one, δ the tick, f the acceleration of the model, T_d the decay time of a_d:
 
     a_d = ν̇ − f(ν, e₋),   (η, ν)⁺ = advance(η, ν, e) + (½ J a_d δ², a_d δ),   ν̇⁺ = f(ν⁺, e) + e^(−δ/T_d) a_d   (1)
 
 sigma_points.py returns the mean m of a function, its linear part o and its even part ē. With x = x̄ ⊞ L ξ, L Lᵀ = P,
-kalman.py corrects the standard normal ξ, and ē counts as noise. R is the process noise, Q the noise of z:
+kalman.py corrects the standard normal ξ, and ē is added to the noise. R is the process noise, Q the noise of z:
 
     P̄ = o oᵀ + ē ēᵀ + R                                                                                   (2)
     y = z ⊟ (h(x̄) ⊞ m),   H = o,   noise Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                         (3)
@@ -122,7 +122,7 @@ class Unscented:
         return UnscentedBelief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Predict, then correct with the measurements that arrived. A tick that is not newer is ignored."""
+        """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
@@ -130,7 +130,7 @@ class Unscented:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Return belief and estimate after a row. Beyond the longest row only the covariance is predicted."""
+        """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x, y, s, w = self._predict(belief, effort, row), [], [], []
@@ -144,7 +144,7 @@ class Unscented:
         )
 
     def _predict(self, belief: UnscentedBelief, effort: Effort, row: FilterRow) -> Gaussian:
-        """Return mean and covariance of the state one row later.  (1, 2)"""
+        """Return the mean and the covariance of the state one row later.  (1, 2)"""
 
         def g(x: np.ndarray) -> np.ndarray:
             eta, nu, f = x[:3], x[3:6], self.vehicle.nu_dot
@@ -170,7 +170,7 @@ class Unscented:
     def _correct(
         self, name: str, x: Gaussian, slot: Slot
     ) -> tuple[Gaussian, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the state, the innovation (m,), its covariance (m, m) and the weight of each number (m,).  (3)"""
+        """Return the state, the innovation (m,), its covariance (m, m) and the weight of each channel (m,).  (3)"""
         sensor = getattr(self.sensors, name)
         old_s = age_s(sensor, slot)
 

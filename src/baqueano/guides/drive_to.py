@@ -1,13 +1,13 @@
-"""Drive from the vehicle's pose to the nearest of several goals, on the shortest path with a smallest radius.
+"""Drive from the vehicle's pose to the nearest of several goals, on the shortest path with a limited curvature.
 
-    path = the shortest of the shortest paths (dubins.py) from the first estimate to the goals η_j         (1)
+    path = the shortest of the paths (dubins.py) from the first estimate to each of the goals η_j          (1)
     v²  ≤   speed²,   (v_0 + a t)²,   v_j² + 2 a (length − σ)                                              (2)
     σ̇ = v,   η_r = path(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length                                 (3)
 
 σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 is the speed of
 the first estimate, v_j the speed of the route at the goal. ν_r has the sign of v_j: a route that is driven backward is
 reached backward. The guide is done at once if the vehicle is within MAX_GOAL_DISTANCE_M and MAX_GOAL_ANGLE_RAD of the
-first goal. For a vehicle beside a route, the best goal is at a distance along the route that depends on R. So (1)
+first goal. For a vehicle beside a route, the distance along the route to the best goal depends on the radius. So (1)
 compares several goals.
 """
 
@@ -25,9 +25,9 @@ from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
 MAX_GOAL_DISTANCE_M, MAX_GOAL_ANGLE_RAD = 0.01, np.radians(2.0)
-MIN_SPEED_M_S = 0.02  # least speed of σ, so that the reference arrives
+MIN_SPEED_M_S = 0.02  # lower bound of σ̇, so that the reference reaches the goal
 GOAL_COUNT = 9
-JOIN_LENGTH_M = 1.0  # length of the route, from its start, on which the vehicle may join it
+JOIN_LENGTH_M = 1.0  # length of the route, from its start, on which the vehicle can join it
 
 
 class DriveToState(NamedTuple):
@@ -80,7 +80,7 @@ class DriveTo:
 
     @classmethod
     def join(cls, route: Route, reach_m: float = JOIN_LENGTH_M, **limits: float) -> "DriveTo":
-        """Return the guide to a route: the goals are poses in its first `reach_m`, at most its first half."""
+        """Return the guide to a route: the goals are poses in its first `reach_m`, but at most in its first half."""
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
         distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOAL_COUNT)
         indices = np.unique(np.searchsorted(s, distances - 1e-12))
@@ -110,7 +110,7 @@ class DriveTo:
         )
         sigma_m = np.minimum(state.sigma_m + np.maximum(v, MIN_SPEED_M_S) * dt_s, path.length_m)
         is_over: Value = np.where(sigma_m >= path.length_m, 1.0, 0.0)
-        heading_offset = 0.5 * np.pi * (1.0 - forward_sign)  # of the body against its course
+        heading_offset = 0.5 * np.pi * (1.0 - forward_sign)  # angle from the course to the heading
         course = np.array([start[0], start[1], start[2] - heading_offset])
         pose, kappa = pose_at(course, path, sigma_m, self.radius_m)
         eta = np.array([pose[0], pose[1], wrap(pose[2] + heading_offset)])

@@ -1,6 +1,6 @@
 """The shortest path between two poses: two arcs of the radius R and a straight line between them.
 
-    (x, y)/R of the goal relative to the start is turned to (D, 0); α, β: headings of start and goal after it
+    (x, y)/R of the goal relative to the start is turned to (D, 0); α, β: headings of start and goal after this turn
     LSL  p² = 2 + D² − 2 cos(α − β) + 2 D (sin α − sin β),   χ = atan2(cos β − cos α, D + sin α − sin β)
     LSR  p² = D² − 2 + 2 cos(α − β) + 2 D (sin α + sin β),   χ = atan2(−cos α − cos β, D + sin α + sin β) + atan2(2, p)
     t = (χ − α) mod 2π,   q = (β − χ) mod 2π of LSL, (χ − β) mod 2π of LSR                                 (1)
@@ -28,14 +28,15 @@ class DubinsPath(NamedTuple):
     """A path of two arcs and the line between them."""
 
     length_m: Value
-    arcs_m: Value  # (3,) of the first arc, the line and the last arc
+    arcs_m: Value  # (3,) lengths of the first arc, the line and the last arc
     turns: Value  # (2,) of the arcs: 1 left, −1 right
 
 
 def shortest_dubins_path(start: Value, goal: Value, radius_m: float) -> DubinsPath:
     """Return the shortest path from the pose `start` (3,) to the pose `goal` (3,).  (1), (2)
 
-    `goal` may also be (3, k), the x, y and ψ of k goals; the result then contains the path to each goal.
+    `goal` can also be (3, k), the x, y and ψ of k goals; the result then contains the path to each goal. `radius_m` is
+    R.
     """
     dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
     D, bearing = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
@@ -59,7 +60,7 @@ def shorter_path(first: DubinsPath, second: DubinsPath) -> DubinsPath:
 
 
 def pose_at(start: Value, path: DubinsPath, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
-    """Return pose (3,) and curvature [1/m] after `sigma_m` of a path from `start`; the heading is continuous."""
+    """Return the pose (3,) and curvature [1/m] after `sigma_m` of a path from `start`; the heading is continuous."""
     x, y, psi = start[0], start[1], start[2]
     left_m, kappa = sigma_m, 0.0 * sigma_m
     for k, turn in enumerate((path.turns[0], 0.0, path.turns[1])):

@@ -16,7 +16,7 @@ class CarefulGuide:
     Parameters
     ----------
     pulses : object
-        An object with init() → state, and advance(state, estimate) → (state, u (n,), over).
+        An object with init() → state, and advance(state, estimate) → (state, u (n,), True after the last pulse).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The guide of experiments and drives by hand, which do not need a reference."""
+"""The guide of experiments and manual drives, which do not need a reference."""
 
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple

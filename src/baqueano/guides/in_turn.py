@@ -1,4 +1,4 @@
-"""Two guides in turn: a lead-in and its route, or a route and the path back to its start.
+"""Two guides in turn: a path onto a route and then the route, or a route and then the path back to its start.
 
     first  until it is done,  then second                                                                 (1)
     if `first` drives to a route: second begins at the time τ of its route at which `first` arrived        (2)
@@ -75,7 +75,7 @@ class InTurn:
         return InTurnState(self.first.init(), self.second.init(), 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the state, and the reference of the present guide: first, then second.  (1)"""
+        """Return the state, and the reference of the present guide: `first` until it is done, then `second`.  (1)"""
         first, first_reference = self.first.step(state.first, estimate)
         is_first_over: Value = np.where((state.is_first_over > 0.0) | (first_reference.done > 0.0), 1.0, 0.0)
         entry = _select(state.is_first_over > 0.0, state.second, self._entry(first, estimate))
@@ -101,7 +101,7 @@ class InTurn:
 
 
 def _select(condition: Value, a: Tree, b: Tree) -> Tree:
-    """Return `a` if the condition is true, else `b`, number by number; both trees have the same shape."""
+    """Return `a` if the condition is true, else `b`, leaf by leaf; both trees have the same structure."""
     if isinstance(a, tuple):
         branches = [_select(condition, x, y) for x, y in zip(a, b, strict=True)]
         return tuple(branches) if type(a) is tuple else type(a)(*branches)

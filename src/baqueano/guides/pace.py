@@ -20,7 +20,7 @@ from baqueano.vehicles.bounds import check_bounds
 
 
 class PaceState(NamedTuple):
-    """The present pace, the time t′ of the guide, and its state."""
+    """The present pace, the time t′ of the inner guide, and the state of the inner guide."""
 
     t_ns: int  # -1 before the first tick
     own_ns: int  # t′
@@ -31,12 +31,12 @@ class PaceState(NamedTuple):
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class AtPace:
-    """Guide that follows another guide at a pace from 0, at rest, to 1.
+    """Guide that runs another guide at a pace from 0 (at rest) to 1 (full speed).
 
     Parameters
     ----------
     guide : Guide
-        The guide to follow.
+        The inner guide, which receives the time t′.
 
     Notes
     -----
@@ -54,7 +54,7 @@ class AtPace:
     [0.1 0.  0.2]
     """
 
-    as_written: ClassVar[bool] = True  # `pace` may change between two ticks; the guide inside is compiled
+    as_written: ClassVar[bool] = True  # `pace` can change between two ticks; the inner guide is compiled
     goes_around: ClassVar[tuple[str, ...]] = ("guide",)
 
     guide: Tree

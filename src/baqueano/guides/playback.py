@@ -42,6 +42,6 @@ class Playback:
         """Return None: this guide does not have a state."""
 
     def step(self, state: None, estimate: Estimate) -> tuple[None, Reference]:
-        """Return the newest recorded reference at the time of the estimate; before the first time, the first one."""
+        """Return the last reference recorded up to the time of the estimate; before the first time, the first one."""
         k = max(int(np.searchsorted(self.t_ns, estimate.t_ns, side="right")) - 1, 0)
         return None, Reference(estimate.t_ns, self.eta[k], self.nu[k], float(self.done[k]))

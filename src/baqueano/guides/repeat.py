@@ -30,7 +30,7 @@ BEFORE_START = -1
 class RepeatState(NamedTuple):
     """State of a repeated route: the time at which it started."""
 
-    start_ns: int  # BEFORE_START until the first tick; may be below 0 after the vehicle joined the route
+    start_ns: int  # BEFORE_START until the first tick; can be below 0 after the vehicle joined the route
 
 
 @document
@@ -94,7 +94,7 @@ class Repeat:
         return RepeatState(t_ns - np.rint(tau_s * NANOSECONDS))
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
-        """Return the state, and the reference: the teacher's pose and velocity at this time of the lap.  (1)"""
+        """Return the state, and the reference: pose and velocity of the route at this time of the lap.  (1)"""
         start_ns: Value = np.where(state.start_ns == BEFORE_START, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
@@ -109,6 +109,7 @@ class Repeat:
 
 def with_laps(guide: Guide, laps: int) -> Guide:
     """Return the guide with this number of laps, as a new object of the same class.
+
     A guide without an attribute `laps`, or already with this number, is returned unchanged. The fields of a dataclass
     are checked again. A plain class must read self.laps in its step. Raise UsageError if `laps` cannot be set.
     """

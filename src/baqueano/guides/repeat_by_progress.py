@@ -8,9 +8,10 @@
     η_r = route(τ),   ν_r = max(τ̇, 0) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps                       (4)
 
 τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
-and (1) searches only near τ, so the crossing of an eight is not a short cut. slack = slack_m + slack_s |v| allows for
-delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. In (1) a radian of heading
-counts as HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
+and (1) searches only near τ, so the crossing of a figure eight is not a short cut. slack = slack_m + slack_s |v| allows
+for delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. In (1) a radian of heading
+has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine,
+1995.
 """
 
 from dataclasses import dataclass
@@ -121,7 +122,7 @@ class RepeatByProgress(Repeat):
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def _window(self) -> tuple[int, int]:
-        """Return the largest number of points within `reach_m` of any point: behind that point, and in front of it.
+        """Return the largest number of points within `reach_m` of a point: behind this point, and in front of it.
         The compiled step searches only these points.
         """
         s, reach_m = self._distances(), self.reach_m + 1e-9

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 MIN_SPOT_TURN_RAD = 0.5
-MIN_STEP_SHARE = 1e-3  # least part of its time step that a sample keeps
+MIN_STEP_SHARE = 1e-3  # smallest factor of a time step
 
 
 class Route(NamedTuple):
@@ -45,13 +45,13 @@ class Route(NamedTuple):
     closed: bool
 
     def __repr__(self) -> str:
-        with np.errstate(over="ignore"):  # a file that was not driven may contain any numbers
+        with np.errstate(over="ignore"):  # a file that was not driven can contain any values
             length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
         ends = "closed" if self.closed else "open"
         return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {ends})"
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat dict per pose."""
+        """Return one flat dict per pose: time, pose and velocity, each key with its unit."""
         names = ("t_s", "x_m", "y_m", "psi_rad", "v_x_m_s", "v_y_m_s", "yaw_rate_rad_s")
         columns = np.column_stack([self.t_s, self.eta, self.nu])
         return [dict(zip(names, map(float, row), strict=True)) for row in columns]
@@ -74,9 +74,9 @@ def route_of_curve(
     *,
     closed: bool = True,
 ) -> Route:
-    """Return the route of a curve p(θ) (m, 2) with derivatives p′, p″ at a steady speed.  (1)
+    """Return the route of a curve p(θ) (m, 2) with the derivatives p′ and p″ (m, 2), at a constant speed.  (1)
 
-    It starts at the origin, along x.
+    `theta` (m,) are the values of θ. The route starts at the origin, along x.
     """
     stretch = np.hypot(p1[:, 0], p1[:, 1])
     s = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(theta))])
@@ -88,7 +88,7 @@ def route_of_curve(
 
 
 def from_start(eta: np.ndarray) -> np.ndarray:
-    """Return poses (m, 3) in the frame of the first pose: the route then starts at the origin, along x."""
+    """Return the poses `eta` (m, 3) in the frame of the first pose: the route then starts at the origin, along x."""
     start_from_map = map_from_body(eta[0, 2])[:2, :2]
     return np.column_stack([(eta[:, :2] - eta[0, :2]) @ start_from_map, eta[:, 2] - eta[0, 2]])
 
@@ -100,8 +100,10 @@ def move_route(route: Route, start: np.ndarray) -> Route:
 
 
 def closed_up(route: Route) -> Route:
-    """Return the closed route whose end is equal to its start.
-    The driver returned to the mark, so the difference between the two poses is drift. It is removed linearly over time.
+    """Return the route as a closed route, whose end is equal to its start.
+
+    The driver returned to the mark, so the difference
+    between the two poses is drift. The drift is removed linearly over time.
     """
     turn_rad = 2.0 * np.pi * np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi))
     gap = route.eta[-1] - route.eta[0] - np.array([0.0, 0.0, turn_rad])

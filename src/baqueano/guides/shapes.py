@@ -7,7 +7,7 @@
 
 p is the position on the path. R, A, k: radius, amplitude and number of waves; a: half the length; n, L: number of
 crests and length; κ, s: curvature and distance along the path. (1) and (2) are moved so that they start at the origin
-along x, and they are closed. The speed is steady along the path, from the first tick on.
+along x, and they are closed. The speed along the path is constant, from the first tick on.
 """
 
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ from baqueano.vehicles.bounds import check_bounds
 
 __all__ = ["SinuousCircle", "circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom"]
 
-POINT_COUNT = 1441  # of a drawn route, four per degree of a circle
+POINT_COUNT = 1441  # poses of a drawn route, four per degree of a circle
 SHAPE_NAMES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`
 
 
 @lru_cache(maxsize=32)
 def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
-    """Return a circle whose radius varies `waves` times a lap, driven once.
+    """Return a circle whose radius varies `waves` times per lap; the route is one lap.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def circle(radius_m: float, speed_m_s: float) -> Route:
 
 
 def eight(half_length_m: float, speed_m_s: float) -> Route:
-    """Return a figure eight without a net turn.
+    """Return a figure-of-eight route without a net turn.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     Parameters
     ----------
     length_m : float
-        Distance between its ends.
+        Distance between the ends of the slalom.
     width_m : float
         Distance from the x axis to the crests.
     waves : int
@@ -255,7 +255,7 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
     length_m : float
         Length of the path.
     turn_rad : float
-        Turn from its start to its end; positive to the left.
+        Turn from the start to the end of the curve; positive to the left.
     speed_m_s : float
         Speed along the path.
 
@@ -281,7 +281,7 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
 
 
 def _points(length_m: float) -> int:
-    """Return the number of poses of a line, one per centimetre; Invalid for a length that is not above 0."""
+    """Return the number of poses of a line, one per centimetre. Raise Invalid for a length that is not above 0."""
     if not length_m > 0.0:
         raise Invalid(fault("shape.length", found=length_m))
     return max(3, round(100.0 * length_m) + 1)
@@ -299,8 +299,9 @@ def _route_of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) ->
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return the route of a name in SHAPE_NAMES; `size_m` is the radius of a circle or half the length of another
-    shape. Raise Invalid for another name.
+    """Return the route of a name in SHAPE_NAMES. Raise Invalid for another name.
+
+    `size_m` is the radius of a circle, or half the length of another shape.
     """
     match name:
         case "sinuous-circle":

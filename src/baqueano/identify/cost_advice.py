@@ -1,11 +1,11 @@
-"""Recommend one of two costs by held-out runs, which neither fit used.
+"""Recommend one of two costs from held-out runs, which were not used in either fit.
 
     D = Σ_c (ẽ_c² − ê_c²)/n_c² / Σ_c ê_c²/n_c²                                                            (1)
 
-The sums are over the channels c of held-out runs. Their open-loop error is ê by the fit of the simulation error, and ẽ
-by the fit of the innovations. The noise in ê is n (validation.py). If D is below 0, the innovations are recommended.
-Without held-out runs, or if they have too few segments of motion, segments of the fitted runs decide:
-objective_choice.py.
+The sums are over the channels c of held-out runs. The open-loop error of a channel is ê for the fit of the simulation
+error, and ẽ for the fit of the innovations. n is the noise in ê (validation.py). If D is below 0, the innovations are
+recommended. Without held-out runs, or if they have too few segments of motion, segments of the fitted runs decide
+(objective_choice.py).
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ OPEN = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too
 
 
 def by_innovations(fit: Fit) -> bool:
-    """Return True if the fit used the innovations: its parameters then include the noise of the floor."""
+    """Return True if the fit minimised the innovations: then its parameters include the process noise."""
     return any(name.startswith(FLOOR) for name in fit.names)
 
 
@@ -38,9 +38,9 @@ def with_cost_advice(
 ) -> Fit:
     """Return the fit with a note on the cost that the held-out `runs` recommend.
 
-    `validation` is the validation of the fit on these runs, and `refit(cost)` returns the fit by another cost. The
-    fit is unchanged if its notes do not compare costs, or if the validation is inconclusive. If the other fit is
-    refused, or has the same cost, the note that compares costs is removed.
+    `validation` is the validation of the fit on these runs, and `refit(cost)` returns the fit with another cost. The
+    fit is returned unchanged if its notes do not compare costs, or if the validation is inconclusive. If the other
+    fit is refused, or has the same cost, the note that compares costs is removed.
     """
     at = next((k for k, message in enumerate(fit.notes) if message.code in OPEN), None)
     if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
@@ -59,7 +59,7 @@ def with_cost_advice(
 def by_other_cost(
     runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **how: Any
 ) -> Callable[[str], Fit]:
-    """Return a function that fits the runs by a given cost, without diagnostics.
+    """Return a function that fits the runs with a given cost, without diagnostics.
 
     All other `options` and the arguments `how` of `identify` are unchanged.
     """

@@ -39,7 +39,7 @@ class Dataset:
     runs : tuple of Run
         The runs without invalid samples.
     channels : dict of str to list of int
-        Sensor → channels in use, for partly used sensors.
+        Channels in use (name of the sensor → indices), only for sensors of which some channels are not used.
     findings : tuple of Diagnostic
         Faults of the data.
     note : Diagnostic, optional
@@ -78,9 +78,9 @@ def dataset(
     runs : sequence of Run
         One or more.
     vehicle_file : VehicleFile
-        The vehicle that drove them.
+        The vehicle that drove the runs.
     use : sequence of str, optional
-        Sensors, or channels as "imu[2]"; default: all sensors that every run has.
+        Sensors, or channels such as "imu[2]"; default: all sensors of the file that have readings in every run.
     options : FitOptions
         Options of the fit.
 
@@ -134,7 +134,7 @@ def parameters_of(
     Raises
     ------
     UsageError
-        For a path that is not a parameter or has no effect, and if no command moved.
+        For a path that is not a parameter or does not have an effect, and if no command moved.
 
     Examples
     --------
@@ -167,8 +167,11 @@ def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Non
 def sensors_of(
     vehicle_file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
 ) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
-    """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors. If `use` names
-    the truth, the truth becomes a sensor. Raise UsageError for an unknown sensor, or if none is in all runs."""
+    """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors.
+
+    If `use` names the truth, the truth becomes a sensor. Raise UsageError without runs, for an unknown sensor or
+    channel, or if no sensor has readings in all runs.
+    """
     if not runs:
         raise UsageError(fault("runs.none"))
     names_of_file = vehicle_file.sensors._fields
@@ -192,8 +195,7 @@ def sensors_of(
 
 
 def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
-    """Return the error for runs without a common sensor: none of the file's sensors `names` has readings in every
-    run."""
+    """Return the error for runs without a common sensor. `names` are the sensors of the file."""
     sensors_read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
     name = max(names, key=lambda name: sum(name in has for has in sensors_read), default="")
     runs_without = [run.name for run, has in zip(runs, sensors_read, strict=True) if name not in has]
@@ -207,7 +209,10 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
 
 
 def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
-    """Return sensor → channels from entries such as "imu[2]", without sensors that are also named whole."""
+    """Return, for each sensor, the channels named by entries such as "imu[2]".
+
+    A sensor that `use` also names without brackets is omitted. Raise UsageError for an entry that cannot be parsed.
+    """
     channels: dict[str, list[int]] = {}
     for channel in use:
         name, bracket, entry = channel.partition("[")
@@ -219,7 +224,7 @@ def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
 
 
 def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Diagnostic]:
-    """Return a note for each sensor of motion in the runs that the vehicle file lacks, with the table to add."""
+    """Return a note for each motion sensor of the runs that the vehicle file lacks, with its likely kind."""
     channels: dict[str, Channel] = {}
     for run in runs:
         channels |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
@@ -231,5 +236,5 @@ def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Dia
 
 
 def _kind(name: str, channel: Channel) -> str:
-    """Return the likely kind of a sensor, by its name, else by its number of channels."""
+    """Return the likely kind of a sensor, from its name or its number of channels; "…" if unknown."""
     return name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")

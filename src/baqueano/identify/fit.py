@@ -3,12 +3,14 @@
     C(p) = Σ_t ‖s(t) − h_p(t)‖_Huber          Grotz et al., `equ:cost_function`                           (1)
 
 The sum is over all channels of all sensors, each in units of its noise σ; k = 1.345 σ. The minimisation is damped
-Gauss-Newton with exact derivatives over the free parameters and, run by run, the sensors' biases and the velocity at
-the start. Parameters that the data do not show are fixed at their start, and the others are fitted again.
+Gauss-Newton with exact derivatives. It is over the free parameters and, for each run, the sensors' biases and the
+velocity at the start. Parameters that the data do not determine are fixed at their start, and the others are fitted
+again.
 
     Dataset → Parameters → Residuals, the residuals → solve → Fit
 
-Each stage is an immutable object, and its maker can be replaced: docs/identification.md, "Own stages".
+Each stage is an immutable object, and the function that makes it can be replaced: docs/identification.md, "Own
+stages".
 """
 
 from collections.abc import Callable, Sequence
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
 FIRST_SEARCH_PART, MIN_FIRST_ROWS = (
     4,
     1000,
-)  # 1/PART of the rows of a run, at least ENOUGH, for a first search without a compiler
+)  # without a compiler, the first search uses 1/FIRST_SEARCH_PART of the rows of a run, at least MIN_FIRST_ROWS
 
 
 def identify(
@@ -65,11 +67,11 @@ def identify(
     vehicle_file : VehicleFile
         The vehicle; its values are the start of the search.
     free : sequence of str, optional
-        Dotted paths of the file, "model.friction.linear", "model.actuator_matrix[0,2]"; default: the parameters that
-        the model needs. "+PATH" adds a path to the default.
+        Dotted paths of the file, such as "model.friction.linear" or "model.actuator_matrix[0,2]"; default: the
+        parameters that the model needs. "+PATH" adds a path to the default.
     use : sequence of str, optional
-        Sensors, or single channels, "imu[2]"; default: all sensors that every run has. "truth" uses the velocity of
-        a simulation, or the pose that a camera measured, as a measurement.
+        Sensors, or single channels such as "imu[2]"; default: all sensors that every run has. "truth" uses the
+        velocity of a simulation, or the pose that a camera measured, as a measurement.
     options : FitOptions
         Bounds, noise, cost and other options.
     residuals : type of Residuals
@@ -87,7 +89,8 @@ def identify(
     Raises
     ------
     UsageError
-        For names that do not exist, options that exclude each other or have no effect, and if no command moved.
+        For names that do not exist, options that exclude each other or do not have an effect, and if no command
+        moved.
 
     References
     ----------
@@ -185,8 +188,8 @@ def conclude(
     result: Search,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Fit:
-    """Return the fit of a search. Parameters that the data do not show stay at their start; the others receive
-    errors.
+    """Return the fit of a search. Parameters that the data do not determine are fixed at their start; the others
+    receive standard errors.
 
     Parameters
     ----------
@@ -230,8 +233,10 @@ def conclude(
 
 
 def _begin(task: Task, parameters: Parameters) -> np.ndarray:
-    """Return θ (p,) at the start of the search. Without a compiler, rows are slow: then return the end of a rough
-    search over the first part of each run."""
+    """Return θ (p,) at the start of the search.
+
+    Without a compiler each row takes long, so return the result of a rough search over the first part of each run.
+    """
     if task.problem.scan.backend == "c":
         return task.first
     records = task.problem.records

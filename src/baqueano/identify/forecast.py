@@ -2,13 +2,13 @@
 
     ∂η_k/∂θ along the drive, from the equations of the model                                              (1)
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
-    η: the pose after AHEAD_S relative to its start, once per second of the runs of the fit               (3)
+    η: the pose after HORIZON_S relative to its start, once per second of the runs of the fit               (3)
 
-P is the covariance of the fit. (1) is linear. If the standard deviation of the heading exceeds LOST_RAD, the vehicle
-may be anywhere, and the message states this in place of a distance. The forecast is a lower limit of the error. It does
-not contain effects that the runs did not show, the floor, the battery, or an error of the start. The model drives the
-lap with the recommended controller and a known pose. Then it repeats the commands in open loop. Drives of drawn
-vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
+P is the covariance of the fit. (1) is linear. If the standard deviation of the heading exceeds MAX_HEADING_STD_RAD,
+the vehicle can be anywhere, and the message states this in place of a distance. The forecast is a lower limit of the
+error. It does not contain effects that the runs did not show, process noise, the battery, or an error of the initial
+pose. The model drives the lap with the recommended controller and a known pose. Then it repeats the commands in open
+loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
 """
 
 from collections.abc import Sequence
@@ -43,11 +43,9 @@ if TYPE_CHECKING:
 HORIZON_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
 MIN_DRIVEN_SHARE = 0.5  # least part of the ticks of a window with a command
-MAX_HEADING_STD_RAD = 0.5  # standard deviation of the heading, from which on (2) does not give the position
+MAX_HEADING_STD_RAD = 0.5  # standard deviation of the heading above which (2) is not valid for the position
 LAP_RATE = 0.25  # 1/s: speed over radius of the default lap
-MAX_LAP_ERROR = (
-    0.1  # of the size of a lap: with a larger root mean square error a vehicle does not drive the lap
-)
+MAX_LAP_ERROR = 0.1  # of the size of a lap: with a larger root mean square error the vehicle leaves the lap
 
 
 class DriveForecast(NamedTuple):
@@ -75,7 +73,7 @@ class Forecast(Result):
 
     Parameters
     ----------
-    ahead : tuple of Ahead
+    ahead : tuple of DriveForecast
         Each drive, and the standard deviations of the pose at its end [m, rad].
     notes : tuple of Diagnostic or str
         Errors that the forecast does not contain.
@@ -117,7 +115,7 @@ class _ModelDrive(NamedTuple):
 
 
 def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None, name: str = "") -> Forecast:
-    """Return the open-loop errors that follow from the errors of a fit, over AHEAD_S of its runs and over one lap.
+    """Return the open-loop errors that follow from the errors of a fit, over HORIZON_S of its runs and over one lap.
 
     Parameters
     ----------
@@ -138,7 +136,8 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     Raises
     ------
     UsageError
-        If the fit is refused, lacks a parameter of the model with a known error, or diverges along a drive.
+        If the fit is refused, if none of its parameters of the model has a finite error, or if it diverges along a
+        drive.
 
     Examples
     --------
@@ -212,7 +211,7 @@ def _forecast_windows(drives: Sequence[_ModelDrive], cov: np.ndarray) -> DriveFo
             if moving_ticks[j] - moving_ticks[i] >= MIN_DRIVEN_SHARE * (j - i):
                 squares.append(_variances(drive, i, j, cov))
                 distances_m.append(distance_m[j] - distance_m[i])
-    if not squares:  # hardly driven: use the whole longest run
+    if not squares:  # almost without commands: use the whole longest run
         return _forecast_drive(
             note("forecast.longest-again"), max(drives, key=lambda drive: len(drive.u)), cov
         )

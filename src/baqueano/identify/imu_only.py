@@ -1,15 +1,15 @@
 """Fit a vehicle from its commands and its IMU only, without encoder or camera.
 
 The gyro leads the simulation (gyro_aided.py), and each channel is weighted by its information on slow motion
-(noise_level.py). The position l of the IMU along the vehicle is free too; it acts on a_x by −l ν_ψ² and on a_y by l
+(noise_level.py). The position l of the IMU along the vehicle is also free; it changes a_x by −l ν_ψ² and a_y by l
 ν̇_ψ. For a car, the delay of the commands is also free. The IMU itself does not show the scales of gyro and
-accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the zero
-of a car's gyro, which acts like a small steering offset. Their possible errors go into the error bars
-(scale_uncertainty.py), as does the scatter between parts of the run (jackknife.py). A change of the leading yaw rate
-changes the best delay. So both are searched in turn until they settle (at most FOLLOWED times). A fit that starts from
-its own result then stays there.
+accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the
+zero of a car's gyro, which acts like a small steering offset. The error bars contain their possible errors
+(scale_uncertainty.py), and the scatter between parts of the run (jackknife.py). A change of the leading yaw rate
+changes the best delay. So both are searched in turn until they are constant (at most MAX_ROUNDS times). A fit that
+starts from its own result then stays there.
 
-Figures: `baqueano study without-encoders` for a real car, benchmarks/coverage_without_encoders.py for simulated cars,
+Results: `baqueano study without-encoders` for a real car, benchmarks/coverage_without_encoders.py for simulated cars,
 whose viscous drag is 2 % too high. The method does not help a vehicle with two wheels. A recording at 10 Hz whose a_y
 scatters by 2 m/s² is not sufficient.
 """
@@ -74,11 +74,11 @@ def fit_imu_only(
 ) -> Fit:
     """Return the parameters of `vehicle_file` that explain what an IMU measured in `runs`.
 
-    `free`, `solver` and the `options` in GOES_WITH are as in `identify`, which calls this function for a car with
-    only an IMU. `use` names the IMU; default: the only IMU of the file. `tolerance` {"gyro": 0.01, "accel": 0.02} is
-    the largest relative error ± of the scales. Its default is the error of the calibration in the file, else 3 % and
-    2 % of a data sheet. Raise UsageError without an IMU, for other options, and for a model that the gyro cannot
-    lead.
+    `free`, `solver` and the `options` in ALLOWED_OPTIONS are as in `identify`, which calls this function for a car
+    with only an IMU. `use` names the IMU; default: the only IMU of the file. `tolerance` {"gyro": 0.01, "accel":
+    0.02} is the largest relative error ± of the scales. Its default is the error of the calibration in the file, else
+    3 % and 2 % of a data sheet. Raise UsageError without an IMU, for other options, and for a model that the gyro
+    cannot lead.
     """
     if names := _other_options(options):
         raise UsageError(fault("imu-only.others", others=names))
@@ -117,7 +117,10 @@ def fit_imu_only(
 
 
 def _settle(task: Task) -> tuple[Task, Search]:
-    """Search for the leading yaw rate and the delay in turn, at most FOLLOWED times. Return the task and the search."""
+    """Search for the leading yaw rate and the delay in turn, at most MAX_ROUNDS times.
+
+    Return the task and the search.
+    """
     bounded_task, end = best_search_of_all(task, task.first)
     for _ in range(MAX_ROUNDS):
         end = _follow_gyro(bounded_task, end)
@@ -134,7 +137,7 @@ def _settle(task: Task) -> tuple[Task, Search]:
 
 
 def _follow_gyro(task: Task, end: Search) -> Search:
-    """Repeat the search, aided by the yaw rate from gyro and model, until it settles: at most FOLLOWED times."""
+    """Repeat the search, aided by the yaw rate from gyro and model, until θ is constant, at most MAX_ROUNDS times."""
     problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
     for _ in range(MAX_ROUNDS):
@@ -148,8 +151,9 @@ def _follow_gyro(task: Task, end: Search) -> Search:
 
 
 def _is_settled(previous: np.ndarray, end: Search) -> bool:
-    """Return True if a search moved all parameters together by less than STILL standard deviations from `previous`
-    (p,)."""
+    """Return True if a search changed all parameters together by less than SETTLED_SIGMA standard deviations from
+    `previous` (p,).
+    """
     step = end.solution.theta - previous
     return float(step @ information(end.problem, end.solution.theta).bread @ step) < SETTLED_SIGMA**2
 
@@ -178,7 +182,7 @@ def gyro_leads(
 ) -> bool:  # fmt: skip
     """Return True if the gyro leads the fit. The option `gyro_leads` decides if it is set.
 
-    Else return True for a car with only an IMU, if all changed options are in GOES_WITH.
+    Otherwise, return True for a car with only an IMU, if all changed options are in ALLOWED_OPTIONS.
     """
     if options.gyro_leads is not None:
         return options.gyro_leads

@@ -29,15 +29,15 @@ class FitOptions:
     at_rest : bool
         The runs begin at rest.
     clocks : sequence of str
-        Sensors whose stamps may be off by ± 0.25 s, run by run (data/record.py).
+        Sensors whose clock offset, up to ± 0.25 s, is estimated for each run (data/record.py).
     segment_s : float, optional
         Length of segments with their own start; default: 5 s if a pose is used, else whole runs.
     measured : sequence of str
-        Measurements by hand, "end: 2.31 m, 95 deg" (data/hand_measurements.py).
+        Measurements made by hand, such as "end: 2.31 m, 95 deg" (data/hand_measurements.py).
     sigma : mapping of str to array (m,), optional
         Sensor → standard deviation of its noise; None estimates it.
     speed_noise : bool
-        The noise may grow with the speed (residuals/noise_level.py).
+        The noise can grow with the speed (residuals/noise_level.py).
     cost : str
         "simulation", or "innovations" with process noise (estimation/prediction_error.py).
     gyro_leads : bool, optional
@@ -51,7 +51,7 @@ class FitOptions:
     Raises
     ------
     UsageError
-        For options that contradict each other.
+        For options that contradict each other, an unknown cost, a `segment_s` of 0 or below, or empty bounds.
 
     Examples
     --------

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 R = TypeVar("R")
-MIN_ROWS = 4_000  # rows in all, from which on threads are faster
+MIN_ROWS = 4_000  # total number of rows above which threads are faster
 CACHED_OPERATIONS = 200_000  # operations of a product that runs on one core
 
 
@@ -38,7 +38,7 @@ def prefetch(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
         return work()
 
     end = _pool().submit(begin).result
-    running.wait()  # else short calls here might delay it by holding the lock
+    running.wait()  # otherwise short calls here might delay it by holding the lock
     return end
 
 

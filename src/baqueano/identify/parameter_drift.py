@@ -4,14 +4,14 @@ Each run is fitted separately, θ̂_k with its covariance Σ_k; the vehicle's pa
 
     θ_k = θ_{k−1} + w_k,  w_k ~ N(0, diag q²),   θ̂_k = θ_k + e_k,  e_k ~ N(0, Σ_k)                        (1)
 
-(1) is filtered and smoothed (Rauch, Tung, Striebel 1965). q, with one entry per parameter, maximises its likelihood. A
-parameter that a run did not show keeps its value, with a growing error. Each parameter is tested for one step:
+(1) is filtered and smoothed (Rauch, Tung, Striebel 1965). q, with one entry per parameter, maximises its likelihood.
+A parameter that a run did not determine keeps its value, with a growing error. Each parameter is tested for one step:
 
     z_k = (mean after k − mean before k) / its standard error,   z = max_k |z_k|                          (2)
 
 The means are weighted by 1/(Σ_kk + s²). s is the scatter from run to run beyond the error bars, from differences of
-neighbouring runs. A parameter moved if the p-value of z is below ALPHA, corrected for K − 1 places and p
-parameters (Bonferroni). If a straight line explains the runs better than the step, it drifted.
+neighbouring runs. A parameter changed if the p-value of z is below ALPHA, corrected for K − 1 places and p parameters
+(Bonferroni). The change is a drift if a straight line explains the runs better than the step.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.01  # probability of reporting a change when nothing changed
-MIN_RUNS = 3  # runs; a drift needs more, the scatter needs FEWEST + 2
+MIN_RUNS = 3  # runs; a drift needs more, the scatter needs MIN_RUNS + 2
 WALKS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard errors
-EPOCH_NS = 10**18  # stamps above it are dates
+EPOCH_NS = 10**18  # timestamps above it are dates
 
 
 class ParameterChange(NamedTuple):
@@ -83,7 +83,7 @@ class ParameterHistory(Result):
     names: tuple[str, ...]  # (p,)
     units: tuple[str, ...]
     runs: tuple[str, ...]  # (K,) in the order of time
-    when: tuple[str, ...]  # (K,) dates, "" if the stamps are not dates
+    when: tuple[str, ...]  # (K,) dates, "" if the timestamps are not dates
     single: np.ndarray  # (K, p) fits of single runs; NaN if not identifiable, or if the fit was refused
     single_sd: np.ndarray  # (K, p)
     followed: np.ndarray  # (K, p) after run k, from the runs up to it
@@ -187,8 +187,8 @@ def parameter_history(
 ) -> ParameterHistory:
     """Return the parameters of `vehicle_file` over `runs` in order of time.
 
-    The order is by their stamps if these are dates, else as given. `free`, `use` and `options` are as in `identify`.
-    Raise UsageError if fewer than two runs can be fitted.
+    The runs are sorted by their timestamps if these are dates, else they remain in the given order. `free`, `use` and
+    `options` are as in `identify`. Raise UsageError if fewer than two runs can be fitted.
     """
     if len(runs) < 2:
         raise UsageError(fault("over-time.few-runs", count=len(runs)))
@@ -357,9 +357,10 @@ def _fit_line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[f
 
 
 def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
-    """Return s, the robust scatter of the differences of neighbours beyond their errors; 0 with few runs.
+    """Return s, the robust scatter of the differences of neighbours beyond their errors, or 0 with fewer than
+    MIN_RUNS + 2 runs.
 
-    A step affects only one of the differences, so it hardly changes s.
+    A step affects only one of the differences, so it almost does not change s.
     """
     if len(y) < MIN_RUNS + 2:
         return 0.0

@@ -1,11 +1,11 @@
 """Repeat a finished search with the innovations cost, and choose between the results of the two costs.
 
-The second search starts from the result of the simulation, which has already found the identifiable parameters and the
-noise of the sensors. Parameters that were fixed stay fixed. Channels and verdict still come from a simulation, with the
-new numbers: a prediction over one step does not support a model. For a fit by simulation error the second search is a
-test. The errors of its parameters already contain the autocorrelation of the residuals (covariance/). Autocorrelation
-and size are findings, because a model that lacks an effect causes them too. They are dropped if process noise explains
-them (result/objective_choice.py).
+The second search starts from the result of the simulation, which has already found the identifiable parameters and
+the noise of the sensors. Parameters that were fixed stay fixed. Channels and verdict still come from a simulation
+with the new estimates, because a prediction over one step does not support a model. For a fit by simulation error the
+second search is a test. The errors of its parameters already contain the autocorrelation of the residuals
+(covariance/). Autocorrelation and size are findings, because a model that lacks an effect also causes them. They are
+dropped if process noise explains them (result/objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -45,8 +45,11 @@ class PredictionErrorFit(NamedTuple):
 
 
 def fit_by_simulation(first: FinishedFit) -> Fit:
-    """Return the Fit by the first cost. If autocorrelation and size of the residuals are the only findings, the
-    second cost tests if process noise explains them. The test needs a dynamic model without free clocks."""
+    """Return the Fit with the first cost.
+
+    If autocorrelation and size of the residuals are the only findings, the second cost tests if process noise
+    explains them. The test needs a dynamic model without free clocks.
+    """
     basis, model = verdict_basis(first), first.blocks.model
     can_have_floor = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
@@ -64,8 +67,10 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
 
 
 def fit_by_innovations(first: FinishedFit) -> Fit:
-    """Return the Fit by the second cost, with the floor's noise among its parameters. If the first search was
-    stopped, return its fit."""
+    """Return the Fit with the second cost, with the process noise among its parameters.
+
+    If the first search was stopped, return its fit.
+    """
     if first.search.stopped:
         return fit_of(first)
     second = search_prediction_error(first)
@@ -89,8 +94,9 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
 
 
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
-    """Return the covariance (p + k, p + k) of the parameters of `fit` and of the floor's standard deviations, NaN
-    for unknown entries."""
+    """Return the covariance (p + k, p + k) of the parameters of `fit` and of the standard deviations of the process
+    noise. Unknown entries are NaN.
+    """
     p, floor, count = len(fit.names), second.likely.noise.floor, len(second.end.identifiability.mask)
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
@@ -114,7 +120,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
 
 
 def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
-    """Return the search by the second cost, started at the end of the first search."""
+    """Return the search with the second cost. It starts at the result of the first search."""
     problem, theta, task = first.task.problem, first.search.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)
     is_fixed = np.zeros(problem.size, bool)
@@ -169,10 +175,9 @@ def _is_inside_bounds(likely: MaximumLikelihood) -> np.ndarray:
 
 
 def _informations(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
-    """Return the information on the identifiable θ with the noise, and the information on the identifiable θ only.
-
-    The starts of segments are eliminated from both. The noise is eliminated from the second: it is unknown too, and
-    correlated with fading motions.
+    """Return two information matrices: of (identifiable θ, noise parameters), and of the identifiable θ only. The
+    initial states of the segments are eliminated from both. The second also eliminates the noise parameters, because
+    they are also estimated.
     """
     layout, count, info = first.task.problem.layout, len(first.identifiability.mask), likely.info
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
@@ -189,15 +194,16 @@ def _informations(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Inform
 
 
 def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
-    """Return the sensor noise (m,) without the floor's part, relative to the noise in the file, or 0 if the file
-    does not contain it."""
+    """Return the sensor noise (m,) without the process noise, relative to the noise in the file, or 0 if the file
+    does not contain it.
+    """
     file_sigma = sigma_of_file(first.blocks)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(file_sigma > 0.0, estimate / np.where(file_sigma > 0.0, file_sigma, 1.0), 0.0)
 
 
 def _sensors(second: PredictionErrorFit) -> Diagnostic:
-    """Return a note with the noise of the sensors without the floor's part."""
+    """Return a note with the noise of the sensors without the process noise."""
     problem, noise = second.end.task.problem, second.likely.noise
     sigma = problem.sigma * np.exp(noise.sensors)
     ends = np.cumsum(problem.sizes)[:-1]

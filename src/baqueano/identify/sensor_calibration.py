@@ -5,7 +5,7 @@ A camera measures the pose (p, ψ) at t_i of its own clock. For many windows [t_
     ψ(t_i + T) − ψ(t_i) = a ∫ z_g(t + o) dt − c T                    a = 1/scale, c = bias/scale           (1)
     p(t_i + T) − p(t_i) = ∫ R(ψ(t)) (k_x, k_y) z_o(t + o) dt + (R(ψ(t_i + T)) − R(ψ(t_i))) l              (2)
 
-o is the offset of the truth's stamps, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
+o is the offset of the truth's clock, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
 the angle between the mark and the rolling direction. l is the position of the mark from the point without side slip.
 For a given o both are linear. Gauss-Newton starts from the best offset of a grid. Errors: covariance/clusters.py.
 """
@@ -106,7 +106,7 @@ class Calibration(Result):
     def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys
         are the keys of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
-        origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
+        origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car: to the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
         usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)]
@@ -214,7 +214,7 @@ def channel_of(
     run: "Run", vehicle_file: "VehicleFile", field: str, entry: int
 ) -> tuple[str, TruthSignal] | None:
     """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
-    IMU that repeat the previous sample in all entries are excluded: a driver repeats them, not the chip."""
+    IMU that repeat the previous sample in all entries are excluded: they come from the driver, not the chip."""
     for name, block in vehicle_file.sensors._asdict().items():
         channel = run.sensors.get(name)
         if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:

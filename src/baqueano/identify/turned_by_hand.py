@@ -1,4 +1,4 @@
-"""Calibrate scale and bias of a gyro from whole turns by hand, between rests on a mark.
+"""Calibrate scale and bias of a gyro from whole turns, made by hand between rests on a mark.
 
     G_k = Σ_{j<k} ∫ (z − b_j) dt = s θ_k,   θ_k = 2π N_k + a_k                                            (1)
     b_j: the bias between rests j and j + 1, the mean of z in both rests
@@ -7,9 +7,9 @@
 s and one constant are estimated by generalised least squares. a_k is the error of the hand on the mark. Its σ_a is
 ANGLE_STD_RAD, or the scatter of the rests if that is significantly larger (p-value below 1/100). L computes the
 cumulative sum, and T_j is the duration of a turn. A bias that changed from rest to rest has a uniform distribution
-between the two. A rest is REST_S or more in which the gyro scatters about as little as in its quietest time. N_k is the
-nearest whole number, if a scale off by TOLERANCE cannot change it; otherwise the user must give the number of turns. A
-rest in the middle of a turn is off the mark and is not used.
+between the two. A rest is a time of MIN_REST_S or more in which the scatter of the gyro is close to that of its
+quietest time. N_k is the nearest whole number, if a scale error of SCALE_TOLERANCE cannot change it; otherwise the
+user must give the number of turns. A rest in the middle of a turn is off the mark and is not used.
 """
 
 from itertools import pairwise
@@ -37,10 +37,10 @@ MIN_REST_S, PIECE_S = 2.0, 0.5  # the shortest rest, and the windows that are te
 QUIET_QUANTILE, MAX_SCATTER_RATIO = (
     0.05,
     3.0,
-)  # quantile of the windows' scatter; up to LOUDER times it is a rest
+)  # quantile of the windows' scatter; up to the second value times this scatter is a rest
 MIN_TURN_RAD_S = 0.02  # rad/s: a mean that differs by more from the mean of the first rest is a turn
 SCALE_TOLERANCE = 0.06  # of a scale: twice the tolerance of a data sheet
-MARK_SIGMA = 4.0  # standard errors of the hand
+MARK_SIGMA = 4.0  # standard errors of placing the vehicle by hand
 
 
 class Rest(NamedTuple):
@@ -58,7 +58,7 @@ class Rest(NamedTuple):
 
 
 def by_hand(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -> Calibration:
-    """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
+    """Return the calibration of the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
 
     `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number.
     Raise UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated.
@@ -122,7 +122,7 @@ def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> Non
 
 
 def turned_by_hand(run: Run) -> bool:
-    """Return True if no command moved and no pose was measured: only a hand can have turned the vehicle."""
+    """Return True if all commands are 0 and a pose was not measured: only a hand can have turned the vehicle."""
     without_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
     return without_truth and not np.any(np.nan_to_num(run.applied))
 

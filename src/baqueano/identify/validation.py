@@ -4,15 +4,15 @@
     noise² = mean e_own² + max(0, w² − w_own²),   w² = ½ mean (e_{k+1} − e_k)²                            (2)
     g_b = log mean_{block b} e²,   ḡ − ḡ_own > t_{1−α} s √(1/B + 1/B_own)   and   error² > 2 noise²        (3)
     g_b − ḡ_own > t_{1−α/B} s_own √(1 + 1/B_own)   and   mean_{block b} e² > 2 noise²                      (4)
-    error² − s² > χ²_{1,1−α} n² / (T / SHORT_S),   s² = mean (z − z̄)²,
+    error² − s² > χ²_{1,1−α} n² / (T / SHORT_BLOCK_S),   s² = mean (z − z̄)²,
                   n² = min(noise², s²), or w² if the own runs are explained by less than 0 too            (5)
 
-Biases, clocks and the mount of a truth are estimated on each run, and also the start if the run does not begin at rest.
-The error is compared with noise (2). This noise contains the residual of the fit on its runs, and the excess of this
-run's white noise (von Neumann's w). WARN: the model's part of e² is significantly larger than the noise (3), or one
-block fulfils (4). Blocks have BLOCK_S, or SHORT_S if these are few. REFUSED: explained is significantly below 0 (5).
-CANNOT TELL: the runs contain too few independent pieces of motion of a command that moved in the fit. α is half of
-CHANCE.
+Biases, clocks and the mount of a truth are estimated on each run, and also the start if the run does not begin at
+rest. The error is compared with noise (2). This noise contains the residual of the fit on its runs, and the excess of
+this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly larger than the noise (3), or
+one block fulfils (4). Blocks have BLOCK_S, or SHORT_BLOCK_S if these are few. REFUSED: explained is significantly
+below 0 (5). CANNOT TELL: the runs contain too few independent pieces of motion of a command that moved in the fit. α
+is half of FALSE_ALARM_RATE.
 """
 
 from collections.abc import Sequence
@@ -44,16 +44,16 @@ from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
 
 MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the error is the model's
-FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a model that is right
+FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a correct model
 CLIP_RATIO = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
-MIN_BLOCK_READINGS = 10  # readings of a block that is counted
-# Of 30 drives of SHORT_S * ENOUGH_PIECES, 7 had too few segments of motion. Drives of this duration had enough.
+MIN_BLOCK_READINGS = 10  # least number of readings in a block that is used
+# Of 30 drives of SHORT_BLOCK_S * ENOUGH_PIECES, 7 had too few segments of motion. Drives of this duration had enough.
 ADVISED_S = 1.5 * SHORT_BLOCK_S * ENOUGH_PIECES
-MIN_BLOCKS = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_S
+MIN_BLOCKS = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_BLOCK_S
 
 
 class ChannelMetrics(NamedTuple):
-    """Figures of one channel of one held-out run."""
+    """Errors of one channel of one held-out run."""
 
     run: str
     channel: str
@@ -61,7 +61,7 @@ class ChannelMetrics(NamedTuple):
     explained: float
     on_own_runs: float  # explained part on the runs of the fit
     unit: str = ""  # of error
-    noise: float = float("nan")  # error that sensor and floor explain, by (2)
+    noise: float = float("nan")  # error that sensor noise and process noise explain, by (2)
 
     @property
     def times(self) -> float:
@@ -127,7 +127,7 @@ class _ChannelError(NamedTuple):
 
 
 def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
-    """Validate `fit` on `runs`. Raise UsageError if the fit was refused, or used one of these runs."""
+    """Return the validation of `fit` on `runs`. Raise UsageError if the fit was refused, or used one of these runs."""
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("validation.refused-fit"))
@@ -186,7 +186,9 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
 
 def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic:
     """Return a note on the horizon, the start and the amount of motion of the test."""
-    has_pose = any(measures_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into segments
+    has_pose = any(
+        measures_pose(sensor) for sensor in fit.blocks.sensors
+    )  # then runs are split into segments
     spans = [min(run.duration_s, POSE_SEGMENT_S) if has_pose else run.duration_s for run in runs]
     shortest, longest = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
     if all(at_rest) and not has_pose:
@@ -216,8 +218,9 @@ def _channels_used(fit: Fit) -> tuple[str, ...]:
 def _channel_metrics(
     c: ChannelFit, own_channels: Sequence[ChannelFit], unit: str
 ) -> tuple[ChannelMetrics, list[Diagnostic]]:
-    """Return the figures of one channel of a held-out run and of the `own_channels` runs, and the evidence against the
-    model."""
+    """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs
+    of the fit. Also return the evidence against the model.
+    """
     own_channels, e = (
         [channel for channel in own_channels if np.isfinite(channel.explained)],
         c.measured - c.predicted,
@@ -299,8 +302,10 @@ def _evidence_against(
 def _channel_errors(
     c: ChannelFit, own_channels: Sequence[ChannelFit]
 ) -> tuple[_ChannelError, list[_ChannelError]]:
-    """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S. If there are fewer than
-    ENOUGH blocks, use blocks of SHORT_S if this gives more blocks."""
+    """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S.
+
+    If there are fewer than MIN_BLOCKS blocks, use blocks of SHORT_BLOCK_S if this gives more blocks.
+    """
     own_residuals = np.concatenate([channel.measured - channel.predicted for channel in own_channels])
     spread, trials = float(np.sqrt(np.nanmean(own_residuals**2))), []
     for block_s in (BLOCK_S, SHORT_BLOCK_S):
@@ -313,7 +318,7 @@ def _channel_errors(
 
 
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
-    """Return the residuals of a channel in blocks of `block_s`, clipped at CLIPPED times `spread`."""
+    """Return the residuals of a channel in blocks of `block_s`, clipped at CLIP_RATIO times `spread`."""
     e, finite = c.measured - c.predicted, np.isfinite(c.measured - c.predicted)
     e, t = np.clip(e[finite], -CLIP_RATIO * spread, CLIP_RATIO * spread), c.t_s[finite]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)

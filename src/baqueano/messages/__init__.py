@@ -1,10 +1,10 @@
-"""The sentences of diagnostics: a template for each code, one module for each room, translated by language.py.
+"""Make the sentences of diagnostics: a template for each code, one module for each subject, translated by language.py.
 
-A template is a format string with the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit`
-includes the space before it, so that `{x:.3g}{unit}` is also correct without a unit. The figure `of_run` names one run
-of several, and is written before the sentence. `{arg[use]}` is an argument in the reader's notation, and
-`{arg[use]:{sensor}}` is the argument with that value. `{what:word}` is a figure whose words are translated too. A
-message of another version may lack its template or have other figures: then its code is shown.
+A template is a format string with the values (`figures`) of the diagnostic, `{subject}` and `{fix}`. A value named
+`unit` includes the space before it, so that `{x:.3g}{unit}` is also correct without a unit. The value `of_run` names
+one run of several, and is written before the sentence. `{arg[use]}` is an argument in the reader's notation, and
+`{arg[use]:{sensor}}` is the argument with that value. `{what:word}` is a value whose words are also translated. A
+message of another version can lack its template or have other values: then its code is shown.
 """
 
 from collections.abc import Callable, Iterable, Sequence

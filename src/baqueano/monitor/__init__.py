@@ -1,4 +1,4 @@
-"""Detect a wrong sensor: compare its readings with a model of the commands; other sensors are a third witness.
+"""Detect a wrong sensor: compare its readings with a model driven by the commands; other sensors are a third source.
 
 agreement.py checks each channel, witness.py decides between sensor and model, findings.py formulates the message.
 """

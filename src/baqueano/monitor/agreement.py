@@ -1,4 +1,4 @@
-"""Measure the agreement of each sensor channel with the model and the estimator. findings.py names the result.
+"""Measure the agreement of each sensor channel with the model and the estimator. findings.py describes the result.
 
 A reading z disagrees if it is not finite, if it is at the end of its range, or if
 
@@ -9,7 +9,7 @@ x̂, P: state and covariance of the model, from the commands only (an estimator 
 it). h, H: measurement function and Jacobian. Q: noise. b, p: bias at rest and its variance. y, S: innovation of the
 estimator and its covariance. Readings change the doubt in [0, DEGRADED_S]. δ: time, s: expected signal, σ: root in (1):
 
-    doubt ← doubt + δ while it disagrees;  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) while it agrees   (3)
+    doubt ← doubt + δ if z disagrees,  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees           (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
 
 For i = 0 a stuck sensor also agrees. Method: Gertler 1998 (analytical redundancy). witness.py decides which is wrong.
@@ -34,9 +34,9 @@ from baqueano.symbolic import jacobian
 
 GATE_SIGMA = 4.0
 SLOW_RATE, FAST_RATE = 0.5, 2.0  # of (3)
-MAX_STEP_S = 0.1  # longest time that one reading counts for: five readings of a slow sensor make an event
+MAX_STEP_S = 0.1  # longest time assigned to one reading: five readings of a slow sensor make an event
 MIN_VARIANCE = 1e-300
-FILE_BIAS_FACTOR = 5.0  # factor on the std of a bias in the file, before a rest: the file may be old
+FILE_BIAS_FACTOR = 5.0  # factor on the std of a bias in the file, before a rest: the file can be old
 MAX_EVIDENCE = 20.0  # limit of the evidence
 MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 
@@ -46,7 +46,7 @@ class Agreement:
     """A monitor of the doubt about each channel of `sensors`, in the order of a tick."""
 
     model: AugmentedEkf  # without sensors
-    entries: tuple[int, ...] | None = None  # index of the number of each innovation; None: not known
+    entries: tuple[int, ...] | None = None  # index of the channel of each innovation; None: not known
 
     @property
     def channels(self) -> ChannelProperties:
@@ -54,7 +54,7 @@ class Agreement:
         return channels_of(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
-        """Return the initial state, in which every doubt is 0."""
+        """Return the initial state at the pose `eta` (3,) with the velocity `nu` (3,). Every doubt is 0."""
         zero = np.zeros(len(self.channels.names))
         rows = Memory(*[zero] * len(Memory._fields))
         rows = rows._replace(bias_var=(FILE_BIAS_FACTOR * self.channels.bias_std) ** 2)
@@ -194,7 +194,7 @@ class Agreement:
 def _is_only_suspect(suspect: np.ndarray) -> np.ndarray:
     """Return a mask (m,): True if no other channel is suspect.
 
-    An estimator that follows a wrong channel refuses the correct channels, so (2) counts only without another suspect.
+    An estimator that follows a wrong channel rejects the correct channels, so (2) is used only without another suspect.
     """
     count = np.sum(np.where(suspect, 1.0, 0.0))
     return count - np.where(suspect, 1.0, 0.0) < 0.5

@@ -36,7 +36,7 @@ class Finding:
     reading : float
         The last reading, in the sensor's unit.
     expected : float
-        The reading that the model predicts from the commands.
+        The reading that the model predicts from the commands, in the sensor's unit.
     ratio : float
         Factor between readings and predictions, both minus the value at rest, by least squares; NaN if unknown.
 

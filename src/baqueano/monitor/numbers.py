@@ -1,4 +1,4 @@
-"""List properties of each sensor channel: measured quantity, bias, range, and the channels that fail with it."""
+"""List the properties of each sensor channel: measured quantity, bias, range, and the channels that fail with it."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -22,13 +22,13 @@ class ChannelProperties(NamedTuple):
 
     sensors: tuple[str, ...]
     names: tuple[str, ...]  # "imu[2]"
-    is_pose: np.ndarray  # (m,) bool: it measures the pose, and is not compared with the model
+    is_pose: np.ndarray  # (m,) bool: it measures the pose, so (1) of agreement.py is not tested
     measures_turn: np.ndarray  # (m,) bool: it measures the yaw rate
     measures_speed: np.ndarray  # (m,) bool: it measures the speed
     is_inertial: np.ndarray  # (m,) bool: it has a bias that walks
-    groups: tuple[tuple[int, ...], ...]  # of each number the numbers that fail together with it, itself first
-    bias_std: np.ndarray  # (m,) by the file
-    walk: np.ndarray  # (m,) of the bias in 1 s
+    groups: tuple[tuple[int, ...], ...]  # for each channel, those that fail with it, itself first
+    bias_std: np.ndarray  # (m,) standard deviation of the bias in the file
+    walk: np.ndarray  # (m,) random walk of the bias in 1 s
     rest: np.ndarray  # (m,) reading at rest
     limit: np.ndarray  # (m,) end of the range
     noise: np.ndarray  # (m,) standard deviation of a reading
@@ -45,7 +45,7 @@ def channels_of(model: AugmentedEkf) -> ChannelProperties:
     )
     biases = np.array([_bias(sensors, name, i) for name, i in channels])
     inertial = biases[:, 1] >= 0.0
-    # a gyro fails independently; the other numbers of one sensor, as accelerometers or wheels, fail together
+    # a gyro fails independently; the other channels of one sensor, such as accelerometers or wheels, fail together
     kinds = [(name, k if inertial[k] and at_rest[k, 5] else -1) for k, (name, _) in enumerate(channels)]
     groups = tuple(
         (k, *(j for j, kind_j in enumerate(kinds) if kind_j == kind and j != k))
@@ -62,7 +62,7 @@ def channels_of(model: AugmentedEkf) -> ChannelProperties:
 
 
 def _bias(sensors: SensorBlocks, name: str, channel: int) -> tuple[float, float]:
-    """Return standard deviation and random walk of the bias of a channel; (0, −1) without a bias that walks."""
+    """Return standard deviation and random walk of the bias of a channel, or (0, −1) without a bias random walk."""
     sensor = getattr(sensors, name)
     biases = [bias for bias in uncertain_parameters(sensors, name, (channel,), np.zeros(3)) if bias.walk]
     derivative = [

@@ -1,4 +1,4 @@
-"""Count the refused readings of each channel: write one event at the end of a run, and read it again."""
+"""Count the rejected readings of each channel. The counts are one event at the end of a run, which is read again."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -7,20 +7,20 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 
 REFUSED_SOURCE = "refused"  # source of the event
-OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the figures of a number
+OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the names of the counts of a channel
 
 
 class Refusals(NamedTuple):
-    """The count of the readings of a channel that the estimator refused in a run.
+    """The numbers of rejected readings and of all readings of a channel in a run.
 
     Attributes
     ----------
     name : str
         Name of the channel, such as "imu[2]".
     refused : int
-        Refused readings, which the estimator gave a weight below 0.5.
+        Number of rejected readings, to which the estimator gave a weight below 0.5.
     arrived : int
-        All readings.
+        Number of all readings.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def refusal_event(counts: Sequence[Refusals]) -> Diagnostic:
 
 
 def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
-    """Return the counts of refused readings in the events of a run.
+    """Return the counts of rejected readings in the events of a run.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""Monitor the sensors during a drive: derive events, degraded sensors and counts of refusals from ticks and
-estimates."""
+"""Monitor the sensors during a drive: derive events, degraded sensors and counts of rejections from the ticks."""
 
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from baqueano.symbolic import compile_block
 
 
 class Notice(NamedTuple):
-    """A message for the run, with its finding if there is one."""
+    """A message for the run, and the finding that it reports, if any."""
 
     message: Diagnostic
     finding: Finding | None = None  # the finding that began or became degraded
@@ -44,9 +43,9 @@ class Watching:
         self.begin()
 
     def begin(self, *start: np.ndarray) -> None:
-        """Begin at the pose, or pose and velocity, at which the estimator begins."""
+        """Begin again, at the pose, or pose and velocity, at which the estimator begins."""
         self._state: Tree = self._block.init(*start)
-        self._since_ns: dict[int, int] = {}  # start of the disagreement of each number
+        self._since_ns: dict[int, int] = {}  # start of the disagreement of each channel
         self._findings: dict[int, Finding] = {}
         self._arrivals, self._refusals = ([0] * self._innovations for _ in range(2))
         self._has_weights = self._has_failed = False
@@ -67,7 +66,7 @@ class Watching:
 
     @property
     def refusals(self) -> tuple[Refusals, ...]:
-        """Return the counts of refusals until now; empty for an estimator that does not report weights."""
+        """Return the counts of rejected readings until now; empty for an estimator that does not report weights."""
         if not self._has_weights:
             return ()
         indices = range(len(self._arrivals)) if self._channel_indices is None else self._channel_indices
@@ -126,7 +125,7 @@ class Watching:
 
 
 def innovations_of(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple[int, ...] | None:
-    """Return for each of m innovations the index of its channel, by the estimator's `use`; None if unknown."""
+    """Return, for each of m innovations, the index of its channel from the estimator's `use`; None if unknown."""
     names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)
     try:

@@ -1,4 +1,4 @@
-"""Decide between the sensor and the model, with the other channels as the third witness.
+"""Decide between the sensor and the model, with the other channels as the third source.
 
 Channel c disagrees with the model. Two hypotheses predict the residuals r ~ N(0, S), S = H P Hᵀ + N, W = S⁻¹, w = W r:
 
@@ -7,12 +7,12 @@ Channel c disagrees with the model. Two hypotheses predict the residuals r ~ N(0
     G_c = K P K_cᵀ r_c / (K_c P K_cᵀ),   K = ∂h/∂ν with constant ν̇                                        (3)
 
 P is the covariance of the model, H the Jacobian of h, N the noise. g, of size |g|, is only c, or all channels
-that fail with it (one wheel slips, or both). The choice has the smaller J_A. (1) is the distance of the
-other channels. In (2) the prior is widened by G Gᵀ, the error of the velocity if the model is wrong. (3)
-contains only kinematics, of a wheel, a gyro, or a_y by ν_x ν_ψ, because a wrong model does not predict an
+that fail with it (one wheel slips, or both); the g with the smaller J_A is used. (1) is the squared distance of
+the other channels. In (2) the prior is widened by G Gᵀ, the error of the velocity if the model is wrong. (3)
+contains only the kinematics of a wheel, a gyro, or a_y = ν_x ν_ψ, because a wrong model does not predict an
 acceleration. So the other channels do not confirm an accelerometer that disagrees. The log odds of a reading
-are half the difference of J. Successive readings have correlated errors, so only INDEPENDENT_HZ of them
-count per second. Without evidence of another channel the result stays unknown.
+are half the difference of J. Successive readings have correlated errors, so only INDEPENDENT_HZ of them have
+weight per second. Without evidence of another channel the result stays unknown.
 """
 
 import numpy as np
@@ -27,10 +27,11 @@ MAX_LOG_ODDS = 10.0  # largest log odds of one reading
 def log_odds(
     r: np.ndarray, S: np.ndarray, G: np.ndarray, arrived: np.ndarray, groups: tuple[tuple[int, ...], ...]
 ) -> np.ndarray:
-    """Return the log odds (m,) that each second adds for a channel: above 0 the sensor is wrong, below 0 the model.
+    """Return the log odds (m,) per second of each channel: above 0 the sensor is wrong, below 0 the model.
 
     r (m,) are readings minus predictions of the model, S (m, m) is their covariance, G (m, m) is as in (3).
-    `arrived` (m,) is 1 for a channel that may serve as a witness.
+    `arrived` (m,) is 1 for a channel that can serve as evidence, 0 for any other. `groups` lists, for each channel, the
+    channels that fail with it.
     """
     m = len(r)
     pairs = arrived[:, None] * arrived[None, :]

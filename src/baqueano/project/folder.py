@@ -40,8 +40,8 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     folder : path
         The folder to make: empty or absent.
     vehicle : str or path
-        Name of a vehicle of the garage, or a file. For a name, the vehicle file contains guesses, and the simulation
-        drives the vehicle of the garage. For a file of guesses, a second file with a simulated vehicle is written.
+        Name of a vehicle of the garage, or a file. For a name, the vehicle file contains guesses, and the vehicle of
+        the garage is simulated. For a file of guesses, a second file with a simulated vehicle is written.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def with_truth(vehicle_file: VehicleFile) -> VehicleFile:
 
 
 def with_other_truth(vehicle_file: VehicleFile) -> VehicleFile:
-    """Return a vehicle in which each number that a fit finds is the guess times exp N(0, OFF²), within its bounds.
+    """Return a vehicle in which each fitted parameter is the guess times exp N(0, GUESS_ERROR_STD²), within its bounds.
 
     >>> mine = load("small")
     >>> other = others_than(mine)
@@ -121,7 +121,7 @@ def localise(vehicle_file: VehicleFile) -> VehicleFile:
 def guess_of(vehicle: str | Path = "small") -> VehicleFile:
     """Return the first vehicle file of a project.
 
-    For a vehicle of the garage it contains guesses. Another file keeps its numbers; if a fit did not measure them, they
+    For a vehicle of the garage, it contains guesses. Another file keeps its values; if a fit did not measure them, they
     are marked as guesses.
 
     >>> guess = guess_of("small")

@@ -44,7 +44,7 @@ class MyGuide:
         return GuideState(-1)
 
     def step(self, state: GuideState, estimate: Estimate) -> tuple[GuideState, Reference]:
-        """Return the state, and the reference pose and velocity of this time; done at the end of the last lap."""
+        """Return the state, and the reference pose and velocity at this time; done at the end of the last lap."""
         start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         pace = 1.0 - np.exp(-t / self.ease_s)  # ṡ

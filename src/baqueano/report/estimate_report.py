@@ -66,7 +66,7 @@ def _lap_count(corridor: Corridor) -> float:
 def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Table | Drawing]:
     """Return the drawing of the path of a run: reference, truth, and estimate with the corridor of its last lap.
 
-    The estimate of the run `beside` is drawn too. Data that the run does not contain are not drawn.
+    The estimate of the run `beside` is also drawn. Data that the run does not contain are not drawn.
     """
     lines: dict[str, np.ndarray] = {}
     band, end = None, None
@@ -158,7 +158,7 @@ def _errors_against_truth(run: Run, truth_of: Run, alignment: str) -> tuple[np.n
 
 
 def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
-    """Return the section on the consistency of the filter: sentence, figures and innovations; [] without data."""
+    """Return the section on the consistency of the filter: sentence, values and innovations; [] without data."""
     rows, log = corridor.figures(), run.estimate
     caption = _(
         "1 if the filter is consistent; a correct covariance gives a value between the "

@@ -20,7 +20,7 @@ MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3
 SECOND_COLOUR = "#7c3aed"  # the estimate of another run
 MAX_POINTS = 1600
 CHI_SQUARE_95 = 5.991  # of two degrees of freedom
-MAX_PERCENT = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
+MAX_PERCENT = 100.0  # %: a longer interval is cut off in the figure of estimates
 LEGEND_ABOVE: "JsonObject" = {
     "loc": "lower left",
     "bbox_to_anchor": (0.0, 1.0),
@@ -48,8 +48,9 @@ def decimate(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
     """Return the rows of the `span_s` seconds in which y (N, m) varies most, or all rows if the data are not longer.
 
-    The spans begin at whole seconds. Each channel counts by its variance within the span, relative to its variance over
-    the whole time. Values beyond its 1st and 99th percentile are clipped, so that a spike does not count as motion.
+    The spans begin at whole seconds. The measure is the sum over channels of the variance within the span, relative
+    to the variance over the whole time. Values beyond its 1st and 99th percentile are clipped, so that a spike is not
+    treated as motion.
     """
     over_s = float(t_s[-1] - t_s[0]) - span_s
     y = y[:, np.isfinite(y).any(axis=0)]
@@ -91,7 +92,7 @@ def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Se
 def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Figure":
     """Draw the standardised residuals against the normal density, and their autocorrelation with its 95 % band.
 
-    residual (N, m), in standard deviations; NaN is ignored. The panel of a channel without numbers stays empty.
+    residual (N, m), in standard deviations; NaN is ignored. The panel of a channel without finite values stays empty.
     """
     figure, axes = panels(len(names), 2, (9.2, 1.9 * len(names) + 0.3))
     grid = np.linspace(-4.5, 4.5, 200)

@@ -32,7 +32,7 @@ MAX_SPAN_S = 20.0  # of the data, in the figure: the span with most motion
 def page_of_fit(
     fit: Fit, truth: np.ndarray | None = None, held_out: "Validation | None" = None, ahead: Any = None
 ) -> Page:
-    """Return the page about a fit, with its raw data. A refused fit has a page too.
+    """Return the page about a fit, with its raw data. A refused fit also has a page.
 
     `truth` (p,) is drawn beside the estimates.
     `held_out` is the validation on other runs, `ahead` the forecast of drives.
@@ -71,7 +71,7 @@ def page_of_fit(
 def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
     """Return the sections on parameters, data and model, residuals, and correlation.
 
-    `truth` (p,) is drawn beside the estimates. With `reasons`, the reasons of the verdict are listed too.
+    `truth` (p,) is drawn beside the estimates. With `reasons`, the reasons of the verdict are also listed.
     """
     messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
     messages = "\n".join(f"• {message}" for message in texts(most_severe_first(messages)))
@@ -140,7 +140,7 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
 
 
 def _held_out_section(held_out: "Validation | None") -> list[Section]:
-    """Return the section with the table and the figures of runs that were not used in the fit."""
+    """Return the section with the table and the drawings of runs not used in the fit; [] without such runs."""
     if held_out is None:
         return []
     caption = _("Sensors and model of a held-out run; the model uses only its commands.")
@@ -152,12 +152,12 @@ def _held_out_section(held_out: "Validation | None") -> list[Section]:
 
 
 def _channels_of(channels: Any, run: str) -> list[Any]:
-    """Return the channels of one run with a known explained share."""
+    """Return the channels of one run whose explained part is finite."""
     return [c for c in channels if c.run == run and np.isfinite(c.explained)]
 
 
 def _lowest_explained(channels: Any) -> dict[str, float]:
-    """Return run → explained share of its worst channel, in the order of the runs."""
+    """Return, for each run, the explained part of its worst channel, in the order of the runs."""
     lowest: dict[str, float] = {}
     for c in channels:
         if np.isfinite(c.explained):
@@ -253,9 +253,9 @@ def _run_section(fit: Fit, run: str) -> Section:
 
 
 def draw_most_motion(channels: list[Any]) -> tuple[Any, str]:
-    """Return the drawing of data and model of one run over the MAX_SPAN_S seconds with most motion.
+    """Return a drawing of data and model for the MAX_SPAN_S seconds with most motion, and the text of this span.
 
-    Return also this span as text: "20 s from 14 s".
+    The text is "20 s from 14 s, with most motion", or "all 20 s" for a short run.
     """
     t_s = channels[0].t_s
     measured, predicted = (

@@ -41,7 +41,7 @@ VERDICTS = {
 def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) -> Page:
     """Return the page of a run: path, errors, innovations, commands, events. `alignment` is as in `compare`.
 
-    The run `beside` is of another estimator on the same drive: its estimate is drawn and assessed too.
+    The run `beside` is of another estimator on the same drive: its estimate is also drawn and assessed.
     """
     comparison = compare([run] if beside is None else [run, beside], alignment=alignment)
     run_figures = comparison.runs[0]
@@ -74,9 +74,9 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
 
 
 def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
-    """Return the known figures of a comparison as headlines.
+    """Return the known values of a comparison as headlines.
 
-    The figures of the vehicle are included only `with_vehicle`, if it drove by the assessed estimate.
+    The values of the vehicle are included only `with_vehicle`, if the assessed estimate was used to drive it.
     """
     prefix, source = ("pace_true", _("true"))
     if not np.isfinite(row["pace_true_error"]):
@@ -113,7 +113,7 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
 
 
 def refused_section(counts: tuple[Refusals, ...]) -> list[Section]:
-    """Return the section with the refused readings of each channel; [] if the estimator does not count refusals."""
+    """Return the section with the rejected readings of each channel; [] if the estimator does not count them."""
     rows = [
         {"number": count.name, "refused": count.refused, "arrived": count.arrived,
          _("refused [%]"): 100.0 * count.refused / max(count.arrived, 1)}

@@ -93,8 +93,8 @@ def suffix_of(path: Path) -> str:
 
 
 def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", blocks: object = None) -> Path:
-    """Write rows as .csv or .tex, by the file extension, and return the path.
-    A reader never receives an incomplete file.
+    """Write rows as .csv or .tex, by the file extension, and return the path. The file is replaced only when it is
+    complete. Raise UsageError for another file extension.
     """
     path = Path(path)
     text = csv_text(rows) if suffix_of(path) == ".csv" else latex_text(rows, caption, blocks)

@@ -1,8 +1,8 @@
-"""Run the real vehicle: its microcontroller with the motors, its gyro, and the service on its computer.
+"""Run the real vehicle: its microcontroller with the motors, its IMU, and the service on its computer.
 
 uno         the microcontroller: frames, their codec, the link, the serial line, its settings, its firmware
-imu         the MPU-6050 and its relatives on the I2C bus
-service     the program that runs on the vehicle all day
+imu         the MPU-6050 and related chips on the I2C bus
+service     the program that runs on the vehicle permanently
 workshop    checks and calibrations by the operator
 setup       the set-up of a Raspberry Pi as a vehicle
 """

@@ -2,7 +2,7 @@
 
     route = routes.smooth(route, 0.02)                        # 2 cm rms from the taught route
     route = routes.fastest(route, robot)                      # as fast as this vehicle can
-    print(routes.examine(route, robot, "2x3"))                # its demands on vehicle and room
+    print(routes.examine(route, robot, "2x3"))                # the demands of the route on vehicle and room
 
 The functions do not change a route but return a new one. The type is `guides.Route`.
 """

@@ -4,8 +4,8 @@
     share = max |u_i| / limit_i,   u = drivetrain⁻¹(ε),   of commands and of wheels                      (2)
 
 v is the speed, r the yaw rate, ε the effort, u the command. A share above 1 exceeds the limits of the motors. A vehicle
-that cannot turn at rest, such as a car, steers ahead of its path; then ṙ is not required. Friction, dead zones, unequal
-motors and the battery are included, as in the identified model.
+that cannot turn at rest, such as a car, steers before its path requires this; so ṙ is not required. Friction, dead
+zones, unequal motors and the battery are included, as in the identified model.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 NEWTON_STEPS = 4
-NEWTON_DAMPING = 1e-9  # of the Newton step if an effort has no effect, as the steering of a car at rest
+NEWTON_DAMPING = (
+    1e-9  # of the Newton step, for an effort without effect, such as the steering of a car at rest
+)
 HALVING_COUNT = 24
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, MAX_ACCELERATION_M_S2 = 100.0, 100.0, 100.0  # upper ends of the searches
 
@@ -41,18 +43,19 @@ class Capability:
         return np.where(np.isfinite(share), share, np.inf).reshape(rows.shape[:-1])
 
     def fastest_turn(self, v: np.ndarray) -> np.ndarray:
-        """Return the largest steady yaw rate (m,) [rad/s], at most MAX_YAW_RATE_RAD_S, at the speeds `v` (m,) [m/s]."""
+        """Return the largest constant yaw rate (m,) [rad/s], at most MAX_YAW_RATE_RAD_S, at the speeds `v` (m,)
+        [m/s]."""
         return largest_allowed(lambda r: self.share(v, r) <= 1.0, np.full(np.shape(v), MAX_YAW_RATE_RAD_S))
 
     def fastest_speed(self, kappa: np.ndarray, high: np.ndarray, share: float = 1.0) -> np.ndarray:
-        """Return the largest steady speed (m,) [m/s], at most `high`, on curvatures (m,) [1/m]."""
+        """Return the largest constant speed (m,) [m/s], at most `high` (m,), on the curvatures `kappa` (m,) [1/m]."""
         return largest_allowed(lambda v: self.share(v, kappa * v) <= share, high)
 
 
 def largest_allowed(is_allowed: Callable[[np.ndarray], np.ndarray], high: np.ndarray) -> np.ndarray:
-    """Return the largest x (m,) from 0 to `high` (m,) for which `is_allowed(x)` is True, by bisection; 0 if it is never
-    True.
-    `is_allowed` must be True below a limit and False above it.
+    """Return the largest x (m,) from 0 to `high` (m,) for which `is_allowed(x)` is True, by bisection; 0 without one.
+
+    `is_allowed` must be True below a limit and False above this limit.
     """
     low, top = np.zeros_like(high, dtype=float), np.array(high, dtype=float)
     is_high_allowed = is_allowed(top)

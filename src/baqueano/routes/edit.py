@@ -98,7 +98,7 @@ def reverse(route: Route, backing: bool = False) -> Route:
     route : Route
         The route; it is not changed.
     backing : bool
-        True: the vehicle drives the same poses backward. False: it is turned by 180° and drives forward.
+        True: the vehicle passes the same poses backward. False: the vehicle is turned by 180° and drives forward.
 
     Returns
     -------

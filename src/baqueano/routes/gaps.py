@@ -16,17 +16,17 @@ from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
 from baqueano.routes.path import NAME_PLACEHOLDER, STEP_M
 
-MAX_JUMP_M = 0.1  # allowed distance between two poses, in addition to the distance by the speed
+MAX_JUMP_M = 0.1  # allowed distance between two poses, in addition to 2 v Δt
 GAP_FACTOR = 5.0
 MIN_GAP_M = 0.05
 MAX_CORNER_OFFSET_M = 0.05
 
 
 def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
-    """Return a list with the finding about the first kind of fault, or an empty list; `s` (m,) [m] is the distance
-    along it.
+    """Return a list with a finding about the first kind of fault in the route, or an empty list.
 
-    The kinds are tested in this order: numbers that are not finite, then jumps, then gaps and corners.
+    `s` (m,) [m] is the distance along the route. The kinds are tested in this order: values that are not finite, then
+    jumps, then gaps and corners.
     """
     columns = np.column_stack([route.t_s, route.eta, route.nu])
     is_not_finite = ~np.isfinite(columns).all(axis=1)
@@ -59,7 +59,7 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
 
 
 def _finding_at(code: str, route: Route, s: np.ndarray, mask: np.ndarray) -> Diagnostic:
-    """Return a finding with the place and the count of the True entries of the mask."""
+    """Return a finding with the place of the first True entry of the mask (m − 1,), and the number of such entries."""
     k = int(np.argmax(mask))
     figures = {"count": int(mask.sum()), "at_m": float(s[k]), "at_s": float(route.t_s[k])}
     figures |= {"gap_m": float(s[k + 1] - s[k]), "gap_s": float(route.t_s[k + 1] - route.t_s[k])}

@@ -18,8 +18,11 @@ from baqueano.messages.printable import baqueano_command
 NAME_PLACEHOLDER = "NAME"  # placeholder for the name of a route in a command line
 STEP_M = 1e-3  # a shorter step is a stop
 GRID_M = 0.01  # distance between the points of a new path
-MIN_SPEED_M_S = 0.02  # speed from which a vehicle drives backward
-MAX_END_GAP_M, MAX_END_GAP_RAD = 0.3, np.radians(45.0)  # a start and an end that are closer count as one
+MIN_SPEED_M_S = 0.02  # a vehicle with a larger backward speed drives backward
+MAX_END_GAP_M, MAX_END_GAP_RAD = (
+    0.3,
+    np.radians(45.0),
+)  # a route closes if its start and end are nearer than this
 
 
 class RoutePath(NamedTuple):
@@ -49,7 +52,7 @@ def distances_along(xy: np.ndarray) -> np.ndarray:
 
 
 def moving_indices(route: Route) -> np.ndarray:
-    """Return the indices of samples about STEP_M or more apart: without stops, but with the last sample.
+    """Return the indices (k,) of samples that are about STEP_M or more apart: without stops, with the last sample.
 
     Raise UsageError if fewer than four samples remain: the vehicle was at rest, or turned on the spot.
     """
@@ -66,7 +69,7 @@ def moving_indices(route: Route) -> np.ndarray:
 
 
 def direction(route: Route) -> float:
-    """Return 1 for a route that is driven forward, −1 for backward. UsageError, with the place, if it is both."""
+    """Return 1 for a route that is driven forward, −1 for backward. Raise UsageError with the place if it is both."""
     speed = route.nu[:, 0]
     is_backward, is_forward = speed < -MIN_SPEED_M_S, speed > MIN_SPEED_M_S
     if np.any(is_backward) and np.any(is_forward):
@@ -94,7 +97,7 @@ def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, closed:
 
 
 def path_of(route: Route) -> RoutePath:
-    """Return the path of a route as it was taught; its curvature is computed from the headings.  (1)"""
+    """Return the path of a route as it was taught; the curvature is computed from the headings.  (1)"""
     indices = moving_indices(route)
     xy = route.eta[indices, :2]
     s = distances_along(xy)

@@ -9,7 +9,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.routes.path import GRID_M, STEP_M, RoutePath, distances_along, route_along
 
-MAX_LEG_M = 20.0  # between two points
+MAX_LEG_M = 20.0  # largest distance between two points
 
 
 def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corner_m: float = 0.1) -> Route:
@@ -29,12 +29,14 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     Returns
     -------
     Route
-        A pose each centimetre. Corners are parabolas, so the route passes each point at a distance below corner_m / 2.
+        A route with a pose every centimetre. Corners are parabolas, so the route passes each point at less than
+        corner_m / 2.
 
     Raises
     ------
     UsageError
-        For fewer than two points, a point that is not a number, two equal points, or a speed that is not positive.
+        For fewer than two points, a point that is not finite, or a speed that is not positive. Also for neighbours that
+        are equal, or farther apart than 20 m.
 
     Examples
     --------
@@ -76,7 +78,7 @@ def _round_corners(
     corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float
 ) -> Iterator[np.ndarray]:
     """Yield the first point (1, 2), the parabola (41, 2) of each corner, and the last point (1, 2).
-    A closed line begins at the end of its last parabola, and yields no separate last point.
+    A closed line begins at the end of its last parabola, and its last point is not yielded separately.
     """
     t = np.linspace(0.0, 1.0, 41)[:, None]
     inner = range(1, len(corners) - (0 if closed else 1))

@@ -1,12 +1,12 @@
-"""Set the speed along a path: steady, or as fast as the vehicle can.
+"""Set the speed along a path: constant, or as fast as the vehicle can.
 
     v(s) ≤ v_most(κ):   share(v, κ v, 0, 0) ≤ share,   |κ| v² ≤ a_y,   v ≤ v_limit                        (1)
     d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ share,   forward from the start, backward from the end   (2)
 
 v is the speed, s the distance, κ the curvature, a_y the limit of the sideways acceleration. capability.py computes
-share(v, r, v̇, ṙ). (1) limits the speed in a steady curve, (2) limits acceleration and braking. The result is the
-fastest profile within both limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics Research,
-1985; Kunz and Stilman, Robotics: Science and Systems, 2012.
+share(v, r, v̇, ṙ). (1) limits the speed in a curve of constant radius, (2) limits acceleration and braking. The result
+is the fastest profile within both limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics
+Research, 1985; Kunz and Stilman, Robotics: Science and Systems, 2012.
 """
 
 from typing import TYPE_CHECKING
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 COMMAND_SHARE = 0.8  # of the command; the rest is for the controller
 MAX_SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g
 SPEED_COUNT = 24  # number of speeds at which (2) is evaluated
-MIN_SPEED_M_S = 0.02  # speed of a start from rest, so that the time is finite
+MIN_SPEED_M_S = 0.02  # speed at a start from rest, so that the time is finite
 LAP_COUNT = 3  # laps of a closed route, until the speeds of its start and its end agree
 
 
 def at_speed(route: Route, speed_m_s: float) -> Route:
-    """Return a route that is driven at a steady speed along its path.
+    """Return a route that is driven at a constant speed along its path.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def fastest(
     vehicle_file : VehicleFile
         The identified vehicle: its model and the limits of its command.
     share : float
-        Part of the command that the route may need, above 0, at most 1; the controller uses the rest.
+        Largest share of the command that the route needs, above 0, at most 1; the controller uses the rest.
     sideways_m_s2 : float [m/s²]
         Largest acceleration to the side; above it, tyres and small objects slip.
     speed_m_s : float
@@ -99,7 +99,7 @@ def fastest(
     Raises
     ------
     UsageError
-        For a share outside of 0 to 1, or a curve that the vehicle cannot drive at any speed.
+        For a share outside 0 to 1, a limit that is not positive, or a curve that the vehicle cannot drive at any speed.
 
     References
     ----------
@@ -133,7 +133,7 @@ def fastest(
 
 
 def _resample(path: RoutePath) -> RoutePath:
-    """Return the path with a point each GRID_M; its curvature is averaged over that distance."""
+    """Return the path with a point every GRID_M, and the curvature averaged over that distance."""
     s = np.linspace(0.0, path.s[-1], max(8, round(path.s[-1] / GRID_M) + 1))
     xy = np.column_stack([np.interp(s, path.s, column) for column in path.xy.T])
     course = np.interp(s, path.s, path.course)
@@ -175,7 +175,10 @@ def _rates(
 def _sweep(
     path: RoutePath, max_speed: np.ndarray, up: np.ndarray, down: np.ndarray, begins_at_rest: bool
 ) -> np.ndarray:
-    """Return the largest speed (m,) [m/s] that satisfies (1), and (2) with the rates `up` and `down`."""
+    """Return the largest speed (m,) [m/s] that satisfies (1) and (2).
+
+    `up` and `down` (m, SPEED_COUNT) are the largest acceleration and braking [m/s²] at fractions of `max_speed` (m,).
+    """
     v, ds, fractions = max_speed.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEED_COUNT)
     if begins_at_rest:
         v[[0, -1]] = MIN_SPEED_M_S

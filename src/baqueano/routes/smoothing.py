@@ -5,9 +5,9 @@
     κ = (p′_x p″_y − p′_y p″_x) / |p′|³                                                                  (3)
 
 p is the position, s the distance along the path, p̂_k and ω_k amplitude and frequency of a wave, κ the curvature. The
-cut ω_c is the smallest cut within the tolerance, at least 2π/MAX_WAVE_M: longer curves keep their position, and a drawn
-shape hardly changes. Stops, and turns on the spot, are excluded. (2) is the smoothing spline of Schoenberg, Proceedings
-of the National Academy of Sciences, 1964, on evenly spaced points.
+cut-off ω_c is the smallest one within the tolerance, at least 2π/MAX_WAVE_M: longer curves keep their position, and a
+drawn shape almost does not change. Stops, and turns on the spot, are excluded. (2) is the smoothing spline of
+Schoenberg, Proceedings of the National Academy of Sciences, 1964, on evenly spaced points.
 """
 
 from typing import Literal, NamedTuple
@@ -22,7 +22,7 @@ from baqueano.routes.path import GRID_M, RoutePath, direction, distances_along, 
 
 MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
 MAX_WAVE_M = 0.8  # the longest wave that is removed
-MIN_SPEED_SHARE = 0.2  # of the median speed: the least speed, in place of a stop
+MIN_SPEED_SHARE = 0.2  # smallest speed, in place of a stop, as a share of the median speed
 HALVING_COUNT = 30
 
 
@@ -32,9 +32,9 @@ class Spectrum(NamedTuple):
     p: np.ndarray  # (n,) positions x + iy [m] at even distances, minus the straight part
     line: np.ndarray  # (n,) the straight line from the first to the last point
     omega: np.ndarray  # (n,) [rad/m]
-    hat: np.ndarray  # (n,) of p
+    hat: np.ndarray  # (n,) Fourier transform of p
     points: int  # number of points of the path itself; the others are its reflection
-    line_slope: complex  # of the straight part
+    line_slope: complex  # derivative of the straight line along the path
 
 
 def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] = "rms") -> Route:
@@ -52,12 +52,12 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     Returns
     -------
     Route
-        A pose each centimetre; closed if the ends meet. The speed is the taught speed, without stops.
+        A route with a pose every centimetre; closed if the ends meet. The speed is the taught speed, without stops.
 
     Raises
     ------
     UsageError
-        For a tolerance outside of 0.1 mm to 0.5 m, or a route that drives forward and backward.
+        For a tolerance outside 0.1 mm to 0.5 m, or a route that drives forward and backward.
 
     References
     ----------
@@ -98,7 +98,7 @@ def _spectrum(xy: np.ndarray, s: np.ndarray, is_closed: bool) -> Spectrum:
 
 
 def _cutoff(spectrum: Spectrum, tolerance_m: float, norm: str) -> float:
-    """Return ω_c [rad/m], the smallest cut within the tolerance, at least 2π/MAX_WAVE_M."""
+    """Return ω_c [rad/m], the smallest cut-off within the tolerance, at least 2π/MAX_WAVE_M."""
     low, high = 2.0 * np.pi / MAX_WAVE_M, np.pi / GRID_M
     if _deviation(spectrum, low, norm) <= tolerance_m:
         return low
@@ -116,14 +116,14 @@ def _low_pass(spectrum: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarra
 
 
 def _deviation(spectrum: Spectrum, cut_rad_m: float, norm: str) -> float:
-    """Return the distance [m] between smooth path and points: the largest if `norm` is "max", else the rms."""
+    """Return the distance [m] between smooth path and points: the largest one if `norm` is "max", else the rms."""
     taught_points = np.append(spectrum.p, spectrum.p[0])[: spectrum.points]
     distances = np.abs(_low_pass(spectrum, cut_rad_m) - taught_points)
     return float(np.max(distances) if norm == "max" else np.sqrt(np.mean(distances**2)))
 
 
 def _path(spectrum: Spectrum, cut_rad_m: float, is_closed: bool) -> RoutePath:
-    """Return the smooth path with one point each GRID_M, at least eight points.  (3)"""
+    """Return the smooth path with one point every GRID_M, and at least eight points.  (3)"""
     p = _low_pass(spectrum, cut_rad_m) + spectrum.line
     p1, p2 = _low_pass(spectrum, cut_rad_m, 1) + spectrum.line_slope, _low_pass(spectrum, cut_rad_m, 2)
     kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3

@@ -13,7 +13,7 @@ from baqueano.errors import FileError
 
 @contextmanager
 def write_then_appear(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream to a temporary file that is named `path` when it is complete. Raise FileError if `path` exists."""
+    """Yield a stream to a temporary file, which is named `path` at the end. Raise FileError if `path` exists."""
     temporary_path = path.with_name(f".{uuid4().hex}.part")
     _remove(path)
     try:

@@ -1,7 +1,7 @@
 """Export a run as CSV (all signals, one row per tick) or as TUM trajectories (t x y z qx qy qz qw).
 
 A CSV file contains SI units, and times in seconds since the first tick. It has a decimal point, commas between columns,
-and all digits of a double. A cell is empty if nothing was measured at that tick, or if the value is not known.
+and all digits of a double. A cell is empty if nothing was measured at this tick, or if the value is not known.
 `decimal=","` writes semicolons and decimal commas for a spreadsheet that requires them.
 """
 
@@ -101,7 +101,7 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return for each tick the newest of `values` (M, m) since the previous tick: (N, m), NaN if none is new."""
+    """Return, for each tick, the newest row of `values` (M, m) since the previous tick: (N, m), NaN without a row."""
     newest_rows = np.searchsorted(times, t_ns, side="right") - 1
     is_new = np.diff(newest_rows, prepend=-1) > 0
     rows = np.full((len(t_ns), values.shape[1]), np.nan)

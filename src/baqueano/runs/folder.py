@@ -1,7 +1,7 @@
 """Manage the folder of runs: numbered files, newest last.
 
 `runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: each new run has the next number. `claim` reserves the number,
-also if two programs request a number at the same time.
+even if two programs request a number at the same time.
 """
 
 import os
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 NUMBERED_NAME = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED_SUFFIX = "-recovered"  # suffix of the name of a run that `runs recover` saved
 RUN_NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
-MAX_NAME_LETTERS = 120  # letters of a name
+MAX_NAME_LETTERS = 120  # most characters of a name
 DEVICE_NAME = re.compile(
     r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE
 )  # reserved by Windows
@@ -46,7 +46,7 @@ class ListedRun(NamedTuple):
 
 
 def new_path(folder: Path | str, label: str) -> Path:
-    """Return `folder/NNNN-label.mcap` with the next free number, which is not reserved; `claim` reserves it.
+    """Return `folder/NNNN-label.mcap` with the next free number. The number is not reserved; `claim` reserves it.
     Create the folder if it does not exist; raise FileError if that fails.
     """
     folder = Path(folder)
@@ -78,7 +78,7 @@ def is_name(name: object) -> TypeGuard[str]:
 
 
 def number_of(path: Path) -> int | None:
-    """Return the number of a run by its file name, or None without one."""
+    """Return the number in the file name of a run, or None without a number."""
     match = NUMBERED_NAME.fullmatch(path.name.removesuffix(".part"))
     return int(match[1]) if match else None
 
@@ -88,8 +88,8 @@ def _number_and_name(path: Path) -> tuple[int, str]:
 
 
 def find(name: str, folder: Path | str = "runs") -> Path:
-    """Return the path of a run by its path, number (`3`, `0003`) or name; `last` is the run with the highest number.
-    An existing path, or one with a suffix, is returned unchecked. Raise FileError if no run or several runs match.
+    """Return the path of a run, given by path, number (`3`, `0003`) or name; `last` is the run with the highest number.
+    An existing path, or a path with a suffix, is returned unchecked. Raise FileError if no run or several runs match.
     """
     path, folder = Path(name), Path(folder)
     if path.suffix or path.exists():
@@ -121,9 +121,10 @@ def _without_recovered_originals(runs: list[Path]) -> list[Path]:
 
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
-    """Return the runs that a name selects: a run as in `find`, all runs in a folder, or all that match a pattern (*).
-    `3-28` selects the runs with these numbers, `3-28:2` every second number. A recovered run replaces its original.
-    Raise FileError if the name selects no run.
+    """Return the runs that a name selects: a run as in `find`, all runs in a folder, or all runs that match a pattern.
+    A pattern contains * or ?. `3-28` selects the runs with these numbers, `3-28:2` every second number. A recovered run
+    replaces its original.
+    Raise FileError if the name does not select a run.
     """
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():
@@ -145,7 +146,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
 
 
 def listing(folder: Path | str = "runs") -> list[ListedRun]:
-    """Return all runs of a folder, by number and name, with the fault of each file that is not a run.
+    """Return all runs of a folder, sorted by number and name, with the fault of each file that is not a run.
     Raise FileError if the folder does not exist.
     """
     folder = Path(folder)
@@ -177,7 +178,7 @@ def _entry_of(path: Path) -> ListedRun:
 
 
 def vehicle_name(vehicle_text: str) -> str:
-    """Return the name in the text of a vehicle file, or "" without one."""
+    """Return the name in the text of a vehicle file, or "" without a name."""
     match = re.search(r'^name\s*=\s*(?:"([^"]*)"|\'([^\']*)\')', vehicle_text, re.MULTILINE)
     return (match[1] or match[2] or "") if match else ""
 
@@ -202,13 +203,13 @@ def listing_table(rows: list[ListedRun]) -> str:
 
 
 def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:
-    """Return the list as flat dicts for --json; an unknown value is None."""
+    """Return the runs as flat dicts for --json; an unknown value is None."""
     return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]
 
 
 def claim(folder: Path | str, label: str) -> Path:
-    """Return a path like `new_path` and reserve its number, so that
-    other programs cannot use it before the run is written.
+    """Return a path as `new_path` does, and reserve its number, so that other programs cannot use it.
+    Raise FileError if the folder cannot be created.
     """
     while True:
         path = new_path(folder, label)

@@ -1,4 +1,4 @@
-"""Record a drive: a RunWriter writes it to a file, `RunInMemory` stores it in memory."""
+"""Record a drive. A `RunWriter` writes it to a file, `RunInMemory` stores it in memory."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -13,7 +13,7 @@ from baqueano.signals import Motion, measured_ns
 
 
 class RunSink(Protocol):
-    """A recorder of a drive, tick by tick."""
+    """Protocol of a recorder of a drive, tick by tick."""
 
     @property
     def failure(self) -> OSError | None:

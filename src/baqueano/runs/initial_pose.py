@@ -17,13 +17,13 @@ from baqueano.runs.run import Run, TruthLog
 from baqueano.signals import NANOSECONDS
 
 START_SPAN_S = 0.2  # T: a camera error of 1 mm gives a speed error of 1 cm/s
-START_SPEED_SHARE = 0.1  # of its speed after T: a slower vehicle has just started
+START_SPEED_SHARE = 0.1  # of the speed after T: a slower vehicle has just started
 MAX_LATE_S = 0.5  # a truth that begins later does not contain the start
 
 
 def initial_pose(run: Run) -> np.ndarray:
-    """Return the pose (3,), or pose and velocity (6,), at the first tick. Return zeros (3,) if the run does not contain
-    them, or if its truth begins more than MAX_LATE_S later.
+    """Return the pose (3,) [m, m, rad], or pose and velocity (6,), at the first tick. Return zeros (3,) if the run does
+    not contain them, or if its truth begins more than MAX_LATE_S later.
     """
     if "start" in run.metadata:
         return np.array([float(x) for x in run.metadata["start"].split()])
@@ -61,6 +61,6 @@ def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
 
 
 def _interpolated_at(t_ns: int, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return the rows (K, 3) interpolated at one time: (3,)."""
+    """Return `rows` (K, 3), sampled at the times `of_ns` (K,), interpolated at one time: (3,)."""
     since = of_ns - of_ns[0]  # small enough for a float to hold it exactly
     return np.array([np.interp(t_ns - of_ns[0], since, column) for column in rows.T])

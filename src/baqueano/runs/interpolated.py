@@ -1,6 +1,6 @@
 """Interpolate a log between its samples; in a gap the result is NaN.
 
-Speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± HALF_WINDOW_S. The
+The speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± HALF_WINDOW_S. The
 speed is then the parabola's slope along the heading.
 """
 
@@ -17,7 +17,7 @@ HALF_WINDOW_S = 0.15  # of the parabola
 def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return `rows` (K, m), sampled at `of_ns` (K,), interpolated at `t_ns` (N,): (N, m).
 
-    The result is NaN before the first sample, after the last one, and in gaps longer than MAX_GAP_S.
+    The result is NaN before the first sample, after the last sample, and in gaps longer than MAX_GAP_S.
     """
     values = np.column_stack([np.interp(t_ns, of_ns, column, np.nan, np.nan) for column in rows.T])
     next_rows = np.clip(np.searchsorted(of_ns, t_ns, side="left"), 1, max(len(of_ns) - 1, 1))

@@ -23,9 +23,9 @@ class Channel(NamedTuple):
     t_ns : ndarray (M,)
         Times of measurement, int64.
     arrival_ns : ndarray (M,)
-        Times at which the loop received them, int64; they never decrease.
+        Times at which the loop received the measurements, int64; they never decrease.
     z : ndarray (M, m)
-        In the sensor's units (SI).
+        Measurements, in the sensor's units (SI).
 
     Examples
     --------
@@ -52,7 +52,7 @@ class EstimateLog(NamedTuple):
     cov : ndarray (N, 6, 6)
         Covariances of (η, ν).
     innovation : ndarray (N, m), optional
-        NaN if no measurement arrived; None: not reported.
+        Innovations; NaN if no measurement arrived, None if the estimator does not report them.
     innovation_cov : ndarray (N, m, m), optional
         Covariances of the innovations.
 
@@ -97,7 +97,7 @@ class ReferenceLog(NamedTuple):
 
 
 class TruthLog(NamedTuple):
-    """The true motion, from a simulation or a camera. With a camera ν and ν̇ may be NaN.
+    """The true motion, from a simulation or a camera. With a camera ν and ν̇ can be NaN.
 
     Attributes
     ----------
@@ -128,13 +128,13 @@ class Event(NamedTuple):
     Attributes
     ----------
     t_ns : int
-        Its time.
+        Time of the event.
     level : str
         One of LEVELS.
     source : str
-        The block or command that sent it.
+        The block or command that sent the message.
     text : str
-        Its sentence, in English.
+        The message as a sentence, in English.
     diagnostic : Diagnostic or None
         The same message as data; None in old runs, from before diagnostics.
 

@@ -11,7 +11,7 @@ from baqueano.runs.run import Run
 
 
 class RecoveredRun(NamedTuple):
-    """The new file and the run saved in it."""
+    """The new file, and the run saved in this file."""
 
     path: Path
     run: Run
@@ -26,7 +26,7 @@ def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
     path : path
         The damaged file.
     to : path, optional
-        The new file, else `NAME-recovered.mcap` next to it.
+        The new file; by default `NAME-recovered.mcap` next to the damaged file.
 
     Returns
     -------

@@ -4,7 +4,7 @@
     t_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s
 
 Every double has all its digits, so that a route is the same after writing and reading. Semicolons and decimal commas of
-a spreadsheet are accepted too. For a user or another program, it is easier to write poses by path length with a speed:
+a spreadsheet are also accepted. For a user or another program, it is easier to write poses over path length and speeds:
 
     s_m,x_m,y_m,psi_rad,v_m_s,wait_s          wait_s is optional
 
@@ -27,7 +27,7 @@ from baqueano.runs.tables.lines import Lines
 from baqueano.runs.tables.table import LogTable, read_table
 
 DISTANCE_COLUMNS, WAIT_COLUMN = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
-SPOT_TURN_RAD_S = 1.0  # on the spot
+SPOT_TURN_RAD_S = 1.0  # yaw rate of a turn on the spot
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 _CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
 
@@ -69,7 +69,7 @@ def read_route(path: Path | str) -> Route:
     Parameters
     ----------
     path : path
-        A file from `write_route`, or poses by path length; semicolons and decimal commas are accepted too.
+        A file from `write_route`, or poses over path length; semicolons and decimal commas are also accepted.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def read_route(path: Path | str) -> Route:
 
 
 def _route_by_distance(table: LogTable, path: Path) -> Route:
-    """Return the route from poses by path length. Raise FileError for fewer than two poses, or a wrong number.  (1)"""
+    """Return the route from poses over path length. Raise FileError for fewer than two poses, or a wrong value.  (1)"""
     values = np.column_stack([table.numbers(column) for column in DISTANCE_COLUMNS])
     wait_s = table.numbers(WAIT_COLUMN) if WAIT_COLUMN in table.columns else np.zeros(len(values))
     is_not_finite = ~np.isfinite(np.column_stack([values, wait_s])).all(axis=1)

@@ -1,8 +1,9 @@
-"""A run in memory: commands, measurements, estimates, and in simulation the truth.
+"""Represent a run in memory: commands, measurements, estimates, and the truth of a simulation.
 
 Times are integer nanoseconds. A measurement has two times: its instant (`t_ns`) and its arrival at the loop
-(`arrival_ns`). A tick at t_k contains the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was in force during
-the same interval. Two runs are equal (==) if all recorded data are equal bit by bit; name, path and notes do not count.
+(`arrival_ns`). A tick at t_k contains the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was applied during
+the same interval. Two runs are equal (==) if all recorded data are equal, bit for bit, even if name, path or notes
+differ.
 """
 
 from collections.abc import Iterator
@@ -45,13 +46,13 @@ class Run(Result):
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the run.
     path : Path or None
-        Its file.
+        File of the run; None for a run that is only in memory.
     t_ns : ndarray (N,)
-        The ticks, int64; they increase.
+        Times of the ticks, int64; they increase.
     applied : ndarray (N, n) [unit of u]
-        Commands in force during the interval that ends at t_ns.
+        Commands applied during the interval that ends at t_ns.
     requested : ndarray (N, n), optional [unit of u]
         Commands of the controller at t_ns; NaN without a command.
     sensors : dict of Channel
@@ -63,9 +64,9 @@ class Run(Result):
     truth : TruthLog, optional
         The true motion.
     events : tuple of Event
-        Messages in its log.
+        Messages in the log of the run.
     vehicle_text : str
-        The vehicle file in force, as it was written.
+        Text of the vehicle file that was used.
     metadata : dict of str
         Seed, versions, back end, kind.
     sent : ndarray (N, n), optional [unit of u]
@@ -143,7 +144,7 @@ class Run(Result):
         return show(self).table()
 
     def to_pandas(self) -> Any:
-        """Return a pandas DataFrame with a row per tick, by time in seconds. Its columns are commands in force,
+        """Return a pandas DataFrame with a row per tick, indexed by time [s]. Its columns are applied commands,
         estimate, reference, truth, and each channel of each sensor; NaN if no reading arrived since the previous tick.
         """
         from baqueano.runs.interpolated import at_times, poses_at
@@ -174,7 +175,7 @@ class Run(Result):
 
     @property
     def guide_reference(self) -> ReferenceLog | None:
-        """Return the reference of the guide. Return None if it equals the estimate, as in a drive without a guide."""
+        """Return the reference of the guide, or None if it equals the estimate, as in a drive without a guide."""
         ref, log = self.reference, self.estimate
         if ref is None or log is None or not np.array_equal(ref.eta, log.eta, equal_nan=True):
             return ref
@@ -192,7 +193,7 @@ class Run(Result):
         """Return the part from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
         low, high = (self._instant(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
-        # measurements that arrived by the previous tick belong to it
+        # measurements that arrived up to the previous tick belong to that tick
         previous_ns = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
 
         def piece(log: Any) -> Any:
@@ -237,13 +238,13 @@ def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
 
 
 def age_s(measured_ns: Value, t_ns: Value) -> Value:
-    """Return the age of a measurement at `t_ns` [s]; 0 if its timestamp is later or from another clock."""
+    """Return the age [s] of a measurement at `t_ns`; 0 if its timestamp is later, or older than MAX_AGE_S."""
     age = seconds(t_ns, measured_ns)
     return np.where((age >= 0.0) & (age <= MAX_AGE_S), age, 0.0)[()]
 
 
 def _are_identical(a: object, b: object) -> bool:
-    """Return True if both are equal bit by bit, also inside arrays, tuples and dicts. NaN equals the same NaN."""
+    """Return True if both are equal bit for bit, even inside arrays, tuples and dicts. NaN equals the same NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
     if isinstance(a, dict) and isinstance(b, dict):

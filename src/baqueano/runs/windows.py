@@ -1,5 +1,4 @@
-"""Compute means over time windows, to compare two channels of different rates, or to remove vibration from a
-channel."""
+"""Compute means over time windows, to compare channels of different rates, or to remove vibration from a channel."""
 
 import numpy as np
 

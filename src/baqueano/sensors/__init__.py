@@ -2,7 +2,7 @@
 
 Some sensors need one more method. A sensor of an angle has `difference(z, expected)` (m,): z − expected with the angle
 wrapped (see `Pose`); the default does not wrap. A sensor that is sometimes silent has `detects(motion)` (see
-`Rangefinder`). A sensor that may mistake one object for another has `mistakes(z)` (k, m): the corrections of z for each
+`Rangefinder`). A sensor that can mistake one object for another has `mistakes(z)` (k, m): the corrections of z for each
 possible mistake (see `Tags`).
 """
 

@@ -1,4 +1,4 @@
-"""The distance to a beacon at a known position, by ultra-wideband or ultrasound.
+"""The distance to a beacon at a known position, measured by ultra-wideband or ultrasound.
 
     h = √((b − s)² + z²) + d,   s = p + R(ψ) l                                                            (1)
 
@@ -19,7 +19,7 @@ from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import SampledSensor, sensor_position
 from baqueano.signals import Motion
 
-MIN_DISTANCE_M = 1e-3  # keeps (1) differentiable exactly under the beacon
+MIN_DISTANCE_M = 1e-3  # keeps (1) differentiable directly under the beacon
 
 
 @document
@@ -30,7 +30,7 @@ class Beacon(SampledSensor):
     Parameters
     ----------
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
 
     Notes
     -----

@@ -1,10 +1,11 @@
-"""A compass: a magnetometer that lies flat measures the heading in the map.
+"""A compass: a horizontal magnetometer measures the heading in the map.
 
     h = atan2(sin φ − b_y, cos φ + b_x),   φ = ψ + χ                                                      (1)
 
 φ is the heading from magnetic north, ψ the heading of the vehicle in the map. χ is the angle of the magnetometer on the
-vehicle, plus the heading of the map's x. b is the field of the vehicle's own iron and currents along the axes of the
-magnetometer, in units of the earth's horizontal field. b turns with the vehicle; half a unit causes an error of 30°.
+vehicle, plus the heading of the map's x axis from magnetic north. b is the field of the vehicle's own iron and currents
+along the axes of the magnetometer, in units of the earth's horizontal field. b turns with the vehicle; half a unit
+causes an error of up to 30°.
 
 Indoors the direction of the field changes by tens of degrees within a metre; at one place it is constant. Set the noise
 of an indoor compass accordingly.
@@ -29,7 +30,7 @@ class Compass(SampledSensor):
     Parameters
     ----------
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
 
     Notes
     -----

@@ -32,7 +32,7 @@ COUNT_TOLERANCE = 1e-6  # of a count: tolerance for the rounding of the distance
 class EncodersState(NamedTuple):
     """State of the encoders between two ticks."""
 
-    phase: Value  # part of a period since the last reading
+    phase: Value  # time since the last reading, in periods
     distance: np.ndarray  # (2,) distance that the wheels have rolled, s [m]
     counts: np.ndarray  # (2,) counters at the last reading
     since_s: Value  # time since the last reading
@@ -57,7 +57,7 @@ class Encoders:
     reads: ClassVar[str] = "encoders"
 
     size: ClassVar[int] = 2
-    noise_size: ClassVar[int] = 2  # unit normals a tick
+    noise_size: ClassVar[int] = 2  # standard normals per tick
     delay_s: ClassVar[float] = 0.0  # in addition to the age in a slot
 
     track_m: float = track()

@@ -1,4 +1,4 @@
-"""An inertial measurement unit that lies flat on the vehicle: two accelerometers and the gyro about z.
+"""An inertial measurement unit, nearly horizontal on the vehicle: two accelerometers and the gyro about z.
 
     f_x = ν̇_x − ν_ψ ν_y − l_x ν_ψ² − l_y ν̇_ψ − g_x      specific force at (l_x, l_y) from the origin      (1)
     f_y = ν̇_y + ν_ψ ν_x − l_y ν_ψ² + l_x ν̇_ψ − g_y      ν: velocity; g_x, g_y: gravity along the floor    (2)
@@ -11,7 +11,8 @@
 `paper` replaces (3)-(5) by (ν̇_x, ν̇_y, ν_ψ), as Grotz et al., `equ:h` (errata 3): correct only without turning. The
 simulation adds, in this order: the walk of the bias b⁺ = b + σ_b √δ n, white noise, the limit of the range, the step of
 the converter; sampling.py adds rate, low-pass and delay. n is standard normal, δ the tick. Roll, pitch and bias have
-the same effect at rest: a fit finds only their sum, or one if the others are fixed. For the floor's slope, cos α = 1.
+the same effect at rest: a fit finds only their sum, or one of them if the others are fixed. For the floor's slope, cos
+α = 1.
 """
 
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ class Imu:
     measurement_model : str
         "physical", or "paper": the equation of Grotz et al., correct for a vehicle that does not turn.
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
     has_low_pass : bool
         True if low_pass_hz is finite; set automatically. Never traced.
 
@@ -55,7 +56,7 @@ class Imu:
     """
 
     reads: ClassVar[str] = "imu"
-    usual_std: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.005)  # of a chip for hobbyists, on wheels that turn
+    usual_std: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.005)  # of a low-cost chip on a vehicle in motion
 
     measurement_model: str = "physical"
     delay_slots: int = 0
@@ -168,7 +169,7 @@ class Imu:
 
     @property
     def limit(self) -> np.ndarray:
-        """Return the largest absolute reading (3,) of each channel."""
+        """Return the largest absolute reading (3,) of each channel [m/s², m/s², rad/s]."""
         return self._channels(self.accel_limit * np.ones(2), self.gyro_limit)
 
     def h(self, motion: Motion) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The low-pass filter in a small IMU: bandwidths and delays of its settings by the data sheet, and the filter of h.
+"""The low-pass filter in a small IMU: bandwidths and delays of its settings (data sheet), and the filter of h.
 
     low_pass_hz = 1 / (2π d),  d the delay of the gyro                                                    (1)
 

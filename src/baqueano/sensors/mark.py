@@ -2,10 +2,11 @@
 
     h = (x − p_x) cos χ + (y − p_y) sin χ                                                                 (1)
 
-h is the distance of the body, at (x, y), beyond the line through p, which is crossed in the direction χ; all in the
-map. The sensor measures only in the tick of a crossing, from h < 0 to h ≥ 0, at most `half_width_m` to the side of p.
-The reading is the distance beyond the line at the end of the tick, or 0 if the crossing itself was timed. Without a
-sensor of the pose, a run begins at the origin of the map, so a mark at the start has p = 0, χ = 0.
+h is the distance of the body, at (x, y), beyond the line through p. The line is crossed in the direction χ. All
+positions and angles are in the map. The sensor measures only in the tick of a crossing, from h < 0 to h ≥ 0, at most
+`half_width_m` to the side of p. The reading is the distance beyond the line at the end of the tick, or 0 if the
+timestamp is that of the crossing. Without a sensor of the pose, a run begins at the origin of the map, so a mark at the
+start has p = 0, χ = 0.
 
 A fit uses `noise_std` unchanged. On a floor that disturbs the vehicle, set it to the error of a simulation at the mark,
 not to the precision of the line.
@@ -46,7 +47,7 @@ class Mark:
 
     reads: ClassVar[str] = "mark"
 
-    rate_hz: ClassVar[float] = INF  # it measures whenever the line is crossed
+    rate_hz: ClassVar[float] = INF  # the sensor measures whenever the line is crossed
     delay_s: ClassVar[float] = 0.0
 
     point_m: np.ndarray = parameter(
@@ -89,13 +90,14 @@ class Mark:
         return np.array([x * np.cos(self.heading_rad) + y * np.sin(self.heading_rad)])
 
     def init(self) -> MarkState:
-        """Return the state before the first tick; the departure of a vehicle from the line is not a crossing."""
+        """Return the state before the first tick; a start on the line is not a crossing."""
         return MarkState(0.0)
 
     def step(
         self, state: MarkState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[MarkState, Slot]:
-        """Return the state, and the distance beyond the line if the body crossed it in this tick within `half_width_m`.
+        """Return the state, and the distance beyond the line if the body crossed the line within `half_width_m`.
+
         `noise` (1,) is standard normal.
         """
         h = self.h(motion)

@@ -1,4 +1,4 @@
-"""A sensor of the pose in the map: a camera above the floor, a marker, or placement on a mark by hand.
+"""A sensor of the pose in the map: a camera above the floor, a marker, or placement by hand on a mark.
 
     h = (x + l_x cos ψ − l_y sin ψ,  y + l_x sin ψ + l_y cos ψ,  ψ + χ)                                    (1)
 
@@ -27,7 +27,7 @@ class Pose(SampledSensor):
     Parameters
     ----------
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
 
     Notes
     -----
@@ -74,7 +74,7 @@ class Pose(SampledSensor):
 
 
 def rotate_vector(vector: np.ndarray, psi: Value) -> tuple[Value, Value]:
-    """Return the vector `vector` (2,) rotated by ψ [rad] to the left."""
+    """Return the x and y of `vector` (2,) after a rotation by `psi` [rad] to the left."""
     c, s = np.cos(psi), np.sin(psi)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
 

@@ -1,13 +1,14 @@
-"""The distance along a beam to a wall at a known position: ultrasound, infrared, laser.
+"""The distance along a beam to a wall at a known position, measured by ultrasound, infrared or laser.
 
     h = (w − s)·n / cos α,   n = (cos χ, sin χ),   α = ψ + ζ − χ,   s = p + R(ψ) l                        (1)
 
-w is a point of the wall, n its normal: a vehicle with the heading χ looks at the wall at a right angle. ψ is the
-heading of the vehicle, ζ the angle of the beam on it, to the left; α is the angle of incidence. s is the position of
-the sensor. p is the body's origin, l the lever arm forward and to the left, R(ψ) the rotation by the heading.
+w is a point of the wall, n its normal, which points away from the vehicle: a vehicle with the heading χ faces the wall
+at a right angle. ψ is the heading of the vehicle, ζ the angle of the beam on it, to the left; α is the angle of
+incidence. s is the position of the sensor. p is the body's origin, l the lever arm forward and to the left, R(ψ) the
+rotation by the heading.
 
 The sensor is silent beyond `farthest_m`, beyond the ends of the wall, and if |α| is above `incidence_rad`: a smooth
-wall then reflects the sound away. If a chair is before the wall, the gate of an estimator rejects the reading.
+wall then reflects the sound away. If a chair is in front of the wall, the gate of an estimator rejects the reading.
 """
 
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ class Rangefinder(SampledSensor):
     Parameters
     ----------
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
 
     Notes
     -----
@@ -92,7 +93,7 @@ class Rangefinder(SampledSensor):
         return is_within_reach & (np.abs(alpha) <= self.incidence_rad)
 
     def _facing(self, motion: Motion) -> tuple[Value, Value]:
-        """Return the perpendicular distance to the wall [m], and α [rad]."""
+        """Return the perpendicular distance to the wall [m], and the angle of incidence α [rad]."""
         x, y = self.wall_point_m - sensor_position(self.lever_arm_m, motion)
         n = self.wall_heading_rad
         return x * np.cos(n) + y * np.sin(n), wrap(motion.eta[2] + self.heading_rad - n)

@@ -1,10 +1,10 @@
-"""Compute sampling times, low-pass and delay, which are the same for all sensors.
+"""Compute sampling times, low-pass and delay in the same way for all sensors.
 
 A sensor of rate f measures when its phase φ passes a whole number; δ is the length of a tick:
 
     φ⁺ = φ + f δ,   has = 1 if φ⁺ ≥ 1,   φ ← φ⁺ − ⌊φ⁺⌋                                                     (1)
 
-A sensor that is faster than the ticks measures once a tick. Its low-pass y is of the first order, with the time
+A sensor that is faster than the ticks measures once per tick. The low-pass y is of the first order, with the time
 constant τ = 1 / (2π low_pass_hz). It is exact for a signal p that is a parabola during the tick, given at its start,
 middle and end:
 
@@ -24,7 +24,7 @@ from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, read, with_newest
 
-PHASE_TOLERANCE = 1e-6  # of a period: ticks come in whole nanoseconds
+PHASE_TOLERANCE = 1e-6  # of a period: tick times are rounded to whole nanoseconds
 
 
 class Signal(NamedTuple):
@@ -41,13 +41,13 @@ class SensorState(NamedTuple):
     Attributes
     ----------
     phase : float
-        Part of a period since the last measurement.
+        Time since the last measurement, in periods of the sensor.
     ticks : float
         Number of ticks so far.
     signal : Signal
         Low-pass and delay between the sensor and its reading.
     bias : ndarray (m,)
-        Walk of the bias since the start, in the sensor's units.
+        Random walk of the bias since the start, in the sensor's units.
     """
 
     phase: float
@@ -57,7 +57,7 @@ class SensorState(NamedTuple):
 
 
 def check_sensor_fields(sensor: Tree) -> None:
-    """Raise ValueError for a parameter out of its bounds, and for a delay without past values."""
+    """Raise Invalid for a parameter outside its bounds, and for a delay without slots for past values."""
     check_bounds(sensor)
     check_delay(type(sensor).__name__, sensor.delay_s, sensor.delay_slots)
 
@@ -133,7 +133,7 @@ def sample(
 ) -> tuple[SensorState, float, np.ndarray]:
     """Return the state one tick later, `has` (1 if the sensor measures, else 0), and the measurement (m,).
 
-    The measurement is without noise.  (1)
+    The measurement does not contain noise.  (1)
     """
     phase = state.phase + sensor.rate_hz * dt_s + PHASE_TOLERANCE
     periods = np.floor(phase)
@@ -149,7 +149,7 @@ def sample(
 
 
 def detects(sensor: Tree, motion: Motion) -> Value:
-    """Return the sensor's `detects(motion)`: True if it can measure; also True for a sensor without this method."""
+    """Return the sensor's `detects(motion)`: True if it can measure. Return True for a sensor without this method."""
     own_detects = optional.of(sensor, "detects")
     return True if own_detects is None else own_detects(motion)
 
@@ -162,19 +162,19 @@ def sensor_position(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def difference(sensor: Tree, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Return z − expected (m,), by the sensor's method `difference` if it has this method."""
+    """Return z − expected (m,), computed by the sensor's method `difference` if it has this method."""
     own_difference = optional.of(sensor, "difference")
     return z - expected if own_difference is None else own_difference(z, expected)
 
 
 def mistake_corrections(sensor: Tree, z: np.ndarray) -> np.ndarray:
-    """Return the corrections (k, m) of z (m,), one for each possible mistake of an object; (0, m) by default."""
+    """Return the corrections (k, m) of z (m,), one for each object that can be mistaken; (0, m) by default."""
     own_mistakes = optional.of(sensor, "mistakes")
     return np.zeros((0, len(z))) if own_mistakes is None else own_mistakes(z)
 
 
 def measures_pose(sensor: Tree) -> bool:
-    """Return True for a sensor of position and heading; with one, a run may begin anywhere in the map."""
+    """Return True for a sensor of position and heading; with such a sensor, a run can begin anywhere in the map."""
     return optional.of(sensor, "difference") is not None and sensor.size >= 3
 
 

@@ -6,9 +6,9 @@
 
 The reader reports once for each tag that it passes within `radius_m`, at the tick in which the tag is nearest. A camera
 over a QR code measures the offset from the tag. A reader without an offset (`sees_offset = false`) reports the position
-of the tag; its error is a point of a disc, with variance ¼ r² along each axis. An estimator may test for (3), because
-the shift is known. One reader reads any number of tags. Two tags limit the errors of position and heading, one tag only
-the error of the position.
+of the tag; its error is uniform in a disc, with variance ¼ r² along each axis. An estimator can test for (3), because
+the shift is known. One reader can read any number of tags. Two tags limit the errors of position and heading, one tag
+only the error of the position.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from baqueano.sensors.sampling import sensor_position
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
-ABEAM_TOLERANCE = 1e-9  # of the distance in a tick: tolerance of "abeam", for the rounding of a position
+ABEAM_TOLERANCE = 1e-9  # of the squared distance in a tick: tolerance for rounding
 
 
 class TagsState(NamedTuple):
@@ -56,8 +56,8 @@ class Tags:
     """
 
     size: ClassVar[int] = 2
-    noise_size: ClassVar[int] = 2  # unit normals a tick
-    rate_hz: ClassVar[float] = INF  # it measures whenever a tag is passed
+    noise_size: ClassVar[int] = 2  # standard normals per tick
+    rate_hz: ClassVar[float] = INF  # the sensor measures whenever a tag is passed
     delay_s: ClassVar[float] = 0.0
 
     points_m: np.ndarray = parameter(
@@ -100,13 +100,13 @@ class Tags:
         return self.points_m - is_nearest @ self.points_m / np.sum(is_nearest)
 
     def init(self) -> TagsState:
-        """Return the state before the first tick; a vehicle that starts on a tag does not read it when it departs."""
+        """Return the state before the first tick; a reader that starts over a tag does not read that tag."""
         return TagsState(np.zeros(2), 0.0)
 
     def step(
         self, state: TagsState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[TagsState, Slot]:
-        """Return the state, and the position of reader or tag if a tag was nearest in this tick.
+        """Return the state, and the position (2,) [m] of the reader, or of the tag, if a tag was passed in this tick.
 
         `noise` (2,) is standard normal.
         """
@@ -118,7 +118,7 @@ class Tags:
         )  # (n, 2)
         cross_product = np.abs(
             previous_offsets[:, 0] * displacement[1] - previous_offsets[:, 1] * displacement[0]
-        )  # times the length of the way
+        )  # lateral distance times the length of the displacement
         is_passed = (previous_offsets @ displacement < 0.0) & (
             offsets @ displacement >= -ABEAM_TOLERANCE * (displacement @ displacement)
         )

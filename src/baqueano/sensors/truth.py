@@ -10,7 +10,7 @@ from baqueano.signals import Motion, Slot, sensor_slots
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """Perfect sensor of z = (η, ν) (6,) at every tick, without noise or delay, for simulations only.
+    """Perfect sensor of z = (η, ν) (6,) at every tick, without noise or delay, only for simulations.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ class Truth:
     noise_size : int
         Number of standard normals that `step` needs.
     rate_hz : float
-        Measurements a second.
+        Measurements per second.
     delay_s : float
         Age of the measurement.
 

@@ -5,7 +5,7 @@
 
 ν_x is the speed, ν_ψ the yaw rate, s the scale: a wheel smaller than its nominal size turns faster and measures more.
 On a floor s is not constant, because wheels slip and their radius depends on the load. The variable part of s has the
-standard deviation `slip_std` and fades within `slip_fade_s`.
+standard deviation `slip_std` and decays with the time constant `slip_fade_s`.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
-SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel with gentle traction on a hard floor
+SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel with moderate acceleration on a hard floor
 
 
 def track() -> Any:
@@ -53,7 +53,7 @@ def slip() -> Any:
 
 
 def fade() -> Any:
-    """Return the parameter for the time [s] over which slip fades."""
+    """Return the parameter for the time constant [s] with which the slip decays."""
     return parameter(
         "s",
         ("time constant with which the slip decays"),
@@ -72,7 +72,7 @@ class Wheels(SampledSensor):
     Parameters
     ----------
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
 
     Notes
     -----
@@ -119,7 +119,7 @@ class Odometer(SampledSensor):
     Parameters
     ----------
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
 
     Notes
     -----
@@ -162,6 +162,6 @@ class Odometer(SampledSensor):
 
 
 def rolling(sensor: Tree, motion: Motion) -> np.ndarray:
-    """Return the speeds (2,) that wheels with `track_m` and `radius_scale` measure.  (1)"""
+    """Return the speeds (2,) [m/s] that wheels with `track_m` and `radius_scale` measure.  (1)"""
     turning_speed = 0.5 * sensor.track_m * motion.nu[2]
     return sensor.radius_scale * np.array([motion.nu[0] - turning_speed, motion.nu[0] + turning_speed])

@@ -2,7 +2,7 @@
 
 simulate(vehicle, u)               # a signal, one kernel over the whole run
 simulate_loop(vehicle, route)      # estimator, guide, controller, supervisor and vehicle, one kernel
-simulate_many(vehicle, u, 10_000)  # each with other parameters
+simulate_many(vehicle, u, 10_000)  # many vehicles, each with other parameters
 """
 
 from baqueano.simulate.closed_loop import simulate_loop, simulate_loops

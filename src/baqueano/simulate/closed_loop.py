@@ -2,8 +2,9 @@
 
   state, (record, truth) = advance(system, δ, state, (t, noise))          system.py                     (1)
 
-It is the loop that `drive` runs tick by tick over a simulated world: the command of a tick is in force during the next
-tick. Here it is traced once and compiled, so a lap takes about a millisecond, and its gradient only a little more.
+This is the loop that `drive` runs tick by tick over a simulated world: the command of a tick is in force during the
+next tick. Here the loop is traced once and compiled. So a lap takes about a millisecond, and its gradient only a little
+more.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -45,7 +46,7 @@ from baqueano.worlds.simulated import no_noise, rows_of_tick, with_rows
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-MAX_DURATION_NS = 36_000 * NANOSECONDS  # a guide that is not done by then counts as never done
+MAX_DURATION_NS = 36_000 * NANOSECONDS  # a guide that is not done after this time is considered never done
 
 
 def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int = 0, **options: Any) -> Run:
@@ -113,7 +114,7 @@ def simulate_loops(
     controller : block, optional
         Controller that replaces the controller of the file.
     noise : bool
-        False: without noise of vehicle and sensors.
+        False: simulate without the noise of vehicle and sensors.
     name : str
         Name of the runs.
     backend : str
@@ -182,7 +183,8 @@ def closed_loop(
 ) -> Scan:
     """Return the compiled closed loop (1): a `scan` from Input and SystemState to LoopOutput, or output(LoopOutput).
 
-    The numbers of the system at `paths` are its parameters θ. Raise UsageError for a block that cannot be compiled.
+    The values of the system at `paths` are the parameters θ of the scan. Raise UsageError for a block that cannot be
+    compiled.
     """
     if resolve_backend(backend) != "numpy":
         check_compilable(**system.blocks._asdict())
@@ -258,7 +260,7 @@ def _is_over(system: System, t_ns: int) -> bool:
 
 
 def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
-    """Return the references of the guide, from its start, at these times, for a vehicle at rest at the origin."""
+    """Return the guide's references at the times `times_ns` from its start, for a vehicle at rest at the origin."""
     state, references = system.guide.init(), []
     for t_ns in times_ns:
         estimate = Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))

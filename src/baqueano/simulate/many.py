@@ -1,8 +1,8 @@
-"""Simulate thousands of vehicles: the same signal, other parameters, many in parallel in one kernel.
+"""Simulate thousands of vehicles with the same signal and different parameters, in parallel in one kernel.
 
   x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_k),   l = 1 … L                                       (1)
 
-Every θ_l is drawn from the covariance of the file's fit, or given by the user. Pose and velocity are stored each
+Every θ_l is drawn from the covariance of the file's fit, or given by the user. Pose and velocity are stored every
 `every_s`. The vehicles run in batches, so that their noise fits into memory. The kernel uses all processors.
 """
 
@@ -34,8 +34,8 @@ from baqueano.worlds.noise import stream
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-CHUNK_VEHICLES = 2**15  # vehicles
-MAX_NOISE_BYTES = 2**26  # of unit normals held at a time
+CHUNK_VEHICLES = 2**15  # largest number of vehicles in a batch
+MAX_NOISE_BYTES = 2**26  # of standard normals that are stored at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -78,7 +78,10 @@ class Ensemble(Result):
     outside: tuple[Diagnostic, ...] = ()
 
     def rows(self) -> list[TableRow]:
-        """Return a flat dict per time: mean and standard deviation over the vehicles."""
+        """Return a row for each time: mean and standard deviation over the vehicles whose states are finite.
+
+        Headings are averaged as angles.
+        """
         finite_motion = self.eta[self._is_finite], self.nu[self._is_finite]
         columns = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
         out = []
@@ -182,7 +185,7 @@ def simulate_many(
     Raises
     ------
     UsageError
-        For an input that `simulate` refuses, a wrong number of values in `vary`, or a file without a covariance.
+        For an input that `simulate` rejects, a wrong number of values in `vary`, or a file without a covariance.
 
     Notes
     -----
@@ -248,7 +251,7 @@ def lanes_kernel(
 def parameter_sets(
     system: System, vary: Mapping[str, ArrayLike], vehicles: int | None
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the paths and θ (L, p) of `vary`. Raise UsageError for a wrong shape or count."""
+    """Return the paths and θ (L, p) of `vary`. Raise UsageError for a wrong shape or count, or for NaN or infinity."""
     columns, count = [], vehicles
     for path, values in vary.items():
         shape = value(system, path).shape
@@ -302,7 +305,7 @@ def bounds(system: System, path: str) -> tuple[float, float]:
 
 
 def _chunks(vehicle_count: int, process_noise: bool, tick_count: int) -> list[slice]:
-    """Return the rows of θ for each call of the kernel: few enough that their noise fits in memory."""
+    """Return the rows of θ for each call of the kernel, so few that their noise fits into memory."""
     chunk_size = (
         max(8, min(CHUNK_VEHICLES, MAX_NOISE_BYTES // (24 * tick_count))) if process_noise else CHUNK_VEHICLES
     )
@@ -317,7 +320,7 @@ def _drive(
     record_ends: list[int],
     rngs: "list[np.random.Generator]",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return poses and velocities (l, K, 3) of a batch of vehicles at the ends of the segments."""
+    """Return the poses and the velocities (l, K, 3) of a batch of l vehicles after the ticks `record_ends`."""
     eta, nu, state, begin = [], [], start, 0
     for end in record_ends:
         noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None

@@ -3,8 +3,8 @@
   x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
 
 Tick k ends at (k + 1) δ and is driven by u_k. With the same seed, tick k has the noise of tick k of the simulated
-world. An additional sensor does not change the others, because each name has a separate stream (worlds/noise.py). A
-kernel is built once for a vehicle and a rate, and cached.
+world. An additional sensor does not change the noise of the others, because each name has a separate stream
+(worlds/noise.py). A kernel is built once for a vehicle and a rate, and then cached.
 """
 
 from dataclasses import replace
@@ -37,7 +37,7 @@ class OpenLoopInput(NamedTuple):
     """The inputs of one tick of an open loop: command and noise."""
 
     u: np.ndarray  # (n,) the command
-    noise: DrawnNoise | None  # unit normals; None: without noise
+    noise: DrawnNoise | None  # standard normals; None: without noise
 
 
 class Readings(NamedTuple):
@@ -70,7 +70,7 @@ def simulate(
     seed : int
         Seed of the noise; the same seed yields the same run.
     rate_hz : float, optional
-        Ticks a second; by default the rate of the file.
+        Ticks per second; by default the rate of the file.
     eta0 : ndarray (3,), optional [m, m, rad]
         Pose at the start in the map; by default the origin.
     nu0 : ndarray (3,), optional [m/s, m/s, rad/s]
@@ -90,7 +90,7 @@ def simulate(
     Raises
     ------
     UsageError
-        For a wrong shape, a number that is not finite, or a command above the limit of the file.
+        For a wrong shape, a value that is not finite, or a command above the limit of the file.
 
     Notes
     -----
@@ -174,7 +174,7 @@ def tick_times(tick_count: int, rate_hz: float) -> np.ndarray:
 
 
 def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
-    """Return a channel per sensor: the measurements in the slots of N ticks, with the times of their arrival."""
+    """Return a channel per sensor: the measurements in the slots of N ticks, with the times of motion and arrival."""
     out = {}
     for name, slot in zip(slots._fields, slots, strict=True):
         has_reading = slot.has > 0.5
@@ -198,7 +198,7 @@ def metadata(
 
 
 def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
-    """Return `u` as floats (N, n). UsageError for a wrong shape, a number not finite, or one above the limit."""
+    """Return `u` as floats (N, n). Raise UsageError for a wrong shape, a value not finite, or one above the limit."""
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != len(names) or not len(u):

@@ -1,9 +1,8 @@
 """Combine a vehicle, its sensors and the blocks of its loop into one tree of parameters, and advance it by a tick.
 
 The fields have the names of the tables of the vehicle file. A path of the file ("model.friction.linear",
-"sensors.imu.gyro_bias", "controller.alpha") is therefore a path into the tree. `with_parameters` replaces the
-numbers at some
-paths by a flat vector θ: paths in their order, arrays row by row.
+"sensors.imu.gyro_bias", "controller.alpha") is therefore a path into the tree. `with_parameters` replaces the values at
+some paths by a flat vector θ: paths in their order, arrays row by row.
 """
 
 from collections.abc import Sequence
@@ -24,7 +23,7 @@ from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_
 
 
 class System(NamedTuple):
-    """All blocks, named as the tables of the vehicle file; None for a block that the simulation does not use."""
+    """All blocks, with the names of the tables of the vehicle file; None for a block that is not used."""
 
     model: Vehicle
     sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
@@ -43,7 +42,7 @@ class Input(NamedTuple):
     """The inputs of one tick of a simulated loop: its time and the noise."""
 
     t_ns: Value  # the end of the tick, int; (N,) for a whole run
-    noise: DrawnNoise | None  # unit normals; None: without noise
+    noise: DrawnNoise | None  # standard normals; None: without noise
 
 
 class SystemState(NamedTuple):
@@ -68,7 +67,7 @@ def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
 
 
 def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
-    """Return state and output after a tick: first the world moves under the command in force, then the loop runs."""
+    """Return the state and the output after a tick: the world moves under the command in force, then the loop runs."""
     noise = no_noise(system.sensors, rows_of_tick(dt_s)) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
@@ -81,7 +80,7 @@ def sizes(system: System, paths: Sequence[str]) -> list[int]:
 
 
 def value(system: System, path: str) -> np.ndarray:
-    """Return the number or array of the system at `path`. Raise UsageError for a path without a number."""
+    """Return the value or array of the system at `path`. Raise UsageError for a path without a numeric value."""
     try:
         array = np.asarray(get(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
@@ -95,7 +94,7 @@ def parameter_vector(system: System, paths: Sequence[str]) -> np.ndarray:
 
 
 def parameter_labels(system: System, paths: Sequence[str]) -> list[str]:
-    """Return a name for each number of θ: "model.friction.linear[0]"."""
+    """Return a name for each entry of θ: "model.friction.linear[0]"."""
     out = []
     for path in paths:
         shape = value(system, path).shape
@@ -107,7 +106,7 @@ def parameter_labels(system: System, paths: Sequence[str]) -> list[str]:
 
 
 def with_parameters(system: System, paths: Sequence[str], theta: Tree) -> System:
-    """Return the system with θ (p,) at `paths`; θ may be traced. Ranges are not checked here."""
+    """Return the system with θ (p,) at `paths`; θ can be traced. The bounds of the parameters are not checked here."""
     offset = 0
     for path in paths:
         shape = value(system, path).shape

@@ -1,1 +1,4 @@
-"""Provide the studies, each a command with a verdict: demo, the paper's cases, simulated vehicles, real recordings."""
+"""Provide the studies.
+
+Each is a command with a verdict: demo, the paper's cases, simulated vehicles, real recordings.
+"""

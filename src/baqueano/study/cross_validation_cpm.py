@@ -4,7 +4,7 @@ A model is fitted to one run (throttle, servo → speed, yaw rate) and evaluated
     speed, yaw rate   the model from the commands only, from the first tick to the last, against the
                       odometer and the gyro of the run
     pose              the EKF with this model, IMU and odometer, from the camera's first pose on, against the
-                      camera; nothing on board measures a position
+                      camera; the sensors on board do not measure a position
 
 The table also shows the run that the model was fitted to. The scales of odometer and gyro, the gyro's bias and the
 delay are not held out: the garage took them from these recordings. The package does not contain the recordings: they
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 SHORT_NAMES = {"cpm_run_a": "a", "cpm_run_b": "b"}
 SENSORS_USED = ("odometer", "imu[2]")
 MIN_EXPLAINED = 0.9  # part of the variance of speed and yaw rate, on a run that was not used for the fit
-MAX_EXTRAPOLATION = 0.1  # of the range of a command: farther out the model extrapolates
+MAX_EXTRAPOLATION = 0.1  # of the range of a command: beyond it the model extrapolates
 MAX_POSITION_ERROR = 0.05  # of the distance driven: an estimate with a larger rms error has lost the car
 CAVEATS = (
     N_("The model is simulated from the commands alone, from the first tick to the last."),
@@ -84,8 +84,8 @@ class Judgement:
     judged_on: str
     predicted: RunPrediction
     replayed: "Run"
-    figures: "JsonObject"  # of `compare`
-    driven_m: float  # by the camera
+    figures: "JsonObject"  # values of `compare`
+    driven_m: float  # distance measured by the camera
 
     @property
     def held_out(self) -> bool:
@@ -94,7 +94,9 @@ class Judgement:
 
     @property
     def is_lost(self) -> bool:
-        """Return True if the position error is at least LOST times the driven distance, or if the replay stopped."""
+        """Return True if the position error is at least MAX_POSITION_ERROR times the driven distance, or if the
+        replay stopped.
+        """
         return not self.figures["ate_m"] < MAX_POSITION_ERROR * self.driven_m or bool(stop_of(self.replayed))
 
     def row(self) -> "JsonObject":
@@ -135,7 +137,7 @@ class CrossValidation:
         return out
 
     def figures(self) -> list[dict[str, str]]:
-        """Return a row of text per figure, with a column for each pair of model and run."""
+        """Return a row of text per result, with a column for each pair of model and run."""
         rows = {_head(judgement): judgement.row() for judgement in self.judged}
         return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
 
@@ -213,7 +215,7 @@ class CrossValidation:
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """Return the parameters, the figures and the verdict as a text table."""
+        """Return the parameters, the results and the verdict as a text table."""
         runs = list(self.fitted)
         lines = [
             f"{_('parameter'):30}"
@@ -253,7 +255,10 @@ _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
 def cross_validate(
     backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> CrossValidation:
-    """Fit the car to each run and evaluate it on both. Raise FileError with the names of missing files."""
+    """Fit the car to each run, and return the evaluation on both runs.
+
+    Raise FileError with the names of missing files.
+    """
     check_present()
     runs = {SHORT_NAMES[name]: import_run(name).run for name in MAPS}
     fitted = {}
@@ -278,7 +283,9 @@ def fit_to(run: "Run", backend: str = "auto") -> RunFit:
 def judge(
     vehicle_file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto"
 ) -> Judgement:
-    """Evaluate a vehicle file on a run: its model from the commands, its filter from the camera's first pose."""
+    """Return the evaluation of a vehicle file on a run: its model from the commands, its filter from the camera's
+    first pose.
+    """
     replay_run = replay(run, vehicle_file, backend=backend)
     figures = compare(replay_run, names=[judged_on]).rows()[0]
     assert run.truth is not None
@@ -289,8 +296,9 @@ def judge(
 
 
 def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
-    """Predict speed and yaw rate by the model of `vehicle_file` under the commands of `run`, from the first measured
-    velocity."""
+    """Return speed and yaw rate of the model of `vehicle_file` under the commands of `run`, from the first measured
+    velocity.
+    """
     odometer, imu, vehicle = vehicle_file.sensors.odometer, vehicle_file.sensors.imu, vehicle_file.vehicle
     record = record_of(run, {"odometer": odometer, "imu": imu})
     v = _first(record, "odometer", 0) / odometer.scale

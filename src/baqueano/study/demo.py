@@ -1,4 +1,4 @@
-"""The whole method in one run, on the simulated small vehicle; only the last table uses its truth.
+"""Run the whole method on the simulated small vehicle; only the last table uses the truth.
 
     experiment → identify → noise → tune → teach → repeat 3 laps → report
 
@@ -57,8 +57,8 @@ GUESS = {  # the guess of a user with a scale and a tape measure, without a data
 INITIAL_GAINS = {
     name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
 }
-STAGES_S = 15.0, 30.0  # of the experiment: the fits of the animation before the complete one
-# of the gyro in truth: no sensor on board shows it, and its data sheet allows twice that deviation
+STAGES_S = 15.0, 30.0  # durations of the experiment for the fits of the animation before the complete fit
+# true value of the gyro: the sensors on board do not show it, and the data sheet allows twice that deviation
 SCALE = 1.015
 
 
@@ -220,8 +220,11 @@ def demo(
     show: Callable[[Path], object] = lambda run: None,
     show_gains: Callable[[TuneResult], object] = lambda result: None,
 ) -> Demo:
-    """Run the demo and write its runs, route.csv and vehicle.toml into `folder`. `show` receives the file of each run,
-    `show_gains` the tuned gains. Raise AnswerNo if the fit is refused."""
+    """Run the demo and write its runs, route.csv and vehicle.toml into `folder`.
+
+    `show` is called with the file of each run, `show_gains` with the tuned gains. Raise AnswerNo if the fit is
+    refused.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, vehicle_file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)

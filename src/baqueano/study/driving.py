@@ -2,10 +2,10 @@
 
 Robots of truth/ with the tolerances of real parts are driven for 60 s and identified from commands and IMU only. The
 fit starts from a rough guess, with centre of mass and delay free. Then they follow three shapes at three speeds with
-the recommended controller and its default gains. Those gains were chosen on robots 0 to 5: --seed 100 is a fresh set.
-At 0.3 m/s these shapes require at most 1.5 rad/s. An eight of 0.6 m would require 2.4 rad/s. Then the weakest robot
-needs 98.6 % of its duty without any feedback, and every controller exceeds the limit. The cases:
-    imu          the estimator has commands and IMU, the model is the identified one
+the recommended controller and its default gains. Those gains were chosen on robots 0 to 5; --seed 100 selects other
+robots. At 0.3 m/s these shapes require at most 1.5 rad/s. An eight of 0.6 m would require 2.4 rad/s. Then the weakest
+robot needs 98.6 % of its duty without any feedback, and every controller exceeds the limit. The cases:
+    imu          the estimator uses commands and IMU, with the identified model
     pose         the estimator receives pose and velocity: the errors of the controller only
     breakaway    dry friction and dead zone are 1.3 times higher at rest; pose known
     late         100 ms more delay from command to motor; pose known
@@ -53,7 +53,7 @@ FREE = [
     "+model.centre_of_mass_x_m",
     "+model.drivetrain.delay_s",
 ]  # a fit without them reports that they are wrong
-ROBOTS_AT_ONCE = 10  # robots that are simulated side by side
+ROBOTS_AT_ONCE = 10  # robots that are simulated together
 SHAPES: dict[str, Callable[[float], "Route"]] = {
     N_("sinuous"): lambda v: sinuous_circle(0.6, 0.06, 5, v),
     N_("eight"): lambda v: eight(1.0, v),
@@ -84,7 +84,7 @@ CASES = {
 
 
 class EvenDrive(NamedTuple):
-    """The figures of a lap of a robot."""
+    """The errors of a lap of a robot."""
 
     case: str
     shape: str
@@ -92,14 +92,14 @@ class EvenDrive(NamedTuple):
     seed: int
     speed_error: float  # of the reference speed, rms after the first second
     speed_ripple: float  # about the mean over 1 s
-    at_limit: float  # share of the ticks
+    at_limit: float  # fraction of the ticks
     sign_changes: float  # of the forward command, in the lap
     across_m: float  # rms
-    stopped: float  # 1.0: the supervisor stopped it, or it drove less than half of its lap
+    stopped: float  # 1.0: the supervisor stopped the robot, or it drove less than half of its lap
 
 
 class DrivingLimit(NamedTuple):
-    """The largest allowed value of a figure."""
+    """The largest allowed value of one of the errors."""
 
     figure: str
     most: float
@@ -115,7 +115,7 @@ LIMITS = {
     "dead_zone": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
     "battery": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
 }
-MIN_SHARE_OF_LAPS = 0.95  # of the laps must be within a limit; the table shows the worst lap too
+MIN_SHARE_OF_LAPS = 0.95  # of the laps must be within a limit; the table also shows the worst lap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +131,7 @@ class Driving:
         return [d for d in self.drives if d[:3] == (case, shape, speed)]
 
     def rows(self) -> list[TableRow]:
-        """Return one flat row per case, shape and speed: median, 95 % quantile and worst of each figure."""
+        """Return one flat row per case, shape and speed: median, 95 % quantile and worst value of each error."""
         out = []
         for case, (_low, _high, speeds) in CASES.items():
             for shape in SHAPES:
@@ -237,7 +237,7 @@ def driving(
     """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
     `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
-    check_compilable(controller=guess().controller(controller))  # refuses before the first drive
+    check_compilable(controller=guess().controller(controller))  # raises an error before the first drive
     jobs = [
         range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
     ]
@@ -334,7 +334,7 @@ class Loop:
 
 
 def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) -> list[tuple[float, ...]]:
-    """Return the figures of one lap of each robot along a route, from rest at its start."""
+    """Return the errors of one lap of each robot along a route, from rest at its start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     guide = Repeat.along(route)
     t_ns = tick_times(int(route.t_s[-1] * rate_hz), rate_hz)
@@ -362,8 +362,9 @@ def _lap(
     t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, speed_ref: np.ndarray,
     limits: Any, supervisor: Any,
 ) -> tuple[float, ...]:  # fmt: skip
-    """Return the figures of an EvenDrive from true poses and speeds (N, 4), commands (N, 3), reference poses (N, 3)
-    and reference speeds (N,)."""
+    """Return the errors of an EvenDrive from true poses and speeds (N, 4), commands (N, 3), reference poses (N, 3)
+    and reference speeds (N,).
+    """
     pace_figures = pace(t_ns, truth[:, 3], speed_ref)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
     is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)

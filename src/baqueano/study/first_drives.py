@@ -2,9 +2,9 @@
 
 The robots of truth/ have independent physics; the planner uses the unchanged file garage/small. Both gains of a robot
 are 0.3 to 3 times the file's gains (log-uniform, equal within ± 25 %). The four dead zones are 0 to 0.4, and friction
-at rest is 1 to 1.3 times the friction in motion. The wiring is in turn right, with the left or the right motor
-inverted, or with both motors swapped. The criteria are contact of a body with a wall, its smallest distance, and the
-right diagnosis of the wiring.
+at rest is 1 to 1.3 times the friction in motion. The wiring is in turn correct, with the left or the right motor
+inverted, or with both motors swapped. The criteria are contact of a body with a wall, the smallest distance to a
+wall, and the correct diagnosis of the wiring.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,10 @@ MIN_GAIN_RATIO, MAX_GAIN_RATIO, DEAD_ZONE, BREAKAWAY_RATIO = 0.3, 3.0, 0.4, 1.3
 
 
 class MiswiredLink(World):
-    """A simulated two-wheeled vehicle with its motors wired as `wiring` states; its ticks contain the sent commands."""
+    """A simulated two-wheeled vehicle with the motors wired according to `wiring`.
+
+    The ticks contain the sent commands.
+    """
 
     def __init__(self, inner: World, wiring: str) -> None:
         self.inner, self.wiring, self.commands = inner, wiring, inner.commands
@@ -62,13 +65,13 @@ class MiswiredLink(World):
 
 
 class Row(NamedTuple):
-    """The figures of all first drives with one wiring."""
+    """The results of all first drives with one wiring."""
 
     wiring: str
     drives: int
     touched: int  # drives in which the body touched a wall
     nearest_m: float  # the smallest distance between body and wall
-    named: int  # drives with the right diagnosis of the wiring
+    named: int  # drives with the correct diagnosis of the wiring
     gain_off: (
         float  # median of the larger of (estimated ÷ true, true ÷ estimated) gain; NaN with wrong wiring
     )
@@ -127,7 +130,7 @@ class FirstDrives:
 
 
 class FirstDriveFigures(NamedTuple):
-    """The figures of one simulated first drive."""
+    """The results of one simulated first drive."""
 
     wiring: str
     margin_m: float
@@ -140,8 +143,8 @@ def first_drives(
     seeds: int = 40, first: int = 0, processes: int = 1, backend: str = "auto",
     advance: Callable[[int], None] = lambda k: None,
 ) -> FirstDrives:  # fmt: skip
-    """Return the table over vehicles `first` … `first + seeds − 1`.
-    `advance` receives the number of drives just finished.
+    """Return the table over vehicles `first` … `first + seeds − 1`. `advance` is called with the number of drives
+    that have just finished.
     """
     drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, advance)
     rows = []
@@ -171,7 +174,7 @@ def _row(wiring: str, figures: list[FirstDriveFigures]) -> Row:
 
 
 def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
-    """Simulate the first drive of the unknown vehicle of that seed, and return its figures."""
+    """Simulate the first drive of the unknown vehicle of that seed, and return its results."""
     vehicle_file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
     robot = draw_unknown_robot(seed)
     world = MiswiredLink(LoopWorld(robot, seed, vehicle_file.rate_hz), wiring)

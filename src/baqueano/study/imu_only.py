@@ -4,9 +4,9 @@ Each of two runs is fitted twice, without its odometer. One fit uses the raw gyr
 sheet), the other one a gyro calibrated to 1 %. Each fit is evaluated
     on the other run    The speed is simulated from throttle and servo only. Its error against the odometer is compared
                         with the error of the same model fitted to odometer and gyro.
-    by its intervals    The 95 % intervals have a width, and cover or miss the odometer's fit of the same run, whose
-                        errors count too. They belong to gain, viscous and dry friction, cornering drag, and the steady
-                        speed at 0.4 throttle.
+    by its intervals    The 95 % intervals have a width, and cover or miss the odometer's fit of the same run. The
+                        errors of that fit are included. The intervals belong to gain, viscous and dry friction,
+                        cornering drag, and the steady speed at 0.4 throttle.
     by its messages     They must report that an IMU does not determine the gyro's scale. They must also report that
                         the other run leaves the range of the fit.
 
@@ -77,7 +77,7 @@ class FittedDrive(NamedTuple):
 def imu_only_study(
     backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> RecordingStudy:
-    """Fit both runs with both gyros. Raise FileError with the names of the files if recordings are missing."""
+    """Fit both runs with both gyros, and return the results. Raise FileError with the names of missing recordings."""
     check_present()
     return RecordingStudy(tuple(rows(progress, backend)), ())
 

@@ -1,4 +1,4 @@
-"""Evaluate fits on recordings of real vehicles by other authors, and compare the results with bars.
+"""Evaluate fits on recordings of real vehicles by other authors, and compare the results with required limits (bars).
 
 Each module of `recorded` imports one recording by a map. It fits a vehicle file of guesses to one part, and evaluates
 the fit on another part. The package does not contain the recordings: they are read from the folder BAQUEANO_DATA, else
@@ -30,7 +30,7 @@ class RecordingStudy:
 
     each: tuple["JsonObject", ...]
     left_out: tuple[str, ...]  # sentences on missing recordings
-    stopped: bool = False  # from the keyboard, before all were evaluated
+    stopped: bool = False  # True after Ctrl-C, before all recordings were evaluated
 
     def rows(self) -> list["TableRow"]:
         """Return the rows of all recordings, with recording, quantity, value, bar and ok."""
@@ -120,7 +120,7 @@ def files_of(maps: Sequence[str]) -> list[str]:
 
 
 def missing_of(paths: Sequence[str]) -> list[str]:
-    """Return the paths that are in none of the folders of recordings; a path may contain the wildcard *."""
+    """Return the paths that the folders of recordings do not contain; a path may contain the wildcard *."""
     folders = data_folders()
     return [path for path in paths if not any(glob.glob(str(folder / path)) for folder in folders)]
 

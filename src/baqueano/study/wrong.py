@@ -6,7 +6,7 @@ MAX_STANDARD_ERRORS, MAX_RELATIVE_ERROR = 5.0, 0.05  # standard errors, and part
 
 
 def wrong(estimate: np.ndarray, sd: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return a bool (p,): True for each wrong parameter; False if its error is not finite."""
+    """Return a mask (p,), True for each wrong parameter, and False if its error is not finite."""
     off = np.abs(estimate - truth)
     return (
         np.isfinite(off)

@@ -1,4 +1,4 @@
-"""Do one drive of one cell: simulate the blocks in the file's vehicle, or replay a recorded run through them."""
+"""Do one drive of one cell: simulate the file's vehicle with the blocks, or replay a recorded run with them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -61,11 +61,11 @@ class SweepJob(NamedTuple):
     settings: SweepSettings
     route: "Route | None" = None
     seed: int = 0
-    run: "Run | None" = None  # the run to replay
+    run: "Run | None" = None  # the run to replay, or None for a simulation
 
 
 def work(job: SweepJob) -> SweepDrive:
-    """Do the drive or the replay of a job, and return its figures."""
+    """Do the drive or the replay of a job, and return its results."""
     try:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
@@ -98,7 +98,7 @@ def _replay(job: SweepJob) -> "Run":
 
 
 def as_row(drive: SweepDrive) -> dict[str, object]:
-    """Return a drive as a dict for JSON; its numbers are exact."""
+    """Return a drive as a dict for JSON, without rounding."""
     return {
         "figures": drive.figures, "stopped": drive.stopped,
         "pieces": {name: list(pieces) for name, pieces in drive.pieces.items()},

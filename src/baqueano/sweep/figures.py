@@ -1,8 +1,8 @@
-"""Compute the figures of a drive, and the segments (pieces.py) of each rms figure, by which two drives are compared.
-    effort          e_t = |u_t / limit| / √m,   m entries of the command with a limit                      (1)
+"""Compute the results of a drive, and the segments (pieces.py) of each rms value, by which two drives are compared.
+    effort          e_t = |u_t / limit| / √m,   m commands that have a limit                              (1)
     roughness       e_t = |u_t − u_{t−1}| / limit / (√m δ)   [1/s]                                         (2)
-    joined          the length of the reference after which the vehicle stays within JOINED_M of its path  (3)
-    laps            complete laps before it is LOST_M from its path, or stops                              (4)
+    joined          the length of the reference after which the vehicle stays within MAX_JOINED_M of its path (3)
+    laps            complete laps before it is MAX_LAP_DISTANCE_M from its path, or stops                  (4)
 
 Cross-track, speed, ATE and RPE are computed as in compare/. The motion of the vehicle is the truth if it is known, else
 the estimate. NEES and NIS are means per degree of freedom, 1 if consistent.
@@ -28,14 +28,14 @@ NAN = float("nan")
 
 
 class SweepFigure(NamedTuple):
-    """The heading, unit and scale of a figure in a table."""
+    """The heading, unit and scale of a result in a table."""
 
     heading: str
     unit: str
     scale: float  # of the unit
 
 
-SUMMED = {  # rms figures, compared by segments
+SUMMED = {  # rms values, compared by segments
     "across_rms_m": SweepFigure(N_("across"), "cm rms", 100.0),
     "speed_error_m_s": SweepFigure(N_("speed error"), "cm/s rms", 100.0),
     "effort": SweepFigure(N_("effort"), "%", 100.0),
@@ -58,8 +58,7 @@ SINGLE = {
 def figures_of(
     run: "Run", laps: int = 1, alignment: str = "none", window_s: float = 1.0
 ) -> tuple[dict[str, float], dict[str, Pieces]]:
-    """Return the figures of a drive or a replay by name (SUMMED and SINGLE), and the segments of the figures
-    in SUMMED."""
+    """Return the results of a drive or a replay by name (SUMMED and SINGLE), and the segments of those in SUMMED."""
     series = _estimate_errors(run, alignment, window_s)
     single = dict.fromkeys(SINGLE, NAN)
     if run.metadata.get("kind") != "replay":
@@ -74,7 +73,7 @@ def figures_of(
 
 
 def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return figure → times and errors of the estimate against the truth; {} if one of them is not known."""
+    """Return, for each result, times and errors of the estimate against the truth; {} if one of them is not known."""
     est, truth = run.estimate, run.truth
     if est is None or truth is None or len(truth.t_ns) < 2:
         return {}
@@ -89,7 +88,7 @@ def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, t
 
 
 def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
-    """Return figure → times and errors of the vehicle, and the single figures of its path."""
+    """Return, for each result, times and errors of the vehicle; and the single values of its path."""
     log: Tree = run.truth if run.truth is not None else run.estimate
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
@@ -115,8 +114,8 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
 
 
 def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
-    """Return the path length [m] after which all distances (N,) are within JOINED_M; NaN if the last distance is not.
-    (3)
+    """Return the path length [m] after which all distances (N,) are within MAX_JOINED_M, or NaN without such a
+    length.  (3)
     """
     outside_rows = np.flatnonzero(~(np.abs(across_m) <= MAX_JOINED_M))
     if not outside_rows.size:
@@ -127,8 +126,9 @@ def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
 def _laps(
     run: "Run", t_ns: np.ndarray, cross_track: np.ndarray, path_fraction: np.ndarray, laps: int
 ) -> float:
-    """Return the complete laps, of `laps`, within LOST_M and before a stop; `path_fraction` (N,) is the fraction of
-    the route. (4)
+    """Return the complete laps, of `laps`, within MAX_LAP_DISTANCE_M and before a stop.
+
+    `path_fraction` (N,) is the fraction of the route.  (4)
     """
     stops = [event.t_ns for event in run.events if event.level == "error"]
     if not stops and np.all(np.abs(cross_track) <= MAX_LAP_DISTANCE_M):

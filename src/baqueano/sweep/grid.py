@@ -1,4 +1,7 @@
-"""Combine vehicles or runs, blocks, routes and seeds to drives, which are all checked before the first one."""
+"""Combine vehicles or runs, blocks, routes and seeds into drives.
+
+All drives are checked before the first one begins.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -42,7 +45,7 @@ def sweep(
     advance: Callable[[int], None] | None = None,
     **settings: float | str | tuple[float, float, float],
 ) -> SweepResult:
-    """Drive or replay each combination of blocks under the same conditions, and compare them.
+    """Drive or replay each combination of blocks under the same conditions, and return the results.
 
     Parameters
     ----------
@@ -61,11 +64,12 @@ def sweep(
     keep : path, optional
         A folder in which each finished drive is stored. The same call later resumes from there.
     processes : int, optional
-        Number of processes, by default one per processor. Blocks that only this process can import are driven in it.
+        Number of processes, by default one per processor. Drives with blocks that only this process can import are
+        run in this process.
     cluster : str, optional
         Address of a Dask scheduler, instead of processes.
     advance : callable, optional
-        Called with the number of drives that have just finished.
+        A function that is called with the number of drives that have just finished.
     **settings : object
         `laps`; `start` (3,) [m, m, rad] of the vehicle, relative to the route's first pose; `alignment` and `over_s`
         [s] as in `compare`; `backend`.
@@ -73,7 +77,7 @@ def sweep(
     Returns
     -------
     SweepResult
-        The figures of each drive, of each cell, and their differences.
+        The results of each drive and each cell, and their differences.
 
     Raises
     ------

@@ -4,10 +4,10 @@
     s² = Σ_d (n_d − 1) / n_d Σ_b (θ_{−b} − mean_b θ_{−b})²,   θ_{−b}: (1) without the block b of n_d         (2)
     interval = exp(θ ± t s),   t: Student's, with Σ_d (n_d − 1) degrees of freedom                         (3)
 
-With FEWEST drives or more, each drive is a block with independent noise: (2) is then the variance of a mean. With fewer
-drives, blocks are segments of at least TIMES correlation times, and the interval is valid only for these drives. With
-fewer than FEWEST blocks the interval is NaN. A bootstrap of so few blocks is too narrow. Source of (2), the delete-one
-jackknife: Künsch, Annals of Statistics, 1989.
+With MIN_BLOCKS drives or more, each drive is a block with independent noise: (2) is then the variance of a mean. With
+fewer drives, blocks are segments of at least BLOCK_CORRELATION_TIMES correlation times, and the interval is valid
+only for these drives. With fewer than MIN_BLOCKS blocks the interval is NaN. The interval of a bootstrap of so few
+blocks is too narrow. Source of (2), the delete-one jackknife: Künsch, Annals of Statistics, 1989.
 """
 
 from collections.abc import Sequence
@@ -24,14 +24,14 @@ NAN = float("nan")
 
 
 class PairedDifference(NamedTuple):
-    """A figure of a cell divided by the same figure of another cell.
+    """A result of a cell divided by the same result of another cell.
 
     Attributes
     ----------
     ratio : float
-        Geometric mean over the drives; below 1 if the first cell's figure is smaller.
+        Geometric mean over the drives; below 1 if the result of the first cell is smaller.
     low, high : float
-        Its 95 % interval; NaN if there are too few blocks.
+        The 95 % interval of the ratio; NaN if there are too few blocks.
     blocks : int
         The number of independent blocks.
     is_by_drives : bool
@@ -82,8 +82,10 @@ def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> Paire
 
 
 def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
-    """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, each about TIMES correlation times or longer."""
-    rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them may have been stopped
+    """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, each about BLOCK_CORRELATION_TIMES correlation times or
+    longer.
+    """
+    rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them can have been stopped
     valid_rows = np.array([row for row in rows if row[1] and row[3]])
     block_size = max(
         1, int(np.ceil(BLOCK_CORRELATION_TIMES * max(a.correlation_s, b.correlation_s) / a.length_s))

@@ -1,7 +1,7 @@
 """Summarize a series of errors by sums of squares over time segments, and by its correlation time.
 
     rms = √(Σ_b S_b / Σ_b n_b),   S_b = Σ e², n_b samples of the segment b                                 (1)
-    T = δ (1 + 2 Σ_{k ≤ w} ρ_k),   ρ: autocorrelation of e²,  w: the first k with k δ ≥ WINDOW T           (2)
+    T = δ (1 + 2 Σ_{k ≤ w} ρ_k),   ρ: autocorrelation of e²,  w: the first k with k δ ≥ c T               (2)
 
 A sample for a span of time, such as a relative error, belongs to a segment only if its whole span is inside. Samples
 over the time T contain as much information as one independent sample. T is corrected for the bias from the mean of a
@@ -17,7 +17,7 @@ from baqueano.signals import NANOSECONDS, seconds
 PIECE_S = 10.0
 MIN_SPANS = 4.0  # least length of a segment, in spans of a relative error
 MIN_LAST_LENGTH = (
-    0.9  # least length of the last segment, in lengths; a shorter rest joins the previous segment
+    0.9  # least length of the last segment, in lengths; a shorter remainder is added to the previous segment
 )
 WINDOW_TIMES = 5.0
 

@@ -1,4 +1,4 @@
-"""Result of a sweep: the figures of each drive, the medians of each cell, and its differences from a reference."""
+"""Result of a sweep: the values of each drive, the medians of each cell, and the differences from a reference cell."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 ALL_FIGURES = {**SUMMED, **SINGLE}
-BLOCKS = (  # of figures, as they are printed
+BLOCKS = (  # names of results, in the order of the tables
     ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joined_m", "laps"),
     ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "nees_pose", "nees_velocity", "nis"),
 )
@@ -33,8 +33,8 @@ SHORT_FIGURES = (
     "rpe_heading_rad",
     "nis",
 )
-MAIN_FIGURES = ("across_rms_m", "ate_m")  # the table shows the difference of the first of them that is known
-MAX_LABEL_LETTERS = 32  # letters of a label
+MAIN_FIGURES = ("across_rms_m", "ate_m")  # the table shows the difference of the first of these that is known
+MAX_LABEL_LETTERS = 32  # characters of a label
 
 
 class SweepCell(NamedTuple):
@@ -60,7 +60,7 @@ class SweepCell(NamedTuple):
 
 
 class SweepDrive(NamedTuple):
-    """The figures of a drive of a cell.
+    """The results of a drive of a cell.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class SweepDrive(NamedTuple):
     name : str
         Vehicle, route and seed; the same in each cell.
     figures : dict of float
-        Figures by their names; NaN if not known.
+        Results by their names; NaN if not known.
     pieces : dict of Pieces
-        Segments of each rms figure, by which drives are compared.
+        Segments of each rms value, by which drives are compared.
     stopped : str
         Code of the reason why the drive was stopped, or "".
 
@@ -97,7 +97,7 @@ class SweepResult(Result):
     drives : tuple of SweepDrive
         The drives, cell by cell.
     requested : int
-        Number of drives of the call; after Ctrl-C, `drives` contains fewer.
+        Number of drives of the call. After Ctrl-C, `drives` contains fewer drives.
     reference : str
         Label of the cell with which the other cells are compared.
 
@@ -129,7 +129,7 @@ class SweepResult(Result):
         ]  # fmt: skip
 
     def cells(self) -> list["TableRow"]:
-        """Return a flat row per cell: the median of each figure over its drives, and the ratios of the rms figures."""
+        """Return a flat row per cell: the median of each result over its drives, and the ratios of the rms values."""
         out = []
         for label, drives in self._by_cell().items():
             row: TableRow = {
@@ -152,7 +152,7 @@ class SweepResult(Result):
         return out
 
     def difference(self, label: str, figure: str) -> PairedDifference:
-        """Return a figure of the cell `label` divided by the reference's figure, over the drives of both cells."""
+        """Return the ratio of a result of the cell `label` to that of the reference, over the drives of both cells."""
         cells = self._by_cell()
         drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
         drive_pairs = [(drives[name], references[name]) for name in drives if name in references]
@@ -197,7 +197,7 @@ class SweepResult(Result):
         return out
 
     def main_figure(self) -> str:
-        """Return the name of the figure by which cells are compared first."""
+        """Return the name of the result by which cells are compared first."""
         available = [
             name
             for name in MAIN_FIGURES
@@ -206,14 +206,14 @@ class SweepResult(Result):
         return available[0] if available else MAIN_FIGURES[-1]
 
     def figure_names(self) -> list[str]:
-        """Return the names of the figures that at least one drive has; the figures of the vehicle are first."""
+        """Return the names of the results that at least one drive has; the results of the vehicle are first."""
         return [name for names in BLOCKS for name in names if self._has(name)]
 
     def _has(self, name: str) -> bool:
         return any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
 
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
-        """Return the lines of a table for each block of known figures; the first table also contains the ratios."""
+        """Return the lines of a table for each block of known results; the first table also contains the ratios."""
         rows, out = self.cells(), []
         width = min(max([len(row["cell"]) for row in rows], default=4), MAX_LABEL_LETTERS) + 2
         for names in ([name for name in block if self._has(name)] for block in blocks):

@@ -1,8 +1,9 @@
-"""Run drives in processes or on a cluster; each finished drive is stored, and a stored drive is read instead of run.
+"""Run drives in processes or on a cluster. Each finished drive is stored, and a stored drive is read instead of
+repeated.
 
-The file name is the digest of all inputs of a row: version, columns, vehicle file,
-route or run, blocks, seed and settings. A block of the user counts with its source
-text. JSON stores doubles exactly, so a stored drive equals the original.
+The file name is the digest of all inputs of a row: version, columns, vehicle file, route or run, blocks, seed and
+settings. A block of the user is included with its source text. JSON stores doubles exactly, so a stored drive equals
+the original.
 """
 
 import json
@@ -38,8 +39,9 @@ class Resources(NamedTuple):
 def run_all(
     jobs: Sequence[SweepJob], resources: Resources, advance: Callable[[int], None] | None
 ) -> "list[SweepDrive]":
-    """Run all jobs, or read their stored drives, and return the drives in order; after Ctrl-C only the
-    finished drives."""
+    """Run all jobs, or read their stored drives, and return the drives in order; after Ctrl-C, return only the
+    finished drives.
+    """
     if resources.keep is not None:
         resources.keep.mkdir(parents=True, exist_ok=True)
     names = [digest(job) for job in jobs] if resources.keep is not None else [""] * len(jobs)
@@ -99,7 +101,7 @@ def _travels(jobs: Sequence[NumberedJob]) -> bool:
         return False
     try:
         ForkingPickler.dumps(list(blocks))
-    except Exception:  # a user's block may raise any error here
+    except Exception:  # a user's block can raise any error here
         return False
     return True
 

@@ -1,4 +1,4 @@
-"""Spread long jobs over processes; after Ctrl-C the finished results are kept.
+"""Distribute long jobs over processes; after Ctrl-C the finished results are kept.
 
 A fit spends half of its time in Python, whose threads wait for each other, so jobs run in processes. Only the parent
 process handles Ctrl-C. The workers finish their present job, which needs about a second.
@@ -19,7 +19,7 @@ R = TypeVar("R")
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use."""
+    """Return the number of processors that this process is allowed to use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
@@ -31,8 +31,8 @@ def spread_over(
 ) -> list[R]:
     """Return `work` of each job, in the order in which they end; `advance` is called with 1 after each job.
 
-    `work`, a function of a module, jobs and results are pickled if there is more than one process. After Ctrl-C,
-    return the finished results.
+    With more than one process, `work`, the jobs and the results are pickled, so `work` must be a function of a
+    module. After Ctrl-C, return the finished results.
     """
     report, results = advance or (lambda n: None), []
     if processes < 2 or len(jobs) < 2:

@@ -1,8 +1,7 @@
 """Compile plain NumPy functions: a function → its graph → derivatives → C or Python. It is independent of vehicles.
 
 `scan` runs a step over time, `function` and `compile_block` make one call fast, `jacobian` differentiates. The
-functions
-given to them are ordinary NumPy code: pure, without `if` on a value that is known only at run time.
+functions that they receive are ordinary NumPy code: pure, without `if` on a value that is known only at run time.
 
 A call passes through the modules from top to bottom; each module imports only modules below it:
 
@@ -11,7 +10,7 @@ A call passes through the modules from top to bottom; each module imports only m
     backends            the choice: c_code/ or python_code/
     derivatives/        the rule of each operator, dual numbers, tangents of a program
     graph/              trace → node → simplify → assemble → program → emit (the order of the arithmetic)
-    arrays/             scalars and arrays that represent numbers while a function is traced
+    arrays/             scalars and arrays in place of numbers while a function is traced
     ieee, errors        arithmetic that never raises; errors that name the line of the user's code
 """
 

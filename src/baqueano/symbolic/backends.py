@@ -15,7 +15,7 @@ _report_log: set[Diagnostic] = set()
 
 
 def resolve_backend(backend: str) -> str:
-    """Return `backend`; for "auto" the variable BAQUEANO_BACKEND, if it is set. Invalid for an unknown name."""
+    """Return `backend`; for "auto" the variable BAQUEANO_BACKEND, if it is set. Raise Invalid for an unknown name."""
     if backend == "auto":
         backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
     if backend not in BACKEND_NAMES:

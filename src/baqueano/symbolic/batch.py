@@ -20,7 +20,7 @@ class Batch(NamedTuple):
     ticks: int
     theta: np.ndarray  # (L, p)
     start: np.ndarray | None  # (L, c); None if it follows from θ
-    inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), which is which
+    inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), True if shared
 
     @classmethod
     def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
@@ -53,7 +53,7 @@ class Batch(NamedTuple):
             for (leaf, v), o in zip(leaves_and_values, is_own_input, strict=True)
         ]
         shared_inputs = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
-        own_columns = [c for c in columns if c.ndim == 3]  # a single one is used without a copy
+        own_columns = [c for c in columns if c.ndim == 3]  # a single column is used without a copy
         own_columns = own_columns if len(own_columns) == 1 else [np.zeros((count, n, 0)), *own_columns]
         own_inputs = (
             np.ascontiguousarray(own_columns[0])

@@ -13,8 +13,8 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import DiagnosticError
 
-_FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, made-up text
-FANCY_INDEX_TEXT = "arrays used as ind"  # of NumPy's text
+_FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, generated code
+FANCY_INDEX_TEXT = "arrays used as ind"  # part of a message of NumPy
 _CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
@@ -49,7 +49,7 @@ def running_line() -> str:
 
 @contextmanager
 def locate_errors() -> Iterator[None]:
-    """Convert an error of NumPy within the context (wrong shapes, a missing method) to a TraceError with the line."""
+    """Convert an error of NumPy within the context (wrong shapes, a missing method) to a TraceError with its line."""
     try:
         yield
     except TraceError:

@@ -1,7 +1,7 @@
 """Compile a function for fast calls: `function` for a function, `compile_block` for the step of a block.
 
-The numbers of the arguments are written into one row of floats. The kernel of a scan of one tick fills another row,
-which is read as the result. Types, None and text belong to the shape of an argument, and are checked.
+The values of the arguments are written into one row of floats. The kernel of a scan of one tick fills another row,
+which is read as the result. Types, None and text are part of the shape of an argument, and are checked.
 
 The state of a filter contains many zeros, for states that are never correlated. If zeros of the first state stay zero
 by induction, the kernel is simplified for them. Each call checks these zeros; if one is not 0, a general kernel runs.
@@ -29,7 +29,7 @@ from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, flat_row, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 
-MAX_CACHED = 24  # codes of this process whose graph and kernel are kept
+MAX_CACHED = 24  # largest number of functions whose graph and kernel are cached
 
 
 def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":
@@ -47,7 +47,8 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
     Returns
     -------
     Function
-        To be called like `f`; ValueError if an argument has another shape than its example.
+        Callable like `f`. It raises Misuse for another number of arguments, and Invalid for an argument of another
+        shape.
 
     Examples
     --------
@@ -74,7 +75,7 @@ def compile_block(block: Tree, backend: str = "auto") -> "CompiledBlock":
     Returns
     -------
     CompiledBlock
-        To be used like the block.
+        Block with the same methods and attributes.
 
     Examples
     --------
@@ -86,7 +87,7 @@ def compile_block(block: Tree, backend: str = "auto") -> "CompiledBlock":
 
 
 class Function:
-    """A function of numbers in trees, compiled at its creation."""
+    """A function of trees of values, compiled at its creation."""
 
     def __init__(self, f: Callable[..., Tree], examples: tuple[Tree, ...], backend: str) -> None:
         self.f = f
@@ -103,7 +104,7 @@ class Function:
         return "" if self._runner is None else self._runner.source
 
     def __call__(self, *args: Tree, **kwargs: Tree) -> Tree:
-        """Return f(*args); ValueError if an argument has another shape than its example."""
+        """Return f(*args). Raise Misuse for another number of arguments, and Invalid for another shape."""
         if kwargs:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
@@ -132,7 +133,7 @@ class _CompiledParts(NamedTuple):
     general: Callable[[], Runner]
     inputs: int
     outputs: int
-    shape: Shape  # of the result
+    shape: Shape  # shape of the result
 
 
 _cache: dict[Hashable, _CompiledParts] = {}  # the oldest first
@@ -142,7 +143,7 @@ _lock = Lock()
 def _compile_parts(
     f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
 ) -> _CompiledParts:
-    """Return the compiled parts from the cache, or make them. So a second drive with equal blocks starts at once."""
+    """Return the compiled parts from the cache, or compile them. So a second drive with equal blocks starts at once."""
     key = _key(f, shapes, examples, backend)
     compiled = _cache.get(key) or _compile_new(f, shapes, examples, backend)
     if key is not None:
@@ -185,11 +186,11 @@ def _compile_new(
 
 
 def _parameter_key(x: object) -> Hashable:
-    """Return a key, equal for blocks with equal parameters; TypeError for a block with data outside its fields."""
+    """Return a key, equal for equal parameters. Raise TypeError for a block with data outside its fields."""
     if x is None or isinstance(x, str | int):
         return type(x), x
     if isinstance(x, float | np.number | np.ndarray) and (array := np.asarray(x)).dtype != object:
-        return type(x), array.dtype.str, array.shape, array.tobytes()  # 0 and −0 are two
+        return type(x), array.dtype.str, array.shape, array.tobytes()  # the bytes of 0 and −0 differ
     if isinstance(x, dict):
         return dict, tuple((key, _parameter_key(value)) for key, value in x.items())
     if isinstance(x, tuple | list):
@@ -239,7 +240,7 @@ class CompiledBlock:
     def _row(self, *args: Tree) -> Tree:
         try:
             return self._last(*args)
-        except (ShapeMismatch, TypeError):  # other shapes, or more of them
+        except (ShapeMismatch, TypeError):  # other shapes, or another number of arguments
             pass
         key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
         if key not in self._steps:

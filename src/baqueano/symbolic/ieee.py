@@ -41,7 +41,7 @@ def sign(a: float) -> float:
 
 
 def interp(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
-    """Return the piecewise linear interpolation, constant outside the table, as np.interp; NaN for NaN."""
+    """Return the piecewise linear interpolation, constant outside the table, like np.interp; NaN for NaN."""
     if x <= xp[0]:
         return fp[0]
     if x >= xp[-1]:

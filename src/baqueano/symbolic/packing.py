@@ -1,4 +1,4 @@
-"""Convert trees to rows and back fast, by code generated for one shape, for calls that take microseconds.
+"""Convert trees to rows and back fast, with code generated for one shape, for calls that take microseconds.
 
 `tree.values` and `tree.build` do the same for any shape, but slowly; they also report the errors of a tree.
 
@@ -42,8 +42,8 @@ def caller(
 ) -> Callable[..., Tree]:
     """Return a function of trees of these `shapes`, which returns a tree of `shape`.
 
-    It writes their numbers into `row`, calls `run`, and builds the tree from `result`. If `run` returns True, it calls
-    `general` to fill `result`.
+    The function writes the values of its arguments into `row`, calls `run`, and builds the tree from `result`. If `run`
+    returns True, the function calls `general` to fill `result`.
     """
     space: dict[str, Tree] = {
         "row": row, "cells": row.data, "run": run, "general": general, "result": result,
@@ -80,7 +80,7 @@ def caller(
 
 
 def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
-    """Return the first output, if it has the shape of the first argument and only its numbers can change; else None."""
+    """Return the first output if it has the shape of the first argument and only its values can change; else None."""
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
     first = shape.children[0]
@@ -200,7 +200,7 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
 
 
 def _check_shape(shape: Shape, tree: Tree) -> None:
-    """Raise ShapeMismatch if the tree does not have this shape. An equal text, though another object, is correct."""
+    """Raise ShapeMismatch if the tree does not have this shape. An equal text is accepted, even as another object."""
     try:
         entries = values(shape, tree)
     except ValueError as error:

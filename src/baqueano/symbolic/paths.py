@@ -2,7 +2,7 @@
 
 Examples are `get(robot, "friction.linear[0]")` and `put(robot, "model.T[0,2]", x)`. A name is a field of a dataclass or
 NamedTuple, or a key of a dict; an index is in brackets. `put` copies the objects on the path. It does not call
-`__post_init__`, because checks of ranges would be `if`s on values known only at run time.
+`__post_init__`, because its checks would be `if`s on values known only at run time.
 """
 
 import dataclasses
@@ -28,14 +28,14 @@ _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")
 
 
 def get(tree: Tree, path: str) -> Tree:
-    """Return the value at `path`."""
+    """Return the value at `path`. Raise NoSuchName for a missing field, and Invalid if `path` cannot be parsed."""
     for step in _steps(path):
         tree = _child(tree, step, path)
     return tree
 
 
 def put(tree: Of, path: str, value: Tree) -> Of:
-    """Return a copy of `tree` with `value` at `path`; the new value must have the shape of the old value."""
+    """Return a copy of `tree` with `value` at `path`. Raise Invalid if the old value has another shape."""
     return _replace_at(tree, _steps(path), value, path)
 
 

@@ -111,7 +111,7 @@ class PlainScan(Scan):
         )
 
     def _lanes(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
-        """Yield inputs, θ and start of each lane."""
+        """Yield the inputs, θ and the start of each lane."""
         shared_rows, own_inputs, is_shared = batch.inputs
         rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared_rows
@@ -145,7 +145,7 @@ class PlainScan(Scan):
 
 
 def _shape_of_all(outputs: list[Tree]) -> Shape:
-    """Return the common shape of all outputs; a number that is an integer only at some ticks is a float."""
+    """Return the common shape of all outputs; a value that is an integer only at some ticks is a float."""
     shape = shape_of(outputs[0], "output")
     kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)
     return with_kinds(shape, iter([min(set(kinds_of_entry), key="fib".index) for kinds_of_entry in kinds]))

@@ -40,7 +40,7 @@ def scan(
     carry : tree
         The carry at the start, or a function of theta that returns it.
     inputs : tree
-        An example of the inputs of one tick: any numbers of the correct shapes.
+        An example of the inputs of one tick: any values of the correct shapes.
     theta : array_like (p,), optional
         An example of the parameters.
     backend : str
@@ -49,14 +49,14 @@ def scan(
     Returns
     -------
     Scan
-        Compiled when a method is first called.
+        The scan; code is compiled when a method is first called.
 
     Raises
     ------
     Invalid
-        If theta is not a vector; a ValueError.
+        If theta is not a vector; Invalid is a ValueError.
     TraceError
-        If the step cannot be traced; it names the line.
+        If the step cannot be traced; the message names the line.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class Scan(ABC):
     step : callable
         The same as for `scan`.
     carry : tree
-        The carry at the start, or a function of theta that returns it; methods accept another start.
+        The carry at the start, or a function of theta that returns the carry; methods accept another start.
     inputs : tree
         An example of the inputs of one tick.
     theta : ndarray (p,) or None
@@ -127,7 +127,7 @@ class Scan(ABC):
 
     @property
     def unused_carry(self) -> tuple[str, ...]:
-        """Return the entries of the carry that no output depends on, and that derivatives, costs and fits omit."""
+        """Return the names of carry entries on which outputs do not depend; derivatives, costs and fits omit them."""
         return ()
 
     @abstractmethod
@@ -136,21 +136,21 @@ class Scan(ABC):
 
     @abstractmethod
     def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the numbers of the output (N, m) and their derivatives (N, m, p)."""
+        """Return the values of the outputs (N, m), and their derivatives with respect to θ (N, m, p)."""
 
     @abstractmethod
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
-        """Return the sum over the ticks of the output, which must be one number per tick."""
+        """Return the sum of the output over the ticks. Raise Invalid if the output is not one number per tick."""
 
     @abstractmethod
     def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
-        """Return the sum over the ticks of the output, one number per tick, and its gradient (p,)."""
+        """Return the sum of the output (one number per tick) over the ticks, and its gradient (p,)."""
 
     @abstractmethod
     def normal_equations(
         self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
     ) -> NormalEquations:
-        """Return cost Σ ρ(r), its gradient, and Σ w ∂r ∂rᵀ, with the outputs as whitened residuals r.
+        """Return the cost Σ ρ(r), its gradient (p,), and Σ w ∂r ∂rᵀ (p, p), with the outputs as whitened residuals r.
 
         With `huber` = k, ρ grows linearly beyond k.
         """
@@ -161,16 +161,17 @@ class Scan(ABC):
     ) -> tuple[Tree, Tree]:
         """Run L lanes: theta (L, p), leaves of `carry` (L, …) or shared, leaves of `inputs` (L, N, …) or shared.
 
-        Return the carry after the last tick, (L, …), and the outputs, (L, N, …), or None.
+        Return the carry after the last tick (L, …), and the outputs (L, N, …), or None without `with_outputs`.
         """
 
     @abstractmethod
     def batch_sums(
         self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Run L lanes, as in `batch`, and return the numbers of the output summed over the ticks, (L, m).
+        """Run L lanes, as in `batch`, and return the sums of the outputs over the ticks (L, m).
 
-        Also return the derivatives of these sums by the first `derivative_count` entries of θ, (L, m, slopes).
+        Also return the derivatives of these sums with respect to the first `derivative_count` entries of θ, (L, m,
+        derivative_count).
         """
 
     def _theta(self, theta: Tree, is_batch: bool = False) -> np.ndarray:
@@ -216,7 +217,7 @@ class TracedScan(Scan):
     ) -> None:
         super().__init__(step, carry, inputs, theta)
         self.requested_backend = backend
-        start = None if self.carry_function else self._flat_start(None)  # it may depend on θ
+        start = None if self.carry_function else self._flat_start(None)  # the start can depend on θ
         candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._trace_once(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
@@ -312,7 +313,7 @@ class TracedScan(Scan):
         with self.trace.graph.lock:
             if key not in self.summing:
                 program = with_sums(assembly.program, derivative_count)
-                # keeps the object, so that its id is not used again
+                # the assembly is stored, so that its id is not reused
                 self.summing[key] = assembly, program, Runner(program, self.requested_backend)
         return self.summing[key][1:]
 
@@ -339,7 +340,7 @@ class TracedScan(Scan):
         return self.runners[key]
 
     def _prepare(self, keep_all: bool, carry: Tree, flat_start: np.ndarray | None = None) -> Tree:
-        """Return the kernel to run, and its start values (…, s): from `carry`, or by default from the given start."""
+        """Return the kernel to run, and its start values (…, s): from `carry`, or from the start of the scan."""
         if carry is None and flat_start is None:
             if keep_all not in self.begun:
                 self.begun[keep_all] = self._begin(keep_all)
@@ -356,7 +357,7 @@ class TracedScan(Scan):
         pair = self._runner(keep_all, given_start=True)
         if not np.array_equal(
             flat_start, flat_start[..., pair[0].equal_entry], equal_nan=True
-        ):  # a matrix is not symmetric
+        ):  # a matrix of the start is not symmetric
             pair = self._runner(keep_all, given_start=True, is_symmetric=False)
         return pair, np.ascontiguousarray(flat_start[..., pair[0].first])
 
@@ -364,7 +365,7 @@ class TracedScan(Scan):
         return flat_row(self.carry_shape, self.example if carry is None else carry)
 
     def _rows(self, inputs: Tree) -> np.ndarray:
-        """Return the inputs as rows (N, ·), only to be read: an input that is one suitable array is not copied."""
+        """Return the inputs as rows (N, ·), which are only read: an input that is one suitable array is not copied."""
         shape = self.input_shape
         if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
             has_shape = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)

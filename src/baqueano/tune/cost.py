@@ -1,4 +1,4 @@
-"""The cost of a set of gains: the paper's cost of a drive along its route, plus prices of the command.
+"""Compute the cost of a set of gains: the paper's cost of a drive along its route, plus prices of the command.
 
     C(g) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
     r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,   k r − ½ k² beyond                             (2)

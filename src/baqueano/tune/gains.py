@@ -28,9 +28,9 @@ from baqueano.tune.tuned import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-JUDGING_VEHICLES = 200  # vehicles that judge the result; the search did not use them
-JUDGING_SEEDS = 30  # seeds that judge the result; the search did not use them
-SEED_OFFSET = 1000  # offset between the seeds of the search and those that judge
+JUDGING_VEHICLES = 200  # vehicles for the test of the result; the search did not use them
+JUDGING_SEEDS = 30  # seeds for the test of the result; the search did not use them
+SEED_OFFSET = 1000  # offset between the seeds of the search and those of the test
 MAX_WIDENED_SEARCHES = 3  # largest number of repeated searches with wider bounds
 
 
@@ -42,7 +42,7 @@ def tune(
     polish: bool = True,
     **options: Any,
 ) -> TuneResult:
-    """Find the gains of a controller with which the vehicle follows its routes best.
+    """Return the gains of a controller with which the vehicle follows its routes with the least cost.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _tune_result(
 
 
 def _costs_around(rehearsal: Rehearsal, best_descent: Descent) -> np.ndarray:
-    """Return the cost (p, k) relative to the least cost, with one gain at a time multiplied by the k FACTORS."""
+    """Return the cost (p, k) relative to the least cost, if one gain at a time is multiplied by each of k factors."""
     p = len(best_descent.gains)
     gains = np.tile(best_descent.gains, (p, len(FACTORS), 1))
     for k in range(p):

@@ -56,7 +56,7 @@ class SimulatedLap(NamedTuple):
     jerk_cost: float
     distance_rms_m: float
     distance_max_m: float
-    saturated: float  # share of the ticks at a limit of the command
+    saturated: float  # fraction of the ticks at a limit of the command
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,14 +66,14 @@ class SimulatedLaps:
     space: SearchSpace
     weights: Weights
     seconds: float  # of a lap
-    whole: bool  # False: only the first LONGEST_S of it
+    whole: bool  # False: only the first MAX_LAP_S of it
     _inputs: Input
     _start: SystemState
     _kernel: Scan
 
     @property
     def backend(self) -> str:
-        """Return the back end of the kernel."""
+        """Return the backend of the kernel."""
         return self._kernel.backend
 
     def lap(self, gains: np.ndarray) -> SimulatedLap:
@@ -102,7 +102,7 @@ class SimulatedLaps:
 def simulated_laps(
     vehicle_file: "VehicleFile", route: Route, kind: str | None = None, backend: str = "auto"
 ) -> SimulatedLaps:
-    """Return the laps of the file's vehicle on a route, or on the first LONGEST_S of a longer one.
+    """Return the laps of the file's vehicle on a route, or on the first MAX_LAP_S of a longer route.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def simulated_laps(
     Raises
     ------
     UsageError
-        For a controller without a gain.
+        For a controller that does not have a gain.
     """
     space = search_space(vehicle_file, controller=kind)
     weights = weights_of(vehicle_file, None, HUBER_M, JERK_M2)

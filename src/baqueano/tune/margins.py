@@ -1,6 +1,6 @@
 """The gain, phase and delay margins of a loop, linearised at straight driving with a steady speed.
 
-    x⁺ = A x + B u,    y = C x + D u          vehicle, delay, sensors, controller; u acts now, y the next    (1)
+    x⁺ = A x + B u,    y = C x + D u          vehicle, delay, sensors, controller; u acts now, y in the next tick    (1)
     L_i(z) = −z⁻¹ (C (zI − A)⁻¹ B + D)_ii,    z = exp(jω δ)        channel i opened, the others closed         (2)
     gain: 1/|L_i| where L_i < 0,    phase: φ = π + arg L_i where |L_i| = 1,    delay: φ/ω                      (3)
 
@@ -39,14 +39,14 @@ EXTRA_S, CALM_WINDOW_S, CALM_TOLERANCE = (
     4.0,
     0.5,
     0.05,
-)  # a drive is steady if the command of its last CALM_S changes less
+)  # a drive is steady if the command changes less at its end
 MIN_SPEED_M_S = 0.01  # a steady drive is faster
 FREQUENCY_COUNT = 2000
 MIN_FREQUENCY_RAD_S = 0.02
 UNSTABLE_EIGENVALUE = (
     1.0 + 1e-5
 )  # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
-BISECTION_STEPS = 50  # of a bisection
+BISECTION_STEPS = 50  # number of steps of a bisection
 
 
 class LoopMargins(NamedTuple):
@@ -55,7 +55,7 @@ class LoopMargins(NamedTuple):
     channel: str  # "u_psi"
     gain_up: float  # factor above 1 at which the loop becomes unstable; inf if it never does
     gain_down: float  # factor below 1 at which the loop becomes unstable; 0 if it never does
-    phase_rad: float  # inf if |L| is never 1
+    phase_rad: float  # infinite if |L| is never 1
     delay_s: float  # additional delay; inf if |L| is never 1
     speed_m_s: float  # of the steady drive
     stable: bool  # the whole loop
@@ -84,7 +84,7 @@ class Linear(NamedTuple):
 def loop_margins(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LoopMargins, ...]:
-    """Return the margins of each channel with a limit above 0; empty at low speed or without a finite linearisation."""
+    """Return the margins of each channel with a limit above 0; () at low speed or without a finite linearisation."""
     if not speed_m_s > MIN_SPEED_M_S:
         return ()
     plant, steady = linearise(vehicle_file, controller, speed_m_s)
@@ -159,7 +159,7 @@ def linearise(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: fl
 
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
     x, J, steady = _steady_state(tick, flat.of(state), speed_m_s * dt_s * direction)
-    if not steady:  # for example, the controller does not correct the error beside the path
+    if not steady:  # for example, the controller does not correct the cross-track error
         t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
         J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)

@@ -7,8 +7,9 @@ the largest cost, and differentiable everywhere:
 
     ∂C = Σ_v (C_v / C)⁷ ∂C_v / V                                                                          (2)
 
-Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn within ± DELAY_S. Many
-drives run in parallel lanes (symbolic/). A few drives run one after the other, because lanes take longer to compile.
+Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn within ±
+DELAY_SPREAD_S. Many drives run in parallel lanes (symbolic/). A few drives run one after the other, because lanes
+take longer to compile.
 """
 
 from collections.abc import Sequence
@@ -47,8 +48,8 @@ SOFT_MAXIMUM_POWER = 8  # of (1)
 DELAY_SPREAD_S = 0.01
 DELAY_PATH = "model.drivetrain.delay_s"
 SPEED_SAMPLES = 32  # of a route, for its speed
-MIN_LANE_DRIVES = 32  # number of drives from which lanes are compiled for gradients
-MIN_LANE_TICKS = 1_000_000  # number of ticks of all drives from which lanes are compiled for costs
+MIN_LANE_DRIVES = 32  # number of drives above which lanes are compiled for gradients
+MIN_LANE_TICKS = 1_000_000  # number of ticks of all drives above which lanes are compiled for costs
 
 
 class TunedDrive(NamedTuple):
@@ -57,7 +58,7 @@ class TunedDrive(NamedTuple):
     distance_rms_m: float
     distance_max_m: float
     heading_rms_rad: float
-    saturated: float  # share of the ticks at a limit of the command
+    saturated: float  # fraction of the ticks at a limit of the command
 
 
 class RehearsalCase(NamedTuple):
@@ -79,7 +80,7 @@ class RehearsalCase(NamedTuple):
         return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
     def with_seeds(self, seeds: Sequence[int | None]) -> "RehearsalCase":
-        """Return the same leg with the noise of these seeds; the seed None means a drive without noise."""
+        """Return the same case with the noise of these seeds; the seed None gives a drive without noise."""
         t_ns, sensors = tick_times(self.ticks, self.rate_hz), self.system.sensors
         noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
@@ -93,12 +94,12 @@ class Rehearsal:
     weights: Weights
     loop: str  # "perfect pose" or "estimator in the loop"
     cases: tuple[RehearsalCase, ...]
-    seeds: int  # of the noise of each leg
+    seeds: int  # number of seeds of the noise of each case
     vehicles: np.ndarray  # (v, q) parameters that were drawn; (1, 0): only the file's own vehicle
 
     @property
     def backend(self) -> str:
-        """Return the back end of the kernels."""
+        """Return the backend of the kernels."""
         return self.cases[0].cost.backend
 
     @property
@@ -133,7 +134,7 @@ class Rehearsal:
         return cost, weight @ gradients
 
     def drive(self, gains: np.ndarray) -> TunedDrive:
-        """Return the errors over all drives with these gains."""
+        """Return the errors over all drives with the gains (p,)."""
         thetas = [np.concatenate([gains, v]) for v in self.vehicles]
         errors_of_drives = [
             case.shown.run(inputs, theta, carry=case.start)[1]
@@ -202,7 +203,10 @@ def soft_maximum(costs: np.ndarray) -> np.ndarray:
 def _mean_in_turn(
     case: RehearsalCase, theta: np.ndarray, derivative_count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), drive after drive."""
+    """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes).
+
+    Drives run one after the other.
+    """
     total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
     for inputs in case.inputs:
         for k, row in enumerate(theta):
@@ -251,13 +255,14 @@ def rehearse(
 ) -> Rehearsal:
     """Return the cost of the drives along `routes`, as compiled functions of the gains.
 
-    `controller` replaces the controller of the file. `gains` are the names of the tuned parameters, by default all, and
-    `bounds` their bounds. The drive has `laps` laps of each route, or lasts `duration_s`. `radian_m` is the weight of a
-    radian; errors beyond `huber_m` count linearly. `jerk_m2` is the price of a change of the command by its limit
-    within a tick. `effort_m2` is the price of a tick at the limit; the paper lacks both prices. `aside_m` is the
-    distance of the vehicle's start behind and to the left of the route's start; 0 in the paper. `estimator` adds the
-    estimator to the loop, with the noise of `seeds` seeds from `seed` on. `draws` is the number of vehicles from the
-    covariance of the fit.
+    `controller` replaces the controller of the file. `gains` are the names of the tuned parameters, by default all,
+    and `bounds` their bounds. The drive has `laps` laps of each route, or takes `duration_s`. `radian_m` is the
+    weight of a radian; the cost of errors beyond `huber_m` is linear. `jerk_m2` is the price of a change of the
+    command by its limit within a tick. `effort_m2` is the price of a tick at the limit; the paper lacks both prices.
+    `aside_m` is the distance of the vehicle's start behind and to the left of the route's start; 0 in the paper.
+    `estimator` adds the estimator to the loop, with the noise of `seeds` seeds from `seed` on. `draws` is the number
+    of vehicles from the covariance of the fit. Raise UsageError for an invalid `aside_m` or weight, or without a
+    route or seed.
     """
     weights = weights_of(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
@@ -321,7 +326,7 @@ def _with_delay_slots(system: System, paths: tuple[str, ...], vehicles: np.ndarr
         return system
     max_delay_s = (
         float(np.max(vehicles[:, paths.index(DELAY_PATH)])) + DELAY_SPREAD_S
-    )  # the judging vehicles are drawn later
+    )  # the vehicles of the test are drawn later
     slots = rows_of_tick(1.0 / rate_hz) * ceil(max_delay_s * rate_hz)
     return put(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 

@@ -1,12 +1,12 @@
 """Minimise a cost within bounds, from several starts, with exact gradients.
 
-    g = low + (high − low) (e^{cx} − 1) / (e^c − 1),   x in [0, 1],   c = CURVE                           (1)
+    g = low + (high − low) (e^{cx} − 1) / (e^c − 1),   x in [0, 1],   c = 7                           (1)
 
-g is a gain, x its coordinate in the search. In x, small gains have as much space as large gains. The slope of (1) at 0
-is above 0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of the unit cube (Halton
-1960). L-BFGS-B (Byrd et al. 1995) descends from the best of them. If the gradient at the end is still large, the cost
-is not smooth (for example, motors that switch direction). Then the simplex of Nelder and Mead continues from there. The
-search is deterministic: the same input yields the same result.
+g is a gain, x its coordinate in the search. In x, small gains have the same share of the interval as large gains. The
+slope of (1) at 0 is above 0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of
+the unit cube (Halton 1960). L-BFGS-B (Byrd et al. 1995) descends from the best of them. If the gradient at the end is
+still large, the cost is not smooth (for example, motors that switch direction). Then the simplex of Nelder and Mead
+continues from there. The search is deterministic: the same input yields the same result.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ SCOUTED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
 MAX_EVALUATIONS = 60  # of one descent
 MAX_RELATIVE_SLOPE = (
-    1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is not a minimum of a smooth cost
+    1e-3  # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
 )
 SIMPLEX_EVALUATIONS = 150  # evaluations of one search without gradients
 SIMPLEX_SEARCHES, SIMPLEX_SIZE = (
@@ -91,7 +91,7 @@ def _descend(
 ) -> Descent:
     costs: list[float] = []
     initial_cost = _finite(cost_and_gradient(start)[0])
-    scale = 1.0 / max(initial_cost, 1e-300)  # the stopping rule is relative to the start
+    scale = 1.0 / max(initial_cost, 1e-300)  # the stopping rule is relative to the cost at the start
 
     def f(x: np.ndarray) -> tuple[float, np.ndarray]:
         value, gradient = cost_and_gradient(gains(x, low, high))
@@ -123,7 +123,10 @@ def _largest_slope(optimum: Any, x: np.ndarray) -> float:
 
 
 def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
-    """Return the descent, continued with the simplex of Nelder and Mead; its end changes only if the cost falls."""
+    """Return the descent, continued with the simplex of Nelder and Mead.
+
+    Its end changes only if the cost decreases.
+    """
     costs: list[float] = []
 
     def f(x: np.ndarray) -> float:
@@ -169,8 +172,8 @@ def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def halton(points: int, dimensions: int) -> np.ndarray:
-    """Return an array (points, dimensions) of evenly distributed points of the unit cube (Halton).
-    Raise UsageError for more dimensions than there are PRIMES.
+    """Return an array (points, dimensions) of evenly distributed points of the unit cube (Halton). Raise UsageError
+    for more dimensions than PRIMES has entries.
     """
     if dimensions > len(PRIMES):
         raise UsageError(fault("tune.too-many", dimensions=dimensions, most=len(PRIMES)))

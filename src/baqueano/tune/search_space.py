@@ -1,8 +1,8 @@
 """The gains that a search varies: names, units and bounds, from the metadata of the controller's fields.
 
-Each entry of an array is one gain: "e_max[0]". Bounds of the field are hard. A field without an upper bound has a soft
-bound: the gain that requests the full command for the smallest error, or SPREAD times its present value. If a gain ends
-on a soft bound, the search is repeated with a wider bound.
+Each entry of an array is one gain: "e_max[0]". Bounds of the field are hard. A field without an upper bound has a
+soft bound: the gain that requests the full command for the smallest error, or DEFAULT_SPREAD times its present value.
+If a gain ends on a soft bound, the search is repeated with a wider bound.
 """
 
 import sys
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 PAPER_GAINS = ("alpha", "beta", "gamma")
-# smallest error that may request the full command
+# smallest error for which the full command can be requested
 MIN_GAIN_SCALES = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}
-DEFAULT_SPREAD = 20.0  # factor to either side for a size without bounds
+DEFAULT_SPREAD = 20.0  # factor in both directions for a quantity that is not a gain, without bounds
 WIDENING_FACTOR = 4.0  # factor on a soft bound, before a search is repeated
 
 
@@ -68,7 +68,8 @@ def with_gains(block: Controller, names: Iterable[str], gains: Iterable[float]) 
 
 
 def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | None = None) -> JsonObject:
-    """Return the keys of a vehicle file and their values for the gains of a block; with `controller`, also its kind.
+    """Return the keys of a vehicle file and their values for the gains of a block; with `controller`, also the kind
+    of the controller.
 
     Raise UsageError for a class that is not defined in a file.
     """
@@ -78,7 +79,10 @@ def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | 
 
 
 def _controller_kind(controller: OwnBlock) -> str:
-    """Return the short name of one of our controllers, or "file.py:Class". UsageError for a class without a file."""
+    """Return the short name of a controller of this package, or "file.py:Class".
+
+    Raise UsageError for a class without a file.
+    """
     if isinstance(controller, str):
         return controller
     controller_class = controller if isinstance(controller, type) else type(controller)
@@ -171,6 +175,6 @@ def _bounds(
     low, high = p.low if np.isfinite(p.low) else 0.0, p.high
     if np.isfinite(high):
         return low, high, low, high
-    if " per " not in p.unit and file_gain > 0.0:  # a size, not a gain
+    if " per " not in p.unit and file_gain > 0.0:  # for example a length, which is not a gain
         return max(low, file_gain / DEFAULT_SPREAD), DEFAULT_SPREAD * file_gain, low, high
     return low, full_command / MIN_GAIN_SCALES.get(p.unit.rpartition(" per ")[2], 0.01), low, high

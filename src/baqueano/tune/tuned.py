@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # factors on a gain, for the cost around the optimum
 FACTORS = (0.5, 0.65, 0.8, 0.9, 1.0, 1.1, 1.25, 1.6, 2.0)
-AGREEMENT_TOLERANCE = 1e-3  # costs that differ by less than this part are the same
+AGREEMENT_TOLERANCE = 1e-3  # costs with a smaller relative difference are treated as equal
 
 
 class Gain(NamedTuple):
@@ -45,7 +45,7 @@ class WorstCase(NamedTuple):
     """The largest cost over vehicles drawn from the covariance of the fit, which the search did not use."""
 
     draws: int  # vehicles of the search
-    judges: int  # vehicles that judged
+    judges: int  # vehicles of the test
     cost: float  # [m²] with these gains
     nominal: float  # [m²] with the gains that are optimal for the file's own vehicle
 
@@ -55,7 +55,7 @@ class FreshSeeds(NamedTuple):
 
     seeds: int
     cost: float  # [m²]
-    searched: float  # on the noise of the search
+    searched: float  # with the noise of the search
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -85,13 +85,13 @@ class TuneResult(Result):
     loop : str
         "perfect pose" or "estimator in the loop".
     backend : str
-        Back end of the kernels.
+        Backend of the kernels.
     controller : Controller
         The block with these gains.
     kind : str, type, block or None
         The controller that was tuned instead of the controller of the file; None for the controller of the file.
     around : ndarray (p, k)
-        Cost relative to the least cost, with one gain at a time multiplied by the k FACTORS.
+        Cost relative to the least cost, if one gain at a time is multiplied by each of k factors.
     speed_m_s : float
         Mean speed of the routes.
     worst : WorstCase or None
@@ -137,7 +137,7 @@ class TuneResult(Result):
 
     @property
     def agreeing_descents(self) -> int:
-        """Return the number of descents whose cost is at most (1 + AGREE) times the least cost."""
+        """Return the number of descents whose cost is at most (1 + AGREEMENT_TOLERANCE) times the least cost."""
         return sum(d.cost <= self.cost * (1.0 + AGREEMENT_TOLERANCE) for d in self.descents)
 
     @property
@@ -166,7 +166,7 @@ class TuneResult(Result):
         return tuple(messages)
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat dict per gain."""
+        """Return one flat row per gain."""
         drive = self.drive._asdict()
         shared_columns = {
             "cost": self.cost,

@@ -40,16 +40,16 @@ ROUTE_FIELDS = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that
 
 
 class Surroundings(NamedTuple):
-    """The values of other parts of the file that the table of a block may need."""
+    """The values of other parts of the file that the table of a block can need."""
 
     folder: str | None  # the folder of "file.py:Class"
     rate_hz: float
     geometry: Geometry
-    low_pass_hz: float | None = None  # of the IMU, by the setting of its chip if the file has one
+    low_pass_hz: float | None = None  # of the IMU, from the setting of its chip; None if the file lacks it
 
 
 def vehicle(report: ReadReport, table: Any, surroundings: Surroundings) -> Any:
-    """Return the block of [model], or None after a problem was noted in `report`."""
+    """Return the block of [model], or None after a problem was added to `report`."""
     block_class = _named_class(report, ("model",), "vehicle", table, None, surroundings)
     if block_class is None:
         return None
@@ -159,8 +159,8 @@ def role_table(
     surroundings: Surroundings,
     kind: str | type | None = None,
 ) -> RoleTable | None:
-    """Return the content of a room's table; None after a problem. If `kind` replaces the kind of the table, keys that
-    the new kind lacks are omitted.
+    """Return the content of the table of a role, or None after a problem was added to `report`.
+    If `kind` replaces the kind of the table, keys that the new kind lacks are omitted.
     """
     path = (name,)
     own_kind = table.get("kind", DEFAULT_KINDS[name]) if isinstance(table, dict) else DEFAULT_KINDS[name]
@@ -188,7 +188,7 @@ def construct(
     surroundings: Surroundings,
     commands: int | None = None,
 ) -> Any:
-    """Return an object of the class; if it raises, note this as a problem of the table and return None."""
+    """Return an object of the class. If its constructor raises, add a problem of the table and return None."""
     names = argument_names(block_class)
     values = dict(values)
     for name, key in keys_of(block_class).items():
@@ -227,7 +227,7 @@ def _named_class(
     report: ReadReport, path: KeyPath, role: str, table: object, default: str | None, surroundings: Surroundings,
     is_typed: bool = False,
 ) -> type | None:  # fmt: skip
-    """Return the class that a table names, or None after a problem; `is_typed` is True if the user typed the name."""
+    """Return the class that a table names, or None after a problem. `is_typed`: the user typed the name."""
     if not isinstance(table, dict):
         report.add_problem(path, "vehicle.block-not-table", table=".".join(path))
         return None

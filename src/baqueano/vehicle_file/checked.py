@@ -24,7 +24,7 @@ class CheckedBlock(Result):
 
     block: str
     room: str
-    findings: tuple[Diagnostic, ...]  # a sentence each for its author; none if all is well
+    findings: tuple[Diagnostic, ...]  # messages for the author of the block; empty without faults
 
     @property
     def verdict(self) -> Verdict:
@@ -48,11 +48,12 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
     Parameters
     ----------
     block : str, type or block
-        "file.py:Class", the short name of our block, a class, which is built with the values of the file, or a block.
+        "file.py:Class", the short name of a built-in block, a class, or a block. A class is built with the values of
+        the file.
     vehicle_file : VehicleFile, optional
         The vehicle; by default `small` of the garage.
     room : str, optional
-        "vehicle", "sensor", "estimator", …; by default it follows from the arguments of `step`.
+        Role of the block: "vehicle", "sensor", "estimator", …; by default it follows from the arguments of `step`.
 
     Returns
     -------
@@ -62,7 +63,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
     Raises
     ------
     UsageError
-        For an object that is not a block.
+        For an object that is not a block, or an unknown role.
     FileError
         For a block that cannot be built.
 
@@ -95,7 +96,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
 
 
 def _role_with_kind(kind: str) -> str:
-    """Return the room that has a block of this short name. UsageError if it is unknown."""
+    """Return the role of the built-in block with this short name. Raise UsageError if the name is unknown."""
     for role in BLOCK_TARGETS:
         if kind in kinds(role):
             return role
@@ -108,8 +109,8 @@ def _role_with_kind(kind: str) -> str:
 
 
 def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
-    """Return the block, built with the values of the vehicle file; else a vehicle or sensor with its defaults.
-    Raise FileError if it cannot be built.
+    """Return the block, built with the values of the vehicle file, or a vehicle or sensor with its defaults.
+    Raise FileError if the block cannot be built.
     """
     if role == "guide":
         return vehicle_file.guide(circle(1.0, 0.2), kind=block)

@@ -8,9 +8,9 @@
 
     beyond: a value outside [low, high] by more than RANGE_MARGIN (high − low)                                       (1)
 
-A model is fitted to data. Outside the range of the data motors may saturate, tyres slip and batteries sag, which the
+A model is fitted to data. Outside the range of the data, motors can saturate, tyres slip and batteries sag, which the
 model does not include. A fit writes the table. Every drive, replay and simulation with the file uses `Watch`, and so
-does the check of a fit by held-out runs.
+does the check of a fit with held-out runs.
 """
 
 import re
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from baqueano.signals import Tick
 
 RANGE_MARGIN = 0.1
-MIN_REPORTED_SHARE = 0.01  # share of the values beyond (1) from which it is reported
+MIN_REPORTED_SHARE = 0.01  # share of the values beyond (1) above which a name is reported
 _CHANNEL = re.compile(r"(\w[\w.-]*)\[(\d+)\]")
 BATCH_TICKS = 100  # ticks of a drive that are processed together
 
@@ -37,7 +37,7 @@ BATCH_TICKS = 100  # ticks of a drive that are processed together
 class Envelope(NamedTuple):
     """The range of each command, and of each measured speed and turn rate."""
 
-    names: tuple[str, ...]  # (k,) the commands in the order of the file, then channels as "imu[2]"
+    names: tuple[str, ...]  # (k,) the commands in the order of the file, then channels such as "imu[2]"
     low: np.ndarray  # (k,)
     high: np.ndarray  # (k,)
     run: str = ""
@@ -69,7 +69,7 @@ class Envelope(NamedTuple):
 
 
 class Watch:
-    """A counter of the values outside an envelope; without an envelope it counts 0."""
+    """A counter of the values outside an envelope. Without an envelope, the count is 0."""
 
     def __init__(self, envelope: Envelope | None) -> None:
         self.envelope = envelope or Envelope((), np.zeros(0), np.zeros(0))

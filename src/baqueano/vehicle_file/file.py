@@ -46,7 +46,7 @@ FINDING_COMMANDS = {"controller": "baqueano tune --update", "estimator": "baquea
 class VehicleFile:
     """A vehicle as its file describes it. It is immutable: `with_values` and `override` return a new object.
 
-    Its blocks are built on demand. FileError if the file lacks a value: it names the command that finds the value.
+    Its blocks are built on demand. They raise FileError if a value is missing; it names the command that finds it.
 
     Attributes
     ----------
@@ -55,15 +55,15 @@ class VehicleFile:
     path : Path or None
         Path of the file; None for a vehicle of the garage or from a run.
     text : str
-        Text of the whole file, with the changes in force.
+        Text of the whole file, including changes.
     data : dict
         Tables of the file.
     command : CommandSpec
         Names, unit and limits of the command.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     geometry : Geometry
-        Sizes of the body.
+        Dimensions of the body.
     vehicle : Vehicle
         The block of [model].
     sensors : NamedTuple of Sensor
@@ -75,7 +75,7 @@ class VehicleFile:
     envelope : Envelope or None
         The motion in the runs of the last fit.
     notices : tuple of Diagnostic
-        Remarks that do not refuse the file.
+        Remarks about values that do not prevent the use of the file.
     layers : tuple of str
         Sources of the values, lowest first.
     label : str
@@ -131,12 +131,12 @@ class VehicleFile:
 
     def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """Return the block of [estimator]; `changes` are fields that replace those of the file. `kind` replaces the
-        block: a kind of ours, "file.py:Class", a class, which is built with the values of the file, or a block, which
-        is returned unchanged."""
+        block: a built-in kind, "file.py:Class", a class, which is built with the values of the file, or a block,
+        which is returned unchanged. Raise FileError for a missing value."""
         return self._block("estimator", kind, changes)
 
     def kind(self, room: str) -> type:
-        """Return the class of the block of a room."""
+        """Return the class of the block of a role."""
         own_kind = self.data.get(room, {}).get("kind", build.DEFAULT_KINDS[room])
         return resolve_named(room, own_kind, self.folder)
 
@@ -200,8 +200,8 @@ class VehicleFile:
     def truth(self) -> "VehicleFile":
         """Return the vehicle that a simulation drives: the key `truth` of [simulation], by default this vehicle.
 
-        The key is a name of the garage, or a file in the folder of this file. FileError if it does not exist, or is in
-        another folder.
+        The key is a name of the garage, or a file in the folder of this file. Raise FileError if it does not exist, or
+        is in another folder.
 
         >>> load("small").truth.name
         'small'
@@ -279,7 +279,7 @@ def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     source : str or path
         "small", or "my/vehicle.toml".
     allow_blocks : bool
-        Also execute the code of blocks outside its folder.
+        True to execute even the code of blocks outside the folder of the file.
 
     Returns
     -------
@@ -371,12 +371,12 @@ def _folder(path: Path | None, on_disk: str | None) -> str | None:
 
 
 def _check_roles(report: ReadReport, vehicle_file: VehicleFile) -> None:
-    """Check the tables of the loop's blocks, and raise FileError with all problems. A missing key is an error only
+    """Check the tables of the loop's blocks. Raise FileError with all problems. A missing key is an error only
     when its block is used: `tune` finds gains, `identify` finds noise."""
     data = vehicle_file.data
     for role in LOOP_ROLES:
         if role not in data or (vehicle_file.on_disk is None and _is_users(data[role])):
-            continue  # from a run: the user's file may have moved since
+            continue  # from a run: the user's file might have been moved since
         arguments = {"vehicle": vehicle_file.vehicle, "sensors": build.with_usual_noise(vehicle_file.sensors)}
         fallback = {"rate_hz": vehicle_file.rate_hz, "limit": vehicle_file.command.limit}
         block = build.role_table(report, role, data[role], arguments, fallback, vehicle_file._context)

@@ -30,12 +30,12 @@ def is_in_garage(path: Path) -> bool:
 
 
 def path_of(source: str | Path) -> Path:
-    """Return the path of `source`: a path, or a name of the garage. FileError if the file does not exist."""
+    """Return the path of `source`: a path, or a name of the garage. Raise FileError if the file does not exist."""
     path = Path(source).expanduser()
     if path.is_file():
         return path.resolve()
     is_name = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
-    if is_name and source in names():  # also beside a folder of this name
+    if is_name and source in names():  # even beside a folder of this name
         return GARAGE_FOLDER / f"{source}.toml"
     if path.is_dir():
         file_names = sorted(p.name for p in path.glob("*.toml"))

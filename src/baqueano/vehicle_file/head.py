@@ -101,7 +101,7 @@ class Hardware:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """The vehicle that a simulation drives instead of the vehicle that the file describes."""
+    """The vehicle that is simulated instead of the vehicle that the file describes."""
 
     truth: str | None = None
 
@@ -147,7 +147,7 @@ class CommandSpec(NamedTuple):
     unit : str
         Unit of all entries.
     limit : ndarray (n,) [unit of u]
-        Largest size of each entry.
+        Largest absolute value of each entry.
 
     Examples
     --------
@@ -161,7 +161,7 @@ class CommandSpec(NamedTuple):
 
 
 def read_top(report: ReadReport, data: "JsonObject") -> Top:
-    """Return the keys above the first table. FileError immediately for a file of another format version."""
+    """Return the keys above the first table. Raise FileError for a missing key, or for another format version."""
     keys = keys_of(Top)
     if "format" not in data:
         report.add_problem(("format",), "vehicle.no-format", expected=FORMAT_VERSION)
@@ -189,7 +189,7 @@ def _example(name: str) -> str:
 
 
 def read_head(report: ReadReport, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
-    """Return the tables [command], [geometry], [robot] and [simulation]."""
+    """Return the tables [command], [geometry], [robot] and [simulation]. Raise FileError for a wrong value."""
     values = arguments(report, ("command",), keys_of(Channels), data["command"], other_keys=())
     if "names" not in values and "names" not in data["command"]:
         report.add_problem(("command", "names"), "vehicle.no-command-names")
@@ -203,7 +203,7 @@ def read_head(report: ReadReport, data: "JsonObject") -> tuple[Channels, Geometr
 
 
 def read_command(report: ReadReport, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
-    """Return names, unit and limits of the command, one for each command of the vehicle."""
+    """Return names, unit and limits of the command. Raise FileError if their number does not fit the vehicle."""
     n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
     if len(names) != n:
         model = type(vehicle).__name__

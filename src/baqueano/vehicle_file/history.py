@@ -8,7 +8,7 @@
 
     cov_ij = r_ij sd_i sd_j                                                                                       (1)
 
-If no value of a model was measured by a fit that was not refused, the model counts as a guess.
+If no value of a model was measured by a fit that was not refused, the model is a guess.
 """
 
 from collections.abc import Iterator
@@ -60,7 +60,7 @@ def _flat_items(name: str, table: Any) -> Iterator[tuple[str, Any]]:
 class ParameterCov(NamedTuple):
     """The covariance of the parameters of one fit."""
 
-    names: tuple[str, ...]  # (p,) dotted keys, entries as "model.friction.linear[0]"
+    names: tuple[str, ...]  # (p,) dotted keys, with entries such as "model.friction.linear[0]"
     cov: np.ndarray  # (p, p)
     run: str = ""
     date: Date | None = None
@@ -69,7 +69,7 @@ class ParameterCov(NamedTuple):
 def read_history(
     report: ReadReport, data: "JsonObject", folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
-    """Return the tables [provenance] and [parameter_cov], checked; None instead of an absent covariance.
+    """Return the tables [provenance] and [parameter_cov], checked; None in place of a missing covariance.
     `folder` is searched for a block of the user.
     """
     return _provenance(report, data, folder), _parameter_cov(report, data, folder)
@@ -155,7 +155,7 @@ def _parameter_cov(report: ReadReport, data: "JsonObject", folder: str | None) -
 def _covariance(
     report: ReadReport, path: tuple[str, ...], table: "JsonObject", size: int
 ) -> np.ndarray | None:
-    """Return cov (size, size) from sd and correlation; None after a problem was noted in `report`.  (1)"""
+    """Return cov (size, size) from sd and correlation; None after a problem was added to `report`.  (1)"""
     sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
     is_valid_std = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
     if sd is None or correlation is None or not is_valid_std:
@@ -180,9 +180,9 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
 
 
 def changes(old_file: Any, new_file: Any) -> list["TableRow"]:
-    """Return a flat dict for each key that differs between two vehicle files, without their provenance: the history of
-    wear.
-    `sds` is the difference of the values in standard deviations of this difference; None if they are unknown.
+    """Return a flat dict for each key that differs between two vehicle files, without their provenance.
+    The differences show wear. `sds` is the difference of the values in standard deviations of this difference; None if
+    these are unknown.
     """
     old_leaves, new_leaves = _leaves(old_file.data), _leaves(new_file.data)
     rows = []

@@ -32,10 +32,10 @@ def split_key(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
 
 
 def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[str]:
-    """Return every key that the blocks of this file can have, also keys that are not written in the file.
+    """Return every key that the blocks of this file can have, including keys that are not written in the file.
 
-    A block of the user is searched for in `folder`. If it is missing, as on another computer, only its written keys
-    are returned.
+    A block of the user is searched for in `folder`. If the block is missing, as on another computer, only its written
+    keys are returned.
     """
     paths = [
         "rate_hz",
@@ -54,7 +54,7 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
 
 
 def key_exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
-    """Return True if the blocks of this file can have this key; an entry of a key also counts."""
+    """Return True if the blocks of this file can have this key, or the key of this entry."""
     return ".".join(split_key(dotted)[0]) in known_paths(data, folder)
 
 
@@ -64,7 +64,7 @@ def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) 
 
 
 def value_in_force(vehicle_file: "VehicleFile", dotted: str) -> Any:
-    """Return the value, or default, of a key in the block that was built. UsageError for an unknown key."""
+    """Return the value, or default, of a key in the block that was built. Raise UsageError for an unknown key."""
     path, entry = split_key(dotted)
     paths = known_paths(vehicle_file.data, vehicle_file.folder)
     if ".".join(path) not in paths:

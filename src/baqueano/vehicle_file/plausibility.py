@@ -30,7 +30,7 @@ MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 30.0, 100.0  # m/s, rad/s: beyond, a notice
 
 
 def check_body(report: ReadReport, vehicle: "DynamicVehicle", geometry: Geometry) -> None:
-    """Check mass, inertia and dimensions of a rigid body, and note contradictions in `report`.  (1), (2)"""
+    """Check mass, inertia and dimensions of a rigid body, and add contradictions to `report`.  (1), (2)"""
     _check_measures(report, geometry)
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
     R = reach_m(geometry)
@@ -109,7 +109,7 @@ def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channel
 
 def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels) -> None:
     drivetrain = vehicle.drivetrain
-    if not has_field(drivetrain, "dead_zone_forward"):  # one of yours
+    if not has_field(drivetrain, "dead_zone_forward"):  # a drivetrain of the user
         return
     end = np.minimum(drivetrain.limit, np.sum(channels.limit))
     for name in ("dead_zone_forward", "dead_zone_backward"):
@@ -125,7 +125,7 @@ def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: C
 
 
 def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) -> None:
-    """Note a problem for friction that stops the vehicle within a tick: it cannot be integrated.  (3)"""
+    """Add a problem for friction whose time constant is below tick/2.785, because RK4 is then unstable.  (3)"""
     fading_rates = rates(vehicle)
     for i in np.flatnonzero(fading_rates > RK4_LIMIT * rate_hz):
         path, _, entry = _fastest_path(vehicle, int(i)).partition("[")
@@ -138,7 +138,7 @@ def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) 
 
 
 def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
-    """Return the path of the friction that damps motion along axis i most; without friction, of a time constant."""
+    """Return the path of the friction that damps motion along axis i most, or of a time constant without friction."""
     model, fields_of_model = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
     rate_by_path = {
         path: derivative[i] * float(get(model, path))
@@ -156,7 +156,7 @@ def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
 def _slowing_keys(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
     """Return keys in the table of `path` that would slow the decay of motion along axis i if they were larger.
 
-    Keys that the user measures by hand are excluded.
+    Keys of quantities that the user measures are excluded.
     """
     model, table, present_rate = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
     candidates = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]

@@ -35,7 +35,7 @@ KeyPath = tuple[str, ...]
 
 @dataclass
 class ReadReport:
-    """The state of the reading of a file: the problems found so far, and remarks."""
+    """The problems and remarks that were found while a file is read."""
 
     name: str  # of the file, for the reader
     text: str
@@ -54,17 +54,17 @@ class ReadReport:
         return note("vehicle.line", file=self.name, line=line, key=key)
 
     def add_problem(self, path: KeyPath, code: str, fix: str = "", **figures: Any) -> None:
-        """Note a problem of a key."""
+        """Add a problem of a key."""
         self.problems.append(fault(code, fix, place=self.location(path), **figures))
 
     def add_table_problem(self, path: KeyPath, code: str, **figures: Any) -> None:
-        """Note a problem of a whole table."""
+        """Add a problem of a whole table."""
         self.problems.append(
             fault(code, place=self._location_in_text(path, f"[{'.'.join(path)}]"), **figures)
         )
 
     def add_notice(self, path: KeyPath, code: str, **figures: Any) -> None:
-        """Note a remark about a key that does not refuse the file."""
+        """Add a remark about a key, which does not prevent the use of the file."""
         self.notices.append(note(code, Severity.WARNING, place=self.location(path), **figures))
 
     def finish(self) -> None:
@@ -76,7 +76,7 @@ class ReadReport:
 
 
 class Key(NamedTuple):
-    """A key that a table may have."""
+    """A key that a table can have."""
 
     name: str
     parameter: "Parameter | None"
@@ -127,7 +127,7 @@ def arguments(
     table: object,
     other_keys: typing.Collection[str] = ("kind",),
 ) -> "JsonObject":
-    """Return keyword arguments from a table; a value that does not fit is noted in `report` and omitted."""
+    """Return keyword arguments from a table. A value that does not fit is omitted, and added to `report`."""
     if not isinstance(table, dict):
         report.add_problem(path, "vehicle.not-table", found=_text_of(table), table=".".join(path))
         return {}
@@ -151,7 +151,7 @@ def report_unknown_key(
     unit_of: dict[str, str],
     other_keys: typing.Collection[str] = (),
 ) -> None:
-    """Note an unknown key as a problem, with a suggestion."""
+    """Add a problem for an unknown key, with a suggestion."""
     name = path[-1]
     if name in DERIVED_KEYS:
         report.add_problem(path, "vehicle.derived-key")
@@ -163,7 +163,7 @@ def report_unknown_key(
 
 
 def missing_keys(keys: dict[str, Key], values: "JsonObject") -> list[str]:
-    """Return the missing keys that do not have a default, so that the block cannot be built."""
+    """Return the missing keys without a default; without them the block cannot be built."""
     return [name for name, key in keys.items() if key.default is NO_DEFAULT and name not in values]
 
 
@@ -172,7 +172,7 @@ def _unit(key: Key) -> str:
 
 
 def _convert(report: ReadReport, path: KeyPath, key: Key, value: object) -> Any:
-    """Return the value in the type that the block requires; None after a problem was noted."""
+    """Return the value in the type that the block requires; None after a problem was added."""
     if dataclasses.is_dataclass(key.type) and isinstance(key.type, type):
         return _nested_table(report, path, key.type, value)
     if key.parameter is not None:
@@ -267,7 +267,7 @@ def _is_covariance(report: ReadReport, path: KeyPath, matrix: np.ndarray) -> boo
 
 
 def _read_plain_value(report: ReadReport, path: KeyPath, value_type: object, value: object) -> Any:
-    """Return the value of a field without unit: text, flag, count, list of names. None after a problem was noted."""
+    """Return the value of a field without unit: text, flag, count, list of names; None after a problem was added."""
     origin = typing.get_origin(value_type) or value_type
     if value_type is int and isinstance(value, float) and value.is_integer():
         return int(value)
@@ -317,7 +317,7 @@ def _float(value: int | float) -> float:
 
 
 def format_array(array: np.ndarray) -> str:
-    """Return numbers in the notation of the file."""
+    """Return an array as text in the notation of the file."""
     if array.ndim == 0:
         return f"{float(array):.6g}"
     return "[" + ", ".join(format_array(row) for row in array) + "]"

@@ -33,7 +33,7 @@ class Unit(NamedTuple):
     """The notation of a unit at the end of a key, and its factor."""
 
     dimension: str
-    factor: float  # times the SI unit
+    factor: float  # of the unit, relative to the SI unit
     words: str
 
 

@@ -12,7 +12,7 @@ from baqueano.parameter import INF, Parameter, parameters
 
 
 def check_bounds(block: Tree) -> None:
-    """Raise ValueError that names the block, the field, the value found and the value expected."""
+    """Raise Invalid with the block, the field, the value found and the value expected, if a parameter is not valid."""
     for name, p in parameters(block):
         value = getattr(block, name)
         if value is None:

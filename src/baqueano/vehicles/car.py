@@ -30,14 +30,14 @@ from baqueano.vehicles.friction import NO_FRICTION
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, end_of_tick
 
-MIN_DRIVEN_EFFORT = 0.01  # effort from which on a motor counts as driven
-MIN_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
+MIN_DRIVEN_EFFORT = 0.01  # effort above which a motor is driven during the whole tick
+MIN_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest one, down to a lag of 9 ms
 
 
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class Car:
-    """A vehicle with throttle and servo: u = (u_t, u_s).
+    """A car with throttle and steering servo: u = (u_t, u_s).
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Car:
 
     Notes
     -----
-    Equations (1)-(5) of the module: a bicycle with a lag in yaw. docs/derivations/vehicles.md has the terms.
+    Equations (1)-(5) of the module: a bicycle with a lag in yaw. docs/derivations/vehicles.md derives the terms.
 
     Examples
     --------
@@ -138,7 +138,7 @@ class Car:
 
     @property
     def turning_arm_m(self) -> float:
-        """Return ν̇_y per ν̇_ψ [m]: the distance of the origin ahead of the rear axle, about which the car turns."""
+        """Return ν̇_y per ν̇_ψ [m]: the distance from the rear axle (the centre of turning) forward to the origin."""
         return self.rear_axle_m
 
     def gravity(self, psi: float) -> np.ndarray:
@@ -161,7 +161,7 @@ class Car:
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (η, ν, ν̇) after `dt_s` with an effort; ν̇ is the value at the end.  (1)-(4)"""
+        """Return (η, ν, ν̇), (3,) each, after `dt_s` with an effort; ν̇ is the value at the end.  (1)-(4)"""
 
         def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             nu = self._nu(x[3], x[4])
@@ -181,7 +181,10 @@ class Car:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick with the command `u` (2,); `noise` (3,) is standard normal or zero."""
+        """Return the state and the Motion after a tick with the command `u` (2,).
+
+        `noise` (3,) is standard normal, or zero for a simulation without process noise.
+        """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         kick = self.process_noise_std * np.sqrt(dt_s) * noise

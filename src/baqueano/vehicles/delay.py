@@ -11,8 +11,8 @@ A signal h with the samples h_j, of age a_0 = 0, a_j = a_{j−1} + δ_{j−1}, i
 
     h(a) = h_0 + Σ_j (h_j − h_{j−1}) clip((a − a_{j−1}) / (a_j − a_{j−1}), 0, 1)                          (2)
 
-(1) and (2) are differentiable by the delay, also for a fraction of a tick. (1) is exact for commands that are constant
-during a tick. If the delay is longer than the stored past, the oldest value is used.
+(1) and (2) are differentiable with respect to the delay, even for a fraction of a tick. (1) is exact for commands that
+are constant during a tick. If the delay is longer than the stored past, the oldest value is used.
 """
 
 from collections.abc import Callable
@@ -75,7 +75,7 @@ def read(
     age_s: Value,
     subtract: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
 ) -> np.ndarray:
-    """Return the value (m,) of the signal `age_s` ago, interpolated between its samples.  (2)
+    """Return the value (m,) that the signal had `age_s` ago, interpolated between its samples.  (2)
 
     `line` (slots, m) are the samples before the `newest`. `steps_s` (slots,) is the time from each sample to the
     previous one, and `subtract` returns the difference of two samples.
@@ -98,7 +98,7 @@ def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
 
 
 def check_delay(name: str, delay_s: float, delay_slots: int) -> None:
-    """Raise ValueError for a delay above 0 without slots, or a number of slots that is not an integer ≥ 0."""
+    """Raise Invalid for a delay above 0 without slots, or for a number of slots that is not an integer ≥ 0."""
     if not isinstance(delay_slots, int) or isinstance(delay_slots, bool) or delay_slots < 0:
         raise Invalid(fault("delay.slots", name=name, found=repr(delay_slots)))
     if delay_s > 0.0 and delay_slots == 0:

@@ -9,9 +9,9 @@
     lag       λ ẇ_l = w − w_l, exact over each segment of a tick (effort.py)                              (7)
     unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2           l, r: left and right channel            (8)
 
-All quantities are in the unit of u; with the defaults the effort is the command. (2) and (8) are the only place that
-mixes wheels; the robot's link uses them too. V is the voltage: with battery = "logged", it is the channel `battery` of
-the run [V]. κ is `battery_effect`, V₀ `battery_nominal_v`. Derivation: docs/derivations/vehicles.md.
+All quantities are in the unit of u; with the defaults the effort is the command. Only (2) and (8) mix wheels; the
+connection to the robot uses them too. V is the voltage: with battery = "logged", it is the channel `battery` of the run
+[V]. κ is `battery_effect`, V₀ `battery_nominal_v`. Derivation: docs/derivations/vehicles.md.
 """
 
 from dataclasses import dataclass
@@ -27,13 +27,11 @@ from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import INITIAL_STEP_S, check_delay, pieces_in_force, with_newest
 from baqueano.vehicles.effort import Effort, direct_effort, lagged_effort
 
-MIN_LAG_S = 1e-100  # a tick divided by a smaller lag overflows a floating-point number
+MIN_LAG_S = 1e-100  # a tick divided by a smaller lag exceeds the range of floating-point numbers
 MIXINGS = ("none", "two_wheels")
 MIN_DUTY = 1e-3  # keeps (6) finite without a command
 TURN_RESERVE = 0.02  # of a wheel's range, kept for the turn
-DEAD_ZONE_RAMP = (
-    0.02  # of a channel: below, the inverse of a dead zone does not jump from one side to the other
-)
+DEAD_ZONE_RAMP = 0.02  # of a channel: below this, the inverse of a dead zone is a ramp without a jump
 BATTERY_MODES = ("steady", "logged")
 
 
@@ -56,7 +54,7 @@ class DrivetrainState(NamedTuple):
 
 
 def mix(mixing: str, u: np.ndarray) -> np.ndarray:
-    """Return the channels (k,) of a command (n,): left and right wheel for "two_wheels".  (2)"""
+    """Return the channels (k,) of a command `u` (n,): left and right wheel for "two_wheels".  (2)"""
     if mixing == "none":
         return u
     return np.array([u[0] - u[2], u[0] + u[2]])
@@ -81,7 +79,7 @@ class Drivetrain:
     """Drivetrain from the command u (n,) to the effort (n,).
 
     Arrays contain one value per channel: (k,), or (1,) for all channels. k is 2 for two wheels, else n. The first six
-    fields are configuration and never traced.
+    fields are configuration and are never traced.
 
     Parameters
     ----------
@@ -94,7 +92,7 @@ class Drivetrain:
     servos : int
         Number of servos; they are the last channels.
     delay_slots : int
-        Past ticks kept for the delay: delay_s · rate_hz, rounded up.
+        Number of past ticks that are stored for the delay: delay_s · rate_hz, rounded up.
     has_lag : bool
         True if lag_s > 0; set automatically.
 
@@ -247,8 +245,7 @@ class Drivetrain:
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
 
     def inverse(self, effort: np.ndarray) -> np.ndarray:
-        """Return the command (n,) that causes `effort` (n,) after delay and lag: the inverse of (2)-(6), without limit
-        and steps.
+        """Return the command (n,) that causes `effort` (n,) after delay and lag: the inverse of (2) and (4)-(6).
 
         At 0 the step of the dead zone is replaced by a ramp of width DEAD_ZONE_RAMP. The caller applies `limit`.
         """
@@ -280,9 +277,7 @@ class Drivetrain:
         return slice(0, self.channels - self.servos)
 
     def _supply(self, sag_factor: Value) -> Value:
-        """Return the relative voltage of each channel (k,), or of all (); the sag multiplies it by `sag_factor`.
-        (4)
-        """
+        """Return the relative voltage of each channel (k,), or of all channels (); `sag_factor` multiplies it.  (4)"""
         supply = sag_factor * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
         if not self.servos:
             return supply

@@ -7,9 +7,9 @@ with the time constant λ, the effort l follows λ l̇ = w − l exactly:
     M₀ = ∫ l dt = Σ w h + x J₀,    M₁ = ∫ l t dt = Σ w h (a + h/2) + x (a J₀ + J₁)                        (2)
     m₀ = M₀/δ,   m₁ = 2 M₁/δ² − m₀,    the line from m₀ − 3 m₁ to m₀ + 3 m₁                               (3)
 
-A Runge-Kutta step evaluates its stages on the line, and is as exact as the line. The change of ν depends on M₀; its
-course during the tick also depends on M₁. An accelerometer at the end of the tick measures the effort of that instant:
-l, or the last w without a lag.
+A Runge-Kutta step evaluates its stages on the line, and is as exact as the line. The change of ν depends on M₀; the
+curve of ν during the tick also depends on M₁. An accelerometer at the end of the tick measures the effort of that
+instant: l, or the last w without a lag.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.vehicles.delay import MIN_TICK_S, Piece
 
-END_OF_TICK = 1.0 - 1e-9  # of a tick: a segment that begins later does not yet act at its end
+END_OF_TICK = 1.0 - 1e-9  # of a tick: a segment that begins later does not act at the end of the tick
 
 
 class Effort(NamedTuple):

@@ -1,7 +1,7 @@
-"""Find the possible motions of a vehicle from its equations, also for your own vehicles.
+"""Find the possible motions of a vehicle from its equations, even for your own vehicles.
 
 kept    entries of ν that remain after a tick without a command; empty for a kinematic vehicle        (1)
-rates   −∂ν̇_i/∂ν_i at rest [1/s], the rate at which a small motion fades                              (2)
+rates   −∂ν̇_i/∂ν_i at rest [1/s], the rate at which a small motion decays                             (2)
 slopes  change of (2) by one unit of a parameter, if (2) is linear in it                              (3)
 """
 
@@ -17,7 +17,7 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.state import DynamicVehicle
 
 AXIS_NAMES = (N_("forward"), N_("sideways"), N_("turning"))
-SHORT_TIME_S = 1e-6  # a time so short that velocities do not fade
+SHORT_TIME_S = 1e-6  # a time so short that velocities do not decay
 MAX_YAW_RATE_RATIO = 0.5  # largest ratio between the yaw rates of the first and the last command
 SMALL_SPEED = 1e-8  # a speed below the range in which friction changes
 
@@ -32,7 +32,7 @@ def coasting_axes(vehicle: DynamicVehicle) -> tuple[int, ...]:
 
 
 def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> np.ndarray:
-    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot.  (2)
+    """Return the decay rates (3,) [1/s] of motions along the `freedoms`; zeros for a vehicle without nu_dot.  (2)
     `freedoms` is the result of `coasting_axes`, if it is already known.
     """
     if not is_dynamic(vehicle):
@@ -73,7 +73,7 @@ def _rates(vehicle: DynamicVehicle, index: tuple[int, ...]) -> np.ndarray:
 
 
 def ideal(vehicle: DynamicVehicle) -> DynamicVehicle:
-    """Return the vehicle with an ideal drivetrain, because a dead zone hides the effect of small commands."""
+    """Return the vehicle with an ideal drivetrain, without a dead zone that hides the effect of small commands."""
     drivetrain = Drivetrain(mixing=vehicle.drivetrain.mixing, commands=vehicle.commands)
     return put({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
 
@@ -84,14 +84,14 @@ def is_steered(vehicle: DynamicVehicle) -> bool:
 
 
 def is_turned_by_last_command(vehicle: DynamicVehicle) -> bool:
-    """Return True if the last command turns the vehicle, as a servo or more than twice as fast as the first command."""
+    """Return True if the last command turns the vehicle: as a servo, or over twice as fast as the first command."""
     return is_steered(vehicle) or bool(
         abs(_accelerations(vehicle, 0)[2]) < MAX_YAW_RATE_RATIO * abs(_accelerations(vehicle, -1)[2])
     )
 
 
 def _accelerations(vehicle: DynamicVehicle, command: int) -> np.ndarray:
-    """Return ν (3,) shortly after rest under one unit of one command; this ν is proportional to the acceleration."""
+    """Return ν (3,) shortly after rest, with one unit of one command; this ν is proportional to the acceleration."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SHORT_TIME_S, np.zeros(3))
     return vehicle.step(state, u, SHORT_TIME_S, np.zeros(3))[0].nu

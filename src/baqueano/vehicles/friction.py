@@ -7,7 +7,7 @@
 prints negative d. The second term is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and
 differentiated (errata 12). The third term is the drag of cornering. The fourth is the dry friction of two wheels at the
 distance b: d_f when a wheel rolls forward, d_b backward. A run distinguishes d_k of x from d_f and d_b only in tight
-turns: let a fit estimate d_k, or d_f and d_b, but not all of them.
+turns: let a fit estimate either d_k, or d_f and d_b, but not all three.
 
 Each term opposes the motion: ν · f(ν) ≥ 0, so friction never adds energy to the vehicle. For RK4 with a step h and a
 mass m, keep m ν_k / d_k and m / d_l above h/2: see rk4.py.
@@ -94,7 +94,7 @@ class Friction:
             raise Invalid(fault("friction.track"))
 
     def force(self, nu: np.ndarray) -> np.ndarray:
-        """Return f(ν) (3,) [N, N, N m], the force and torque that a vehicle subtracts from its driving force.  (1)"""
+        """Return f(ν) (3,) [N, N, N m], the force and torque to be subtracted from the driving force.  (1)"""
         d = (self.linear + self.quadratic * np.abs(nu)) * nu
         dry_friction = self.coulomb * np.tanh(nu / self.coulomb_speed)
         turning = np.array([self.cornering * nu[0] * np.abs(nu[2]), 0.0, 0.0])

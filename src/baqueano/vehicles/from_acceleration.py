@@ -69,7 +69,10 @@ class FromAcceleration:
             object.__setattr__(self, "drivetrain", replace(self.drivetrain, commands=self.commands))
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """Return ν̇ (3,) [m/s², m/s², rad/s²], body frame, at ν (3,) with an effort (n,) at the heading ψ."""
+        """Return ν̇ (3,) [m/s², m/s², rad/s²] in the body frame, at ν (3,), with an effort (n,), at the heading `psi`.
+
+        A subclass defines this method; the base class raises MissingMethod.
+        """
         raise MissingMethod(fault("vehicle.no-equation", vehicle=type(self).__name__))
 
     def gravity(self, psi: float) -> np.ndarray:
@@ -100,7 +103,10 @@ class FromAcceleration:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick of `dt_s` with the command `u` (n,); `noise` (3,) is standard normal."""
+        """Return the state and the Motion after a tick with the command `u` (n,).
+
+        `noise` (3,) is standard normal, or zero for a simulation without process noise.
+        """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = self._mask_axes(nu + self.process_noise_std * np.sqrt(dt_s) * noise)

@@ -6,9 +6,9 @@
 
 η is the pose, ν the velocity, V a matrix. e is the present effort if the motors have a lag, else the mean effort of the
 tick. Without a lag, the present effort would let ν jump at each command, which real vehicles do not do. Grotz et al.
-name "the kinematic model" and "the V matrix"; the paragraph is missing from their text (errata 7).
+mention "the kinematic model" and "the V matrix", but their text does not define them (errata 7).
 
-The last term of (1) is not in the paper: wheels slip a little outward, in proportion to m ν_x ν_ψ, the force in a
+The last term of (1) is not in the paper: wheels slip outward a little, in proportion to m ν_x ν_ψ, the force in a
 curve. k [s] is the mass divided by the lateral resistance of the wheels. docs/benchmarks.md contains its value.
 """
 
@@ -90,7 +90,7 @@ class Kinematic:
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (η, ν, ν̇) after `dt_s` with an effort.  (1)-(3)"""
+        """Return (η, ν, ν̇), (3,) each, after `dt_s` with an effort.  (1)-(3)"""
         return self._travel(eta, nu, effort, dt_s, np.zeros(3))
 
     def velocity(self, effort: np.ndarray) -> np.ndarray:
@@ -107,7 +107,10 @@ class Kinematic:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick with the command `u` (3,); `noise` (3,) is standard normal or zero."""
+        """Return the state and the Motion after a tick with the command `u` (3,).
+
+        `noise` (3,) is standard normal, or zero for a simulation without process noise.
+        """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         scatter = self.process_noise_std * noise
         eta, nu, nu_dot = self._travel(state.eta, state.nu, effort, dt_s, scatter)

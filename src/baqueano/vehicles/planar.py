@@ -34,12 +34,12 @@ from baqueano.vehicles.state import VehicleState, end_of_tick
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class Planar:
-    """A vehicle that three forces move: (u_x, u_y, u_ψ) → (τ_x, τ_y, τ_ψ).
+    """A vehicle that two forces and a torque move: (u_x, u_y, u_ψ) → (τ_x, τ_y, τ_ψ).
 
     Parameters
     ----------
     friction : Friction
-        The forces against the motion.
+        The friction forces, which oppose the motion.
     drivetrain : Drivetrain
         The block between the command and the effort.
 
@@ -103,7 +103,7 @@ class Planar:
 
     @property
     def turning_arm_m(self) -> float:
-        """Return ν̇_y per ν̇_ψ [m]: the distance of the origin ahead of the centre of mass."""
+        """Return ν̇_y per ν̇_ψ [m]: the distance from the centre of mass forward to the origin."""
         return -self.centre_of_mass_x_m
 
     def gravity(self, psi: float) -> np.ndarray:
@@ -126,7 +126,7 @@ class Planar:
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (η, ν, ν̇) after `dt_s` with an effort; ν̇ is the value at the end.  (1), (2)"""
+        """Return (η, ν, ν̇), (3,) each, after `dt_s` with an effort; ν̇ is the value at the end.  (1), (2)"""
 
         def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             return np.concatenate([map_from_body(x[2]) @ x[3:], self.nu_dot(x[3:], effort, x[2])])
@@ -144,9 +144,10 @@ class Planar:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick with the command `u` (3,); `noise` (3,) is standard normal or zero.
+        """Return the state and the Motion after a tick with the command `u` (3,).
 
-        The noise changes ν at the end of the tick; ν̇ is the acceleration of the model at the changed ν.
+        `noise` (3,) is standard normal, or zero for a simulation without process noise. The noise changes ν at the end
+        of the tick; ν̇ is the acceleration of the model at the changed ν.
         """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)

@@ -19,7 +19,7 @@ from baqueano.vehicles.effort import Effort
 MAX_ROW_S, ROW_TOLERANCE = (
     0.02,
     0.25,
-)  # the longest row, and the share of it by which a tick may be longer without a cut
+)  # the longest row, and the share of it by which a tick can be longer without a division
 
 
 def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
@@ -32,7 +32,7 @@ def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s:
 
 
 def row_counts(dt_s: np.ndarray) -> np.ndarray:
-    """Return the number of rows (N,) into which ticks of `dt_s` (N,) are divided.
+    """Return the number of rows (N,) into which each of the ticks of `dt_s` (N,) is divided.
 
     >>> rows_in(np.array([0.01, 0.022, 0.05]))
     array([1, 1, 3])

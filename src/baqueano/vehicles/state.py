@@ -1,4 +1,4 @@
-"""Define protocol and state of a vehicle, and compute the end of a tick for vehicles with an acceleration."""
+"""Protocols and state of a vehicle, and the end of a tick for vehicles with an acceleration."""
 
 from typing import ClassVar, NamedTuple, Protocol
 
@@ -54,7 +54,7 @@ class Vehicle(Protocol):
 
     @property
     def drivetrain(self) -> Drivetrain:
-        """Return the drivetrain between the command and the body."""
+        """Return the drivetrain, which turns the command into the effort on the body."""
         ...
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
@@ -74,12 +74,12 @@ class Vehicle(Protocol):
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick with the command `u` (n,); `noise` (3,) is standard normal."""
+        """Return the state and the Motion after a tick with the command `u` (n,); `noise` (3,) is standard normal."""
         ...
 
 
 class DynamicVehicle(Vehicle, Protocol):
-    """Protocol of a vehicle with an acceleration, unlike a kinematic vehicle: `optional.is_dynamic` tests it."""
+    """Protocol of a dynamic vehicle, which also computes its acceleration; `optional.is_dynamic` tests for this."""
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: Value = 0.0, /) -> np.ndarray:
         """Return ν̇ (3,) at ν (3,) with an effort, at the heading ψ."""

@@ -23,7 +23,7 @@ NAN = float("nan")
 
 
 class Feed:
-    """The newest rows of the current or last drive: at most RING_S, or MAX_ROWS rows."""
+    """The newest rows of the current or last drive, for at most RING_S of drive time and MAX_ROWS rows."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -44,7 +44,7 @@ class Feed:
         return True
 
     def take(self, message: "JsonObject") -> bytes | None:
-        """Store the ticks of a message, and return a binary frame of them, or None if their columns do not match."""
+        """Store the ticks of a message, and return them as a binary frame, or None if their columns do not match."""
         rows = message["x"]
         if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
             return None

@@ -1,11 +1,11 @@
-"""Guard the page: decide which browsers may connect, and with which rights.
+"""Guard the page: decide which browsers are allowed to connect, and with which rights.
 
     Host     must be a served address with the port, on every request, so that a rebound name is refused        (1)
-    Origin   must be a served origin on every upgrade; without an Origin, a token only permits to view          (2)
+    Origin   must be a served origin on every upgrade; without an Origin, a token only allows to view           (2)
     token    128 bits per role, in the fragment of the address, compared in constant time; after MAX_FAILURES
              wrong tokens in a minute from an address, its tokens are refused                                   (3)
 
-A mission requested by a browser may contain only the options that MISSION_OPTIONS lists.
+Of a mission requested by a browser, only the options that MISSION_OPTIONS lists are used.
 
 On loopback a browser does not need a token; with `--share` every browser does.
 """
@@ -31,7 +31,7 @@ MINUTE_S = 60.0
 MAX_ADDRESSES = 1024  # most addresses that are stored
 TOKEN_LIFETIME_S = 12 * 3600.0  # lifetime of a token
 LOOPBACK = ("127.0.0.1", "::1")
-MAX_OPTION_LETTERS = 60  # most letters of a text option
+MAX_OPTION_LETTERS = 60  # most characters of a text option
 MISSION_OPTIONS: "dict[str, dict[str, type]]" = {  # kind → the allowed options and their types
     "teach": {"name": str, "shape": str, "size_m": float, "speed_m_s": float, "closed": bool},
     "repeat": {"route": str, "laps": float}, "experiment": {"seconds": float, "signal": str}, "drive": {},
@@ -40,7 +40,7 @@ MISSION_OPTIONS: "dict[str, dict[str, type]]" = {  # kind → the allowed option
 
 
 class Role(IntEnum):
-    """The rights of a visitor: each role includes the rights of the previous role."""
+    """The rights of a browser: each role includes the rights of the previous role."""
 
     VIEW = 1
     STOP = 2
@@ -77,7 +77,7 @@ class Guard:
         return not origins or (len(origins) == 1 and origins[0].lower() in self._origins)
 
     def role(self, address: str, token: str, from_page: bool) -> Role | None:
-        """Return the role of a visitor, None if the visitor is refused.  (2), (3)
+        """Return the role of a browser, None if the browser is refused.  (2), (3)
 
         Without an Origin the role is at most VIEW. Tokens are valid for TOKEN_LIFETIME_S after the start of the page.
         """
@@ -108,7 +108,7 @@ class Guard:
 
 
 class Rate:
-    """A limit of `each_s` messages a second; a burst of twice as many is allowed, as after a pause of this process."""
+    """A limit of `each_s` messages per second. A burst of twice as many is allowed, after a pause of this process."""
 
     def __init__(self, each_s: float, now: Callable[[], float] = time.monotonic) -> None:
         self._each_s, self._most, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
@@ -156,7 +156,7 @@ def finite(x: object) -> bool:
 def _of_kind(value: object, kind: type) -> object:
     """Return an option of a mission.
 
-    Raise UsageError for another type, a number not finite, or a text over MAX_OPTION_LETTERS.
+    Raise UsageError for another type, a number that is not finite, or a text over MAX_OPTION_LETTERS characters.
     """
     if kind is float and finite(value):
         return value

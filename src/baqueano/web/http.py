@@ -1,4 +1,4 @@
-"""Implement the small part of HTTP/1.1 that the page needs: read a request head, and answer and close the connection.
+"""Implement the small part of HTTP/1.1 that the page needs: read a request head, answer it, and close the connection.
 
 Only GET and HEAD are accepted. The path in a request is only a key of a table and is not used to build a file name.
 """
@@ -25,7 +25,7 @@ PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-REPORT_POLICY = (  # it holds its style and its figures, and no script
+REPORT_POLICY = (  # a report contains its style and its figures, but not a script
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'none'; sandbox"
 )
@@ -38,7 +38,7 @@ FIXED_HEADERS = {
 
 
 class RefusedRequest(Exception):
-    """The refusal of a request, which is answered by an HTTP status and its phrase."""
+    """The refusal of a request. The answer is an HTTP status with its phrase."""
 
     def __init__(self, status: HTTPStatus, **headers: str) -> None:
         super().__init__(status.phrase)
@@ -70,7 +70,7 @@ class Content(NamedTuple):
 async def read_head(reader: asyncio.StreamReader) -> bytes:
     """Return the bytes of a request head.
 
-    Raise RefusedRequest if the head is too long, EOFError if the connection ends before the end of the head.
+    Raise RefusedRequest if the head is too long, and EOFError if the connection ends before the end of the head.
     """
     try:
         return await reader.readuntil(b"\r\n\r\n")
@@ -104,7 +104,7 @@ def head_of(data: bytes) -> Head:
 
 
 def static(folder: Path) -> dict[str, Content]:
-    """Return the files of the folder by URL path, read now; their types determine which are served."""
+    """Return URL path → content of the files in the folder, read now. Files of unknown types are omitted."""
     table = {}
     for path in sorted(folder.rglob("*")):
         kind = CONTENT_TYPES.get(path.suffix)
@@ -120,7 +120,7 @@ def static(folder: Path) -> dict[str, Content]:
 
 
 async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
-    """Answer a request by the status and the phrase of its refusal."""
+    """Answer a refused request with its status code and status phrase."""
     kind, text = CONTENT_TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
     await _send(writer, _head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
 

@@ -1,11 +1,11 @@
-"""Manage the lease, the right to drive: one browser has it at a time, while its heartbeats count.
+"""Manage the right to drive. One browser, the holder, has it at a time, while its heartbeats are valid.
 
-  a heartbeat counts if its number grows and the picture that it names is not older than LEASE_S plus the
+  a heartbeat is valid if its number grows and the picture that it names is not older than LEASE_S plus the
   round-trip time, or is the newest picture                                                                   (1)
-  the lease ends after LEASE_S without a heartbeat that counts                                                (2)
+  the right ends after LEASE_S without a valid heartbeat                                                      (2)
 
-The holder can pass the lease to another visitor. The server does not create heartbeats: a visitor with a frozen picture
-or a hidden page loses the lease.
+The holder can pass the right to another browser. The server does not create heartbeats: a browser with a frozen picture
+or a hidden page loses the right.
 """
 
 import time
@@ -24,7 +24,7 @@ LEASE_S = 0.3
 
 
 class Lease:
-    """The right to drive, and its holder: any object, or None if no visitor drives."""
+    """The right to drive, and its holder: any object, or None if no browser has the right."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -34,37 +34,37 @@ class Lease:
 
     @property
     def holder(self) -> object:
-        """Return the present holder, or None if the lease is free or has ended.  (2)"""
+        """Return the present holder, or None if the right is free or has ended.  (2)"""
         if self._holder is not None and self._now() > self._until_s:
             self._holder = None
         return self._holder
 
     @property
     def left_s(self) -> float:
-        """Return the time [s] after which the lease ends without another heartbeat, 0 if it is free."""
+        """Return the time [s] after which the right ends without another heartbeat, 0 if it is free."""
         return max(0.0, self._until_s - self._now()) if self.holder is not None else 0.0
 
     def take(self, visitor: object, name: str) -> None:
-        """Give the lease to `visitor`. Raise SafetyStop while another visitor is the holder."""
+        """Give the right to drive to `visitor`. Raise SafetyStop while another visitor is the holder."""
         if self.holder is not None and self._holder is not visitor:
             raise SafetyStop(note("web.lease-taken", Severity.ERROR, name=self._name))
         self._holder, self._name = visitor, name
         self._n, self._until_s = 0, self._now() + LEASE_S
 
     def give(self, visitor: object, to: object = None, name: str = "") -> None:
-        """Pass the lease to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` is not the holder."""
+        """Pass the right to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` is not the holder."""
         self.check(visitor)
         self._holder = None
         if to is not None:
             self.take(to, name)
 
     def check(self, visitor: object) -> None:
-        """Raise SafetyStop if `visitor` does not hold the lease."""
+        """Raise SafetyStop if `visitor` is not the holder."""
         if visitor is None or self.holder is not visitor:
             raise SafetyStop(note("web.lease-needed", Severity.ERROR))
 
     def beat(self, visitor: object, n: int, age_s: float, way_s: float = 0.0) -> bool:
-        """Renew the lease and return True if this heartbeat counts; return False otherwise.  (1)
+        """Renew the right and return True if this heartbeat is valid; return False otherwise.  (1)
 
         `n` is its number, `age_s` [s] the age of its picture, `way_s` [s] the round-trip time.
         """
@@ -77,7 +77,7 @@ class Lease:
         return True
 
     def on_disconnect(self, visitor: object) -> bool:
-        """End the lease if `visitor`, who has disconnected, holds it; return True in that case."""
+        """End the right if `visitor`, which has disconnected, is the holder; return True in that case."""
         if self._holder is not visitor:
             return False
         self._holder = None
@@ -85,7 +85,7 @@ class Lease:
 
 
 def lease_messages(lease: Lease, visitors: list[Visitor]) -> "Iterator[tuple[Visitor, JsonObject]]":
-    """Yield for each visitor the message about the lease; for the holder it names those who could drive instead."""
+    """Yield, for each visitor, the message about the right to drive. It names other possible drivers to the holder."""
     holder = lease.holder
     for visitor in visitors:
         others = [other.name for other in visitors if other.role == Role.DRIVE and other is not visitor]

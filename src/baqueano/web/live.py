@@ -1,6 +1,6 @@
 """Pass messages between browsers and the service of a vehicle, in both directions.
 
-The page does not create heartbeats: each heartbeat of the holder that counts is sent to the service as one `hand`.
+The page does not create heartbeats: each valid heartbeat of the driver is sent to the service as one `hand`.
 """
 
 import asyncio
@@ -39,7 +39,7 @@ MAX_EVENTS, MAX_COMMANDS = 40, 8  # sent to a new browser, fewer than its queue 
 
 
 class Live:
-    """A vehicle that many visitors watch and one visitor drives."""
+    """A vehicle that many browsers watch and one browser drives."""
 
     def __init__(self, link: DoorLink, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
@@ -56,12 +56,12 @@ class Live:
         self._route: JsonObject | None = None
         self._routes: list[JsonObject] = []
         self._events: deque[tuple[float, Diagnostic]] = deque(maxlen=MAX_EVENTS)
-        self._last_sender: Visitor | None = None  # sender of the last message that the service may refuse
+        self._last_sender: Visitor | None = None  # sender of the last message that the service can refuse
         self._last_lease: tuple[object, int] = (None, 0)  # holder and number of watchers last sent
         self._changed = True
         self.over = asyncio.Event()  # all drives have ended regularly, and so has the service
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
-        self._blocks: dict[str, str] = {}  # room → kind, in place of the file's
+        self._blocks: dict[str, str] = {}  # role → kind, in place of the file's blocks
 
     def _vehicle_description(self) -> "JsonObject":
         blocks = self._vehicle.get("blocks", {})
@@ -104,7 +104,7 @@ class Live:
         }  # fmt: skip
 
     def send_backlog(self, visitor: Visitor) -> None:
-        """Send a new visitor the events, the ledger, and the stored rows of the drive."""
+        """Send a new browser the events, the record of faults, and the stored rows of the drive."""
         for t_s, message in self._events:
             self._say_event(visitor, t_s, message)
         if self._ledger:
@@ -112,7 +112,7 @@ class Live:
         visitor.send_all(self._history(0.0))
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Carry out a message of a browser. Raise UsageError if it names another vehicle and is not a stop."""
+        """Execute a message of a browser. Raise UsageError if the message names another vehicle and is not a stop."""
         if word.get("robot", self.robot) != self.robot and word["is"] != "stop":
             raise UsageError(fault("web.other-robot"))
         word = {name: value for name, value in word.items() if name != "robot"}
@@ -129,23 +129,23 @@ class Live:
         return do(visitor, word)
 
     def on_disconnect(self, visitor: Visitor) -> None:
-        """End the lease of a browser that has disconnected; without its heartbeats the vehicle stops."""
+        """End the right to drive of a browser that has disconnected; without its heartbeats the vehicle stops."""
         self.lease.on_disconnect(visitor)
 
     def may_change(self, visitor: Visitor) -> None:
-        """Raise SafetyStop if the role of the visitor is not DRIVE, or if another visitor holds the lease."""
+        """Raise SafetyStop if the role of the browser is not DRIVE, or if another browser has the right to drive."""
         self._needs(visitor, Role.DRIVE)
         if self.lease.holder is not None:
             self.lease.check(visitor)
 
     def announce_swap(self, room: str, kind: str, blocks: dict[str, str]) -> None:
-        """Announce to all browsers that a block of this kind is used in a room from the next mission on."""
+        """Announce to all browsers that a block of this kind is used for a role from the next mission on."""
         self._blocks = dict(blocks)
         self._on_event({"said": note("web.swapped", room=room, kind=kind)})
         self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Stop the vehicle at once; the visitor needs the role STOP, but not the lease."""
+        """Stop the vehicle at once. The browser needs the role STOP, but not the right to drive."""
         self._needs(visitor, Role.STOP)
         self._link.send("stop", why=stop(StopReason.STOPPED_BY, words=visitor.name))
 
@@ -163,7 +163,7 @@ class Live:
         self._say_lease()
 
     def _give(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Pass the lease to a visitor with this name and the role DRIVE, or end it if no name is given."""
+        """Pass the right to drive to a browser with this name and the role DRIVE, or end it if no name is given."""
         to = None
         if word.get("to"):
             drivers = [guest for guest in self._all() if guest.role == Role.DRIVE]
@@ -191,7 +191,7 @@ class Live:
         return number
 
     def _check_order(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
-        """Return the kind and the options of a mission. Raise SafetyStop if the visitor is not the holder."""
+        """Return the kind and the options of a mission. Raise SafetyStop if the browser is not the driver."""
         self.lease.check(visitor)
         kind, order = mission_of(word)
         return kind, order | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
@@ -205,18 +205,18 @@ class Live:
         self._link.send(word["is"], **more)
 
     def _clear(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Clear a stop, on request of the holder, or of a visitor with the role DRIVE while the lease is free."""
+        """Clear a stop, on request of the driver, or of a browser with the role DRIVE without a driver."""
         self.may_change(visitor)
         self._link.send("clear")
 
     def _set(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Forward a gain, a fault of a simulated vehicle, or a request to drive again, from the holder."""
+        """Forward a message of the driver: a gain, a fault of a simulated vehicle, or a request to repeat the drive."""
         self.lease.check(visitor)
         self._last_sender = visitor
         self._link.send(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
 
     def _pace(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Forward the pace, from the holder, or from a visitor with the role DRIVE while the lease is free."""
+        """Forward the pace from the driver, or from a browser with the role DRIVE without a driver."""
         self.may_change(visitor)
         self._last_sender = visitor
         self._link.send("pace", factor=float(word["factor"]))
@@ -281,7 +281,7 @@ class Live:
             self._tell_blocks()
 
     def _on_no(self, word: "JsonObject") -> None:
-        """Send a refusal of the service to the visitor of the last request, or to all if this visitor has left."""
+        """Send a refusal of the service to the browser of the last request, or to all if this browser has left."""
         about = word.get("about")
         for visitor in [self._last_sender] if self._last_sender in set(self._all()) else self._all():
             if visitor is not None:
@@ -315,7 +315,7 @@ class Live:
         self._tell({"is": "routes", "routes": self._routes})
 
     def _on_ledger(self, word: "JsonObject") -> None:
-        """Store the faults of a simulated drive with the checks that noticed them, and send them to all browsers."""
+        """Store the faults of a simulated drive with the checks that detected them, and send them to all browsers."""
         self._ledger = [row for row in word["rows"] if isinstance(row, dict)]
         for visitor in self._all():
             self._say_ledger(visitor)
@@ -337,7 +337,7 @@ class Live:
         self.on_done()
 
     def _on_fetched(self, message: Diagnostic, routes: "list[JsonObject] | None") -> None:
-        """Report that the run of a robot was copied to this computer, or why not."""
+        """Report that the run of a robot was copied to this computer, or why this failed."""
         self._on_event({"said": message})
         if routes is not None:
             self._on_routes({"routes": routes})
@@ -355,7 +355,7 @@ class Live:
         return [visitor for visitor in self._visitors() if visitor.role is not None]
 
     def _tell_blocks(self) -> None:
-        """Send all browsers the blocks by room, the gains, and the blocks swapped for the next mission."""
+        """Send all browsers the blocks by role, the gains, and the blocks swapped for the next mission."""
         about = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
         self._tell({"is": "blocks", **about, "swapped": self._blocks})
 
@@ -364,7 +364,7 @@ class Live:
             visitor.send(word)
 
     async def _tell_states(self) -> None:
-        """Send the state and the lease when they change, and during a drive the state every STATE_S."""
+        """Send the state and the driver's name when they change, and during a drive the state every STATE_S."""
         while True:
             await asyncio.sleep(STATE_S / 2)
             if self._last_lease != (self.lease.holder, len(self._all())):

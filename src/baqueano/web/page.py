@@ -37,14 +37,14 @@ LABELS = {
     "truth.psi": "web.label-true-heading", "nis": "web.label-nis", "progress": "web.label-progress",
     "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
 }  # fmt: skip
-SLOW = ("mission", "swap", "write", "ask")  # messages that may need an answer of a worker
-LONGEST_NAME = 40  # most letters of a name
+SLOW = ("mission", "swap", "write", "ask")  # messages that can need an answer of a worker
+LONGEST_NAME = 40  # most characters of a name
 LONGEST_FILTER = 200
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
 
 class VehicleSide(Protocol):
-    """The part of a page that is connected to a vehicle."""
+    """Protocol of the part of a page that is connected to a vehicle."""
 
     def hello(self, visitor: Visitor) -> "JsonObject":
         """Return the part of `hello` that describes the vehicle."""
@@ -55,7 +55,7 @@ class VehicleSide(Protocol):
         ...
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Carry out a message of a browser; the caller answers a BaqueanoError by `no`."""
+        """Execute a message of a browser; the caller answers a BaqueanoError with `no`."""
         ...
 
     def on_disconnect(self, visitor: Visitor) -> None:
@@ -63,13 +63,13 @@ class VehicleSide(Protocol):
         ...
 
     def may_change(self, visitor: Visitor) -> None:
-        """Raise SafetyStop if a visitor may not change the next mission."""
+        """Raise SafetyStop if a browser is not allowed to change the next mission."""
         ...
 
     def announce_swap(self, room: str, kind: str, blocks: dict[str, str]) -> None:
-        """Announce that a block of this kind is used in a room from the next mission on.
+        """Announce that a block of this kind is used for a role from the next mission on.
 
-        `blocks` has all swapped blocks, room → kind.
+        `blocks` contains all swapped blocks, role → kind.
         """
         ...
 
@@ -90,7 +90,7 @@ class BrowserPage:
         self._reading: set[asyncio.Task[None]] = set()
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Carry out a message of a browser; a slow message runs as a task, because the next message may be a stop."""
+        """Execute a message of a browser. A slow message runs as a task, because the next message can be a stop."""
         if word["is"] in SLOW:
             self._later(self._do(visitor, word))
         else:
@@ -112,11 +112,11 @@ class BrowserPage:
                 raise UsageError(fault("web.no-vehicle", word=one_line(word["is"])[:LONGEST_NAME]))
         except BaqueanoError as error:
             self.refuse(visitor, word, error.diagnostic)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:  # any word may come
+        except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
             self.refuse(visitor, word, fault("web.not-understood", error=type(error).__name__))
 
     def refuse(self, visitor: Visitor, word: "JsonObject", reason: Diagnostic) -> None:
-        """Answer a message by `no` with the reason, and disconnect a visitor without a role."""
+        """Answer a message with `no` and the reason, and disconnect a browser without a role."""
         with within(visitor.language):
             visitor.send(
                 {"is": "no", "why": text(reason), "code": str(reason.code), "to": word["is"][:LONGEST_NAME]}
@@ -154,7 +154,7 @@ class BrowserPage:
         self._later(self._list(visitor))
 
     def say_hello(self, visitor: Visitor, about: "JsonObject") -> None:
-        """Send a visitor the description of this page, completed by `about`."""
+        """Send a browser the description of this page, completed by `about`."""
         hello = {
             "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
@@ -164,7 +164,7 @@ class BrowserPage:
         visitor.send(hello | {"fields": label_fields(hello["fields"], visitor.language)})
 
     def list_to(self, visitors: Iterable[Visitor]) -> None:
-        """Read the list of runs again, and send it to these visitors."""
+        """Read the list of runs again, and send it to these browsers."""
         for visitor in visitors:
             self._later(self._list(visitor))
 
@@ -193,7 +193,7 @@ class BrowserPage:
         visitor.send({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Use another block in a room from the next mission on, for a visitor who may change the next mission."""
+        """Use another block for a role from the next mission on, if the browser is allowed to change the mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="swap"))
         self.live.may_change(visitor)
@@ -201,7 +201,7 @@ class BrowserPage:
         self.live.announce_swap(str(word["room"]), kind, self.questions.blocks)
 
     async def _write(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Write gains into the vehicle file, for a visitor who may change the next mission."""
+        """Write gains into the vehicle file, if the browser is allowed to change the next mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="write"))
         self.live.may_change(visitor)
@@ -223,7 +223,7 @@ class BrowserPage:
         self._later(self._list(visitor))
 
     async def _list(self, visitor: Visitor) -> None:
-        """Let the worker read the list of runs, and send it to a visitor."""
+        """Let the worker read the list of runs, and send it to a browser."""
         try:
             visitor.send({"is": "runs", "runs": await self._shelf.read()})
         except BaqueanoError as error:
@@ -258,7 +258,7 @@ class BrowserPage:
                     }
 
     def _about(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
-        """Return the description of a run for a browser, in the language of the visitor."""
+        """Return the description of a run for a browser, in the language of the browser."""
         whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with within(visitor.language):
             figures = {name: about[name] for name in ("kind", "seconds")}

@@ -49,7 +49,7 @@ async def show_runs(
 ) -> None:
     """Serve recorded runs, the second as a ghost of the first, until a signal ends the process.
 
-    If `lasting` is False, it also ends when the last browser has disconnected.
+    If `lasting` is False, the process also ends when the last browser has disconnected.
     """
     lab = Lab()
     try:
@@ -82,7 +82,7 @@ async def show_vehicle(
 
     `robot` contains the local files of a real robot. `vehicle` is the file whose parameters are identified. `meet`
     receives a function that returns the number of connected browsers. Raise RobotUnreachable if the service ends before
-    it describes the vehicle. If `lasting` is True, raise it also for a later end of the service.
+    it describes the vehicle. If `lasting` is True, raise RobotUnreachable even for a later end of the service.
     """
     lab, shelf = Lab(), Shelf(options.folder)
     link = await start()
@@ -146,7 +146,7 @@ def _server(page: BrowserPage, shelf: Shelf, options: PageOptions) -> Server:
 
 
 def announce(server: Server, options: PageOptions, notify: Callable[[Diagnostic | str], object]) -> None:
-    """Report the addresses by `notify`, with a QR code if the page is shared, and open a tab."""
+    """Pass the addresses to `notify`, with a QR code if the page is shared, and open a tab."""
     tokens = server.guard.tokens
     if not options.share:
         own_url = url(LOOPBACK, server.port, tokens)
@@ -182,7 +182,7 @@ async def _first(*jobs: Coroutine[None, None, None]) -> None:
 async def _until_empty(server: Server) -> None:
     """Wait until all browsers have left.
 
-    Wait COMES_S for the first browser, and later GONE_S, so that a browser may reload.
+    Wait COMES_S for the first browser, and later GONE_S, so that a browser can reload the page.
     """
     empty_s, had_visitors = time.monotonic(), False
     while True:

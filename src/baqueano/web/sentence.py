@@ -1,7 +1,7 @@
-"""Describe the state and the ledger of a vehicle in sentences, in the language of the reader.
+"""Describe the state of a vehicle and its record of faults in sentences, in the language of the reader.
 
-The state has the activity of the vehicle, its accuracy, and unusual events. The ledger has the faults, and the checks
-that noticed them.
+The state contains the activity of the vehicle, its accuracy, and unusual events. The record contains the faults, and
+the checks that detected them.
 """
 
 import math
@@ -25,8 +25,8 @@ STATE_TEXTS = {
 }  # fmt: skip
 NIS_S = 10.0
 MIN_NIS_COUNT = 100  # least number of NIS values for a sentence
-COPIED_FIELDS = ("number", "t_s", "until_s", "over", "fault")  # fields of a ledger row that are copied
-HALF_BAND = 1.96 * math.sqrt(2.0)  # of the mean of N squared normals, times √N
+COPIED_FIELDS = ("number", "t_s", "until_s", "over", "fault")  # copied fields of a row of `ledger`
+HALF_BAND = 1.96 * math.sqrt(2.0)  # 95 % half width of the mean of N squared normal variables, times √N
 
 
 def state_message(
@@ -84,7 +84,7 @@ def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -
 
 
 def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
-    """Return the number of the lap, from 1 on, by the progress along the route; None if it is unknown."""
+    """Return the number of the lap, from 1 on, from the progress along the route; None if it is unknown."""
     length_m, progress = (route or {}).get("length_m") or 0.0, feed.value("progress")
     if not (length_m > 0.0 and math.isfinite(progress)):
         return None

@@ -1,6 +1,6 @@
 """Serve static files from a table made at the start, runs and reports by their keys, and WebSockets.
 
-The server listens on loopback, and on one more address if the page is shared. HTTP requests do not change a state.
+The server listens on loopback, and on one more address if the page is shared. HTTP requests do not change any state.
 """
 
 import asyncio
@@ -119,7 +119,7 @@ class Server:
         try:
             if self._connections <= MAX_CONNECTIONS:
                 await self._answer(reader, writer)
-        except (OSError, EOFError, asyncio.CancelledError):  # the last: the server ends
+        except (OSError, EOFError, asyncio.CancelledError):  # cancelled when the server ends
             pass
         finally:
             self._connections -= 1
@@ -198,7 +198,7 @@ class Server:
     def _protocol(self, head: Head, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
         """Return the WebSocket protocol of a connection, with the answer to its upgrade ready to be sent.
 
-        Raise RefusedRequest if the request is not a valid upgrade, or if too many visitors are connected.
+        Raise RefusedRequest if the request is not a valid upgrade, or if too many browsers are connected.
         """
         if head.method != "GET" or not head.values("upgrade"):
             raise RefusedRequest(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
@@ -216,6 +216,6 @@ class Server:
         return protocol
 
     def _check_greeting(self, visitor: Visitor) -> None:
-        """Disconnect a visitor that has not sent a message in time."""
+        """Disconnect a browser that has not sent a message in time."""
         if not visitor.spoke:
             visitor.leave(POLICY)

@@ -32,7 +32,7 @@ UNSENT = 256 << 10  # most bytes that wait for a service that does not read
 
 
 class DoorLink(Protocol):
-    """A service, or a player of runs, that exchanges the messages of the door."""
+    """Protocol of a service, or of a player of runs, that exchanges the messages of the door."""
 
     def send(self, do: str, **words: object) -> None:
         """Send a message without waiting. Raise RobotUnreachable if the other side does not accept it."""

@@ -1,4 +1,4 @@
-"""Make the address of a page: for the browser of this machine, and for a network also as a QR code."""
+"""Make the address of a page for the browser of this machine, and for a network, with a QR code."""
 
 import os
 import socket
@@ -27,7 +27,7 @@ def own_address() -> str:
 
 
 def own_names() -> tuple[str, ...]:
-    """Return the names by which other machines of the network may find this machine, () without a host name."""
+    """Return the names by which other machines of the network can find this machine, () without a host name."""
     name = socket.gethostname().partition(".")[0]
     return (f"{name}.local",) if name else ()
 
@@ -38,7 +38,7 @@ def url(address: str, port: int, tokens: dict[Role, str], role: Role | None = No
 
 
 def qr_code(address: str) -> str:
-    """Return the QR code of an address, drawn by characters of a terminal."""
+    """Return the QR code of an address, drawn with characters of a terminal."""
     import io
 
     import segno

@@ -1,4 +1,4 @@
-"""Represent a connected browser: its messages, and the queues of messages, pieces and pictures for it.
+"""Represent a connected browser: its messages, and the queues of messages, pieces and pictures to send.
 
   words     a queue of MAX_MESSAGES messages, which are never dropped; if it is full, the browser is disconnected (1)
   pieces    parts of a history or a run, each made only after the previous piece has been sent                  (2)
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MAX_MESSAGES = 64
 MAX_MESSAGE_BYTES = 16 << 10  # most bytes of a message from a browser
-MAX_MESSAGE_RATE_HZ = 50.0  # messages a second from a browser
+MAX_MESSAGE_RATE_HZ = 50.0  # messages per second from a browser
 MAX_UNREAD_BYTES = 4 << 20  # most bytes that wait for the kernel: more than the largest piece
 FRAGMENT_BYTES = 16 << 10  # bytes of a long message that are encoded at once
 SEND_BUFFER_BYTES = 64 << 10  # bytes in the socket's buffer
@@ -63,7 +63,7 @@ class Visitor:
         self._ending: int | None = None  # close code to send after the waiting messages
         self._rate = Rate(MAX_MESSAGE_RATE_HZ)
         self.way_s, self._pinged_s = 0.0, 0.0  # round-trip time, time of the last ping
-        writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has it
+        writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has all bytes
         line = writer.get_extra_info("socket")
         if line is not None:
             with suppress(OSError):
@@ -261,7 +261,7 @@ class Visitor:
 
 
 def binary_frame(data: bytes) -> bytes:
-    """Return data as a binary WebSocket message (RFC 6455, 5.2), whose bytes are the same for all browsers."""
+    """Return data as a binary WebSocket message (RFC 6455, 5.2). The bytes are the same for all browsers."""
     size = len(data)
     if size < 126:
         return bytes((BINARY, size)) + data

@@ -1,4 +1,4 @@
-"""Define the worlds in which the loop runs: a simulation, also with faults, a recorded run, or the real vehicle."""
+"""Define the worlds in which the loop runs: a simulation, with or without faults, a recorded run, or a robot."""
 
 from typing import TYPE_CHECKING
 

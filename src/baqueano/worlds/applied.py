@@ -4,9 +4,9 @@
   x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
   u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
-d is the duty and U its integral; x is the request that follows the command c. u_k is the mean duty of tick k, δ_k long.
-Telemetry contains the mean over a time span that ended up to a period before the tick. If a fit used it as the mean of
-the tick, the motors would be 2 to 11 ms too quick, depending on the phase. (3) corrects an error of (2) (a
+d is the duty and U its integral; x is the request that follows the command c. u_k is the mean duty of tick k, whose
+length is δ_k. Telemetry contains the mean over a time span that ended up to a period before the tick. If a fit used
+this mean for the tick, its motors would be 2 to 11 ms too fast, depending on the phase. (3) corrects an error of (2) (a
 kick, dither, a delayed frame) one tick later, so errors do not accumulate.
 """
 
@@ -28,15 +28,15 @@ class MotorCharacteristic(NamedTuple):
 
 
 class AppliedMotors(NamedTuple):
-    """The conversion from request to duty in the firmware."""
+    """The conversion from request to duty in the firmware, for both wheels and both directions."""
 
     slew_per_s: float = 1000.0
     characteristics: tuple[MotorCharacteristic, ...] = (
         MotorCharacteristic(),
-    ) * 4  # left forwards, left backwards, right forwards, right backwards
+    ) * 4  # left forward, left backward, right forward, right backward
 
     def duty(self, wheel: int, request: float) -> float:
-        """Return the duty at the pins for a request to a wheel (0 left, 1 right), in [-1, 1].  (2)"""
+        """Return the duty at the pins, in [-1, 1], for a `request` to a wheel (0 left, 1 right).  (2)"""
         if request == 0.0:
             return 0.0
         characteristic = self.characteristics[2 * wheel + (request < 0.0)]
@@ -52,7 +52,7 @@ class AppliedMotors(NamedTuple):
         return magnitude if duty > 0.0 else -magnitude
 
     def step(self, request: float, goal: float, seconds: float) -> float:
-        """Return the request `seconds` later, after motion towards `goal`: limited by the slew, with a stop at zero."""
+        """Return the request `seconds` later: it moves towards `goal` with limited slew, and does not cross zero."""
         if request * goal < 0.0:
             goal = 0.0
         max_change = self.slew_per_s * seconds
@@ -63,7 +63,7 @@ IDEAL_MOTORS = AppliedMotors()
 
 
 class AppliedDuties:
-    """An estimator of the applied duties of two wheels. All times are of the host's clock [ns]."""
+    """An estimator of the applied duties of two wheels. All times are times of the host's clock [ns]."""
 
     def __init__(self, motors: AppliedMotors = IDEAL_MOTORS) -> None:
         self._motors = motors
@@ -74,20 +74,22 @@ class AppliedDuties:
         self._mean = np.zeros(2)
 
     def begin(self, now_ns: int) -> None:
-        """Begin the first tick at `now_ns`: earlier commands are removed, and earlier duty does not count."""
+        """Begin the first tick at `now_ns`: remove earlier commands, and exclude earlier duty from the mean."""
         self._commands.clear()
         self._until_ns, self._integral = now_ns, np.zeros(2)
         self._spent_duty = np.zeros(2) if self._command_ns < 0 else self._integral_since_telemetry(now_ns)
 
     def record_command(self, now_ns: int, left: float, right: float) -> None:
-        """Record a command that was sent."""
+        """Record a command (duties of the left and the right wheel) that was sent at `now_ns`."""
         self._commands.append((now_ns + COMMAND_DELAY_NS, (left, right)))
 
     def update(
         self, t_ns: int, mean: tuple[float, float], duty: tuple[float, float], is_stopped: bool
     ) -> None:
-        """Record telemetry: the mean duty (2,) since the previous telemetry, the present duty (2,), and True if no
-        motor is driven.
+        """Record telemetry of the time `t_ns`.
+
+        `mean` is the mean duty of both wheels since the previous telemetry, and `duty` the present duty. `is_stopped`
+        is True if the firmware has stopped the motors.
         """
         if self._command_ns >= 0:
             self._integral = self._integral + np.array(mean) * ((t_ns - self._command_ns) * SECONDS_PER_NS)

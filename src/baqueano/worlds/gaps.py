@@ -11,8 +11,8 @@ import numpy as np
 
 from baqueano.signals import NANOSECONDS, Slot, Tick
 
-MIN_GAP_PERIODS = 2.5  # periods from one tick to the next that make a hole
-MAX_FILLED_NS = 60 * NANOSECONDS  # of a longer hole, which separates two drives, only this much is filled
+MIN_GAP_PERIODS = 2.5  # a longer time between two ticks, in periods, is a gap
+MAX_FILLED_NS = 60 * NANOSECONDS  # of a longer gap, which separates two drives, only this part is filled
 
 
 def period_ns(t_ns: np.ndarray) -> int:

@@ -15,7 +15,7 @@ def sensor_stream(name: str) -> str:
 
 def stream(seed: int, name: str) -> "np.random.Generator":
     """Return the random generator that belongs to `name` under `seed`."""
-    import hashlib  # it loads OpenSSL, for which a robot does not wait: it draws nothing
+    import hashlib  # imported here because it loads OpenSSL, and a robot does not draw noise
 
     key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))

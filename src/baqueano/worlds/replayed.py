@@ -1,8 +1,8 @@
 """Use a recorded run as a world of the loop: its readings do not depend on the commands.
 
-The blocks receive the ticks of the run, with the recorded commands that reached the motors. So estimates of different
-estimators are comparable, and the same blocks compute the same numbers, bit for bit. A sensor of the vehicle that is
-not in the run is silent.
+The blocks receive the ticks of the run, with the recorded commands that reached the motors. So the estimates of
+different estimators are comparable, and the same blocks compute the same results, bit for bit. A sensor of the vehicle
+that is not in the run is silent.
 """
 
 from dataclasses import replace
@@ -23,9 +23,9 @@ class ReplayedWorld(World):
     Parameters
     ----------
     run : Run
-        The run.
+        The recorded run; it has at least one tick.
     sensors : NamedTuple of Sensor
-        Sensors of the vehicle; a sensor that the run lacks is silent.
+        Sensors of the vehicle; a sensor that the run does not contain is silent.
 
     Examples
     --------
@@ -53,8 +53,8 @@ class ReplayedWorld(World):
         warnings = [note("replay.without-sensor", Severity.WARNING, sensor=name) for name in missing_sensors]
         self.notes = (*holes, *warnings)
         self._truth = run.truth
-        self._truth_row = 0  # truths
-        self._next = 0  # tick
+        self._truth_row = 0  # row of the next truth
+        self._next = 0  # index of the next tick
         self.commands: int = len(self._ticks[0].u)
 
     @property
@@ -73,7 +73,7 @@ class ReplayedWorld(World):
         """Do nothing: a command cannot change a recorded run."""
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and true motion of each tick since the last call; [] for a run without truth."""
+        """Return the time [ns] and the true motion of each tick since the last call; [] for a run without truth."""
         log, first = self._truth, self._truth_row
         if log is None or self._next == 0:
             return []

@@ -1,4 +1,4 @@
-"""Use the real vehicle as a world of the loop: two wheels behind a link, an IMU on a bus.
+"""Use the real vehicle as a world of the loop: two wheels on a serial link, and an IMU on a bus.
 
   (l, r) = mix(u),  |l|, |r| ≤ 1                      duties that are sent                              (1)
   u = unmix(mean of the duties that were applied)     the command of a tick, as the motors had it       (2)
@@ -26,9 +26,9 @@ from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import IDEAL_MOTORS, AppliedDuties, AppliedMotors
 from baqueano.worlds.silent_encoders import SilentEncoders
 
-TILT_MEAN_TICKS = 50  # over which a tilt is the mean: half a second
-MAX_SILENT_S = 0.1  # without telemetry the link counts as broken: ten frames are missing
-MAX_NOISY_S = 1.0  # the same while damaged frames arrive: with 5 % wrong bytes, one frame in ten is whole
+TILT_MEAN_TICKS = 50  # time constant of the mean of a tilt: half a second
+MAX_SILENT_S = 0.1  # longest time without telemetry: then ten frames are missing, and the vehicle must stop
+MAX_NOISY_S = 1.0  # the same while damaged frames arrive: with 5 % wrong bytes, one frame in ten is undamaged
 
 
 class Telemetry(NamedTuple):
@@ -39,17 +39,17 @@ class Telemetry(NamedTuple):
         float, float
     ]  # duties of the left and the right motor, [-1, 1], mean since the previous telemetry
     counts: tuple[int, int]  # of the encoders since the firmware started; they wrap at 2³¹
-    battery_v: float  # 0 if it is not wired
+    battery_v: float  # 0 if the measurement is not connected
     marks: int  # lines passed since the firmware started
-    mark_ns: int  # when the last one was
-    stopped: Diagnostic | None  # why the firmware drives no motor; None if it does
+    mark_ns: int  # time of the last line
+    stopped: Diagnostic | None  # reason why the firmware has stopped the motors; None if they are driven
     encoder_silent: bool = False  # an encoder does not count although its motor is driven hard
-    now: tuple[float, float] | None = None  # duty of this moment; None: as `applied`
-    boot: int = 0  # a new number: the firmware and its counts have restarted
+    now: tuple[float, float] | None = None  # present duty; None: as `applied`
+    boot: int = 0  # a new value means that the firmware and its counts have restarted
 
 
 class Sample(NamedTuple):
-    """A reading of an IMU, axes of the body: ahead, to the left, up."""
+    """A reading of an IMU, along the axes of the body: forward, left, up."""
 
     t_ns: int
     accel: np.ndarray  # (3,) specific force [m/s²]
@@ -58,10 +58,10 @@ class Sample(NamedTuple):
 
 
 class WheelLink(Protocol):
-    """Protocol of a link that sends duties and receives telemetry; the calls do not wait for the serial line."""
+    """Protocol of a link that sends duties and receives telemetry; its calls do not wait for the serial line."""
 
     def drive(self, left: float, right: float) -> None:
-        """Send duties in [-1, 1] once; they are not repeated."""
+        """Send the duties of both wheels, in [-1, 1], once; the link does not repeat them."""
         ...
 
     def receive(self) -> list[Telemetry]:
@@ -102,12 +102,12 @@ class ImuSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """The conversion from numbers of the hardware to quantities of the vehicle."""
+    """The conversion from values of the hardware to quantities of the vehicle; `mixing` must be "two_wheels"."""
 
     mixing: str = "two_wheels"
     wheel_radius_m: float | None = None
     counts_per_turn: float | None = None
-    motors: AppliedMotors = IDEAL_MOTORS  # what the firmware makes of a duty that is sent
+    motors: AppliedMotors = IDEAL_MOTORS  # conversion from a sent request to a duty in the firmware
 
     def __post_init__(self) -> None:
         if self.mixing != "two_wheels":
@@ -120,7 +120,7 @@ class Robot(World):
     Parameters
     ----------
     sensors : NamedTuple of Sensor
-        The sensors of the vehicle file; a sensor that the robot lacks is silent.
+        The sensors of the vehicle file; a sensor that the robot does not have is silent.
     wheels : WheelLink
         Link that sends duties and receives telemetry.
     imu : ImuSource or None
@@ -151,7 +151,9 @@ class Robot(World):
         self._now_ns = now_ns
         self.notes = ()
         self.battery_v, self.temperature_c = float("nan"), float("nan")
-        self.tilt_rad = 0.0  # of the body, the mean over TILT_MEAN_TICKS: between its z and what it stands on
+        self.tilt_rad = (
+            0.0  # angle between the z axis of the body and the vertical, averaged over TILT_MEAN_TICKS
+        )
         self._force: np.ndarray | None = None
         self._sensors, self._wheels, self._imu, self._body = sensors, wheels, imu, body
         self._start_ns = 0
@@ -162,9 +164,9 @@ class Robot(World):
         self._encoders = SilentEncoders()
 
     def begin(self, now_ns: int) -> None:
-        """Set the time of the host [ns] that is 0 in this world, and drop all data received before."""
+        """Set the time of the host [ns] that is 0 in this world, and discard all data received before this time."""
         self._start_ns = now_ns
-        self._extras, self._events = [], []  # of a drive that ended within a tick
+        self._extras, self._events = [], []  # these belong to a drive that ended within a tick
         self._last = (self._wheels.receive() or [self._last])[-1]
         self._encoders = SilentEncoders()
         if self._last is not None:
@@ -175,7 +177,7 @@ class Robot(World):
             self._imu.events()
 
     def read(self, t_ns: int) -> list[Tick]:
-        """Return one tick, in a list, with all data since the last call."""
+        """Return a list with one tick at `t_ns`, which contains all data since the last call."""
         telemetry = self._wheels.receive()
         previous, self._last = self._last, telemetry[-1] if telemetry else self._last
         if telemetry:
@@ -192,7 +194,7 @@ class Robot(World):
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
     def poll(self, t_ns: int) -> list[Diagnostic | str]:
-        """Return the events of the hardware since the last call; the readings are discarded, as outside a drive."""
+        """Return the events of the hardware since the last call, and discard the readings: no drive is in progress."""
         self.read(t_ns)
         self.new_channels()
         return [message for _, message in self.new_events()]
@@ -206,7 +208,8 @@ class Robot(World):
 
     def trouble(self, t_ns: int) -> Diagnostic | None:
         """Return the reason why the vehicle must stop: the line is silent or noisy, or the firmware reports a stop.
-        Return None if the vehicle may drive.
+
+        Return None if the vehicle is allowed to drive.
         """
         if self._last is None:
             return None if seconds(t_ns) < MAX_SILENT_S else stop(StopReason.UNO_UNHEARD)
@@ -219,12 +222,12 @@ class Robot(World):
         return self._last.stopped
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of readings that are not of a sensor: battery, IMU temperature."""
+        """Return the name, time [ns] and value of readings without a sensor (battery, chip) since the last call."""
         extras, self._extras = self._extras, []
         return extras
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Return time [ns] and message of each event of the hardware since the last call."""
+        """Return the time [ns] and the message of each event of the hardware since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -252,12 +255,12 @@ class Robot(World):
         return Slot(1.0, np.array([accel[0], accel[1], gyro[2]]), age_s)
 
     def _watch_tilt(self, accel: np.ndarray) -> None:
-        """Update the tilt [rad] by the low-passed specific force; a drive disturbs it only for short times."""
+        """Update the tilt [rad] from the low-passed specific force `accel` (3,); a drive disturbs it only briefly."""
         self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_MEAN_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
     def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, previous: Telemetry | None) -> Slot:
-        """Return the reading of this sensor in this tick; a sensor that the robot lacks is silent."""
+        """Return the reading of this sensor in this tick; a sensor that the robot does not have is silent."""
         z: np.ndarray | None = None
         telemetry = self._last
         reads = optional.of(sensor, "reads")
@@ -289,7 +292,7 @@ class Robot(World):
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
 
     def _wheel_travel(self, previous: Telemetry, telemetry: Telemetry) -> np.ndarray | None:
-        """Return (v_l, v_r) [m/s] between two telemetries, or None for wheels without encoders.  (4)"""
+        """Return (v_l, v_r) [m/s] between two telemetry frames, or None for wheels without encoders.  (4)"""
         radius, turn = self._body.wheel_radius_m, self._body.counts_per_turn
         if radius is None or turn is None:
             return None
@@ -300,5 +303,5 @@ class Robot(World):
 
 
 def count_increase(count: int, previous: int) -> int:
-    """Return the increase of a signed 32-bit count, which wraps at 2³¹."""
+    """Return the increase from `previous` to `count` of a signed 32-bit counter, which wraps at 2³¹."""
     return (count - previous + (1 << 31)) % (1 << 32) - (1 << 31)

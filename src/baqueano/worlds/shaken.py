@@ -1,12 +1,12 @@
 """Simulate a world with faults, as one pure step with the disturbance of the tick as an input.
 
   ν ← ν + ½ δ a,   the vehicle's own tick,   ν ← ν + ½ δ a        a of push and floor, half before and half after  (1)
-  a = P (F/m + g),   g = −g₀ Jᵀ(ψ) s                               s the slope; P keeps the possible motions       (2)
+  a = P (F/m + g),   g = −g₀ Jᵀ(ψ) s                               s the slope; P projects on possible motions     (2)
   V ← part of V,   force of a motor ← grip of it                   battery_v and gain of the drivetrain            (3)
   z ← factor z + offset, or no z                                                                                   (4)
 
-Like a real IMU, the simulated IMU measures F/m and not g. The same faults, seed and commands yield the same numbers,
-bit for bit. Without a fault they equal the numbers of an undisturbed simulation.
+Like a real IMU, the simulated IMU measures F/m and not g. The same faults, seed and commands yield the same results,
+bit for bit. Without a fault they equal the results of an undisturbed simulation.
 """
 
 from collections import deque
@@ -44,7 +44,7 @@ def shaken_step(
     vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise,
     shake: Disturbance,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
-    """Return state, true motion and readings after a tick with the command `u` (n,) and a disturbance.  (1)-(4)"""
+    """Return the state, the true motion and the readings after a disturbed tick with the command `u` (n,).  (1)-(4)"""
     vehicle = _weaken(vehicle, shake)
     previous_state = state.vehicle
     a, _ = _acceleration(vehicle, previous_state.eta, shake)
@@ -54,7 +54,7 @@ def shaken_step(
     nu = vehicle_state.nu + 0.5 * dt_s * a
     drag_change = _drag_difference(
         vehicle, vehicle_state.eta[2], vehicle_state.nu, nu
-    )  # ν̇ of the tick is that before the second half
+    )  # ν̇ of the tick is its value before the second half of the change
     vehicle_state = vehicle_state._replace(nu=nu, nu_dot=vehicle_state.nu_dot + drag_change + a)
     truth = _disturb(motion, drag_change + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
@@ -79,7 +79,7 @@ def shaken_step(
 
 
 def _with_gains(vehicle: Vehicle) -> Vehicle:
-    """Return the vehicle with one gain per channel of its drivetrain, also if it has a common gain."""
+    """Return the vehicle with one gain per channel of its drivetrain, even if all channels share one gain."""
     drivetrain = vehicle.drivetrain
     gains = replace(drivetrain, gain=drivetrain.gain * np.ones(drivetrain.channels))
     return put({"model": vehicle}, "model.drivetrain", gains)["model"]
@@ -147,7 +147,7 @@ class ShakenWorld(SimulatedWorld):
     sensors : NamedTuple of Sensor
         The sensors of the vehicle, by name.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         Seed of the noise, and of the random numbers of faults.
     eta0 : ndarray (3,), optional [m, m, rad]
@@ -155,7 +155,7 @@ class ShakenWorld(SimulatedWorld):
     backend : str
         "auto", "c", "python" or "numpy".
     shake : sequence of Fault or str
-        The faults, see `worlds.Fault`; the method `shake` adds faults during the drive.
+        The faults (see `worlds.Fault`); the method `shake` adds faults during the drive.
 
     Raises
     ------
@@ -164,7 +164,7 @@ class ShakenWorld(SimulatedWorld):
 
     Notes
     -----
-    Equations (1)-(4) of the module. Each fault is recorded as an event of the run, with all its numbers.
+    Equations (1)-(4) of the module. Each fault is recorded as an event of the run, with all its parameters.
 
     Examples
     --------
@@ -180,7 +180,7 @@ class ShakenWorld(SimulatedWorld):
         eta0: np.ndarray | None = None, backend: str = "auto", shake: Iterable[FaultLike] = (),
     ) -> None:  # fmt: skip
         self._shaking = Shaking(vehicle, sensors, rate_hz, seed)
-        self.faults: list[Fault] = []  # by their number less 1
+        self.faults: list[Fault] = []  # the index of a fault is its number minus 1
         for description in shake:
             self._append_fault(self._shaking.check(Fault.of_words(description)))
         self._requested_changes: deque[Fault | int] = deque()
@@ -195,9 +195,9 @@ class ShakenWorld(SimulatedWorld):
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
     def shake(self, fault_like: FaultLike) -> Fault:
-        """Begin a fault with the next tick, which sets its `at_s`; any thread may call this.
+        """Begin a fault with the next tick, which sets `at_s`, and return the fault. Any thread can call this.
 
-        Raise UsageError for a fault that this vehicle cannot have, or for more than MOST_FAULTS.
+        Raise UsageError for a fault that this vehicle cannot have, or for more than MAX_FAULTS faults.
         """
         valid_fault = self._shaking.check(Fault.of_words(fault_like))
         if len(self.faults) + len(self._requested_changes) >= MAX_FAULTS:
@@ -206,17 +206,17 @@ class ShakenWorld(SimulatedWorld):
         return valid_fault
 
     def end_fault(self, number: int) -> None:
-        """End the fault `number` with the next tick; any thread may call this. UsageError for an unknown number."""
+        """End the fault `number` with the next tick, from any thread. Raise UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
             raise UsageError(fault("shake.no-number", found=number, most=len(self.faults)))
         self._requested_changes.append(number)
 
     def write(self, command: Command) -> None:
-        """Set the command for the following ticks; a fault "lose" may discard it."""
+        """Set the command for the following ticks; a fault of the kind "lose" can discard it."""
         self._requested = np.array(command.u, dtype=float)
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Return time [ns] and message of each fault that began or was ended since the last call."""
+        """Return the time [ns] and the message of each fault that began or was ended since the last call."""
         events, self._pending = self._pending, []
         return events
 
@@ -239,7 +239,7 @@ class ShakenWorld(SimulatedWorld):
         while self._requested_changes:
             change = self._requested_changes.popleft()
             if isinstance(change, Fault):
-                if change.kind == "tilt":  # the floor has one slope at a time, if a person moves it
+                if change.kind == "tilt":  # a tilt replaces the previous one
                     for number in [
                         n
                         for n in self._started_numbers - self._ended_numbers

@@ -1,4 +1,4 @@
-"""Find the encoder that does not count although its motor is driven hard.
+"""Find the encoder that does not count although the duty of its motor is large.
 
 The firmware sets a flag if a wheel had at least MIN_DRIVEN_DUTY of full duty for 0.5 s without a count. One flag serves
 both wheels. The counts identify the affected wheel: they did not change for MAX_QUIET_S at this duty.
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from baqueano.worlds.robot import Telemetry
 
 MIN_DRIVEN_DUTY = 0.5
-MAX_QUIET_S = 0.4  # less than the firmware's 0.5 s, as telemetry is not in phase with it
+MAX_QUIET_S = 0.4  # less than the firmware's 0.5 s, because telemetry is not in phase with the firmware
 FIX = "baqueano robot settings HOST --encoders none"
 
 
@@ -21,12 +21,13 @@ class SilentEncoders:
 
     def __init__(self) -> None:
         self._previous: Telemetry | None = None
-        self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
+        self._quiet_ns = [0, 0]  # time from which a wheel has been driven without a count
         self._reported_wheels: set[int] = set()
 
     def update(self, telemetry: "Telemetry") -> list[Diagnostic]:
-        """Return a warning if one or both encoders became silent. It is repeated only after the firmware has cleared
-        its flag.
+        """Return a list with a warning if one or both encoders became silent, else an empty list.
+
+        The warning is repeated only after the firmware has cleared its flag.
         """
         previous, self._previous = self._previous, telemetry
         for wheel in range(2):

@@ -23,8 +23,8 @@ from baqueano.vehicles.rk4 import row_counts
 from baqueano.vehicles.state import Vehicle, VehicleState
 from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, stream
 
-BATCH_ROWS = 256  # rows of noise drawn at a time
-MAX_KEPT_TRUTHS = 10_000  # truths that are kept if new_truths is not called
+BATCH_ROWS = 256  # rows of noise that are drawn at a time
+MAX_KEPT_TRUTHS = 10_000  # number of truths that are stored if new_truths is not called
 
 
 class WorldState(NamedTuple):
@@ -58,7 +58,7 @@ def world_step(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """Return state, true motion and readings after a tick with the command `u` (n,).  (1)"""
+    """Return the state, the true motion and the readings after a tick with the command `u` (n,).  (1)"""
     return step_in_rows(
         lambda state, row_s, unit: _advance_row(vehicle, sensors, state, u, row_s, unit), state, dt_s, noise
     )
@@ -72,7 +72,7 @@ def _advance_row(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """Return state, true motion and readings after `dt_s`: an undivided tick, or one row of a divided tick."""
+    """Return the state, the true motion and the readings after `dt_s`: a tick, or one row of a divided tick."""
     vehicle_state, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     readings = [
         s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)
@@ -87,7 +87,7 @@ Advance = Callable[[WorldState, float, DrawnNoise], tuple[WorldState, Motion, By
 def step_in_rows(
     advance: Advance, state: WorldState, dt_s: float, noise: DrawnNoise
 ) -> tuple[WorldState, Motion, Tree]:
-    """Return state, true motion and the last reading of each sensor after a tick, one row per row of `noise`."""
+    """Return the state, the true motion and the last readings after a tick, with one row per row of `noise`."""
     if noise.vehicle.ndim == 1:
         return advance(state, dt_s, noise)
     rows = noise.vehicle.shape[0]
@@ -113,7 +113,7 @@ def rows_of_tick(dt_s: float) -> int:
 
 
 def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[Vehicle, SensorBlocks]:
-    """Return the blocks with delay slots for rows: one slot per row instead of one per tick."""
+    """Return the blocks with one delay slot per row, instead of one per tick."""
     rows = rows_of_tick(1.0 / rate_hz)
     if rows == 1:
         return vehicle, sensors
@@ -156,7 +156,7 @@ class SimulatedWorld(World):
     sensors : NamedTuple of Sensor
         The sensors of the vehicle, by name.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         Seed of the noise.
     eta0 : ndarray (3,), optional [m, m, rad]
@@ -223,7 +223,7 @@ class SimulatedWorld(World):
         self._u = np.array(command.u, dtype=float)
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and true motion of every tick since the last call."""
+        """Return the time [ns] and the true motion of every tick since the last call."""
         truths = list(self._truths)
         self._truths.clear()
         return truths

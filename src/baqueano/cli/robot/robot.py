@@ -1,4 +1,4 @@
-"""Define `baqueano robot`: its service on the vehicle starts `run`; the other verbs maintain it from any computer."""
+"""Define `baqueano robot`: `run` runs the service on the vehicle; other verbs maintain a vehicle from any computer."""
 
 import sys
 from pathlib import Path
@@ -34,7 +34,7 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 
     from baqueano.robot.uno.serial_port import open_early
 
-    gc.disable()  # until all is loaded, by claimed(): loading produces no garbage
+    gc.disable()  # request_realtime() enables it again: loading does not produce garbage
     try:
         give_back = (lambda: None) if settings else open_early(Path(vehicle or options.OWN_FILE))
         from baqueano.robot.service.onboard import serve
@@ -134,7 +134,7 @@ class RobotStatus:
         self.verdict = str(reply.get("state"))
 
     def rows(self) -> list["TableRow"]:
-        """Return one row, with the reason of a stop as a sentence, as a code, and as figures."""
+        """Return one row, with the reason of a stop as a sentence, as a code, and as values."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 
@@ -144,7 +144,7 @@ class RobotStatus:
         return [readable_reply | {"code": data["code"], "figures": data["figures"]}]
 
     def table(self) -> str:
-        """Return a line for each known figure."""
+        """Return a line of text for each known value."""
         from baqueano.messages.printable import in_lines
 
         (row,) = self.rows()

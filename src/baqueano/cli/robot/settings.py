@@ -1,4 +1,4 @@
-"""Define `baqueano robot settings`: show and set, at a HOST by ssh, the settings that the Uno stores."""
+"""Define `baqueano robot settings`: show and set the settings that the Uno stores, here or at a HOST over ssh."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -67,7 +67,7 @@ def settings(
     from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
 
     changes = option_values(given)
-    uno_settings.apply_changes(Settings(), changes)  # a wrong one is reported before anything is opened
+    uno_settings.apply_changes(Settings(), changes)  # a wrong value is reported before the hardware is opened
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
         with stopped_service(print_message), open_uno(vehicle_file.robot.port) as uno:

@@ -4,8 +4,8 @@
 
 e is the error of the pose at each step, E the plan of the efforts ε. The model is linearised at the plan E°. P and q
 are defined in program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
-in one call, in model steps of at most MAX_STEP_S. Another call computes the start state before, and a
-third call the command afterwards.
+in one call, in model steps of at most MAX_STEP_S. A call before it computes the start state, and a call after it
+computes the command.
 """
 
 from dataclasses import replace
@@ -73,7 +73,7 @@ class Horizon:
         self._kernel = self._begin_compiled = self._command_compiled = None
 
     def at_rest(self) -> tuple[np.ndarray, np.ndarray, Tree]:
-        """Return plan (N, k), effort (k,) and state of the drivetrain for motors that have been off for a long time."""
+        """Return the plan (N, k), the effort (k,) and the state of the drivetrain after a long time at rest."""
         return np.zeros((STEPS, self._k)), np.zeros(self._k), self._linear_vehicle.drivetrain.init()
 
     def motors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -116,7 +116,7 @@ class Horizon:
         return E, drivetrain, Quadratic(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the command (n,) for an effort (k,) within the limits, and the effort (k,) that it really causes."""
+        """Return the command (n,) for an effort (k,), within the limits, and the effort (k,) that it causes."""
         if self._command_compiled is None:
             self._command_compiled = function(self._command, effort).call
         return self._command_compiled(effort)

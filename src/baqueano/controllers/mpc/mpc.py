@@ -6,11 +6,11 @@
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
 
 x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, within which a command has no effect; u =
-drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted only once the
-reference is in it. E° is the previous plan, shifted in time; one step of (3) per tick follows the optimum (real-time
-iteration). If the solver fails, the old plan continues, and the run reports it; after MAX_FAILURES ticks the drive
-ends. Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al.,
-2020.
+drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted only when the
+reference has reached it. E° is the previous plan, shifted in time; one step of (3) per tick follows the optimum
+(real-time iteration). If the solver fails, the old plan continues, and the run reports it; after MAX_FAILURES ticks the
+drive ends. Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et
+al., 2020.
 """
 
 from dataclasses import dataclass
@@ -35,19 +35,19 @@ MAX_FAILURES = 10  # ticks without a solution, after which the drive ends
 @document
 @dataclass(frozen=True, eq=False)
 class Mpc:
-    """Model predictive controller: it optimises the commands within a horizon to follow the reference.
+    """Model predictive controller: it optimises the commands over a horizon, to follow the reference.
 
     Parameters
     ----------
     vehicle : Vehicle
         The identified model: a block of vehicles/, or your own.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
 
     Notes
     -----
-    Equations (1)-(4) of the module. It needs the solver: `pip install osqp`. A tick takes less than 1 ms on a laptop.
-    Its step calls that solver, so it is not compiled: it drives in `repeat` and `sweep`, and cannot be tuned.
+    Equations (1)-(4) of the module. The controller needs a solver: `pip install osqp`. A tick takes less than 1 ms on a
+    laptop. The step calls that solver, so it is not compiled: it works in `repeat` and `sweep`, and cannot be tuned.
 
     References
     ----------
@@ -95,7 +95,11 @@ class Mpc:
         return Plan(-1, *self._horizon.at_rest(), 0)
 
     def step(self, state: Plan, reference: Reference, estimate: Estimate) -> tuple[Plan, Command]:
-        """Return the new plan, and its first command (n,). Invalid after more than MAX_FAILURES failures in a row."""
+        """Return the new plan and its first command (n,).
+
+        Raise Invalid if the solver failed in more than MAX_FAILURES consecutive ticks, and UsageError if OSQP is not
+        installed.
+        """
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
         E, drivetrain, program = self._horizon.linear(state, dt_s, reference, estimate)
         solution = None if program is None else self._program.solve(program, E)

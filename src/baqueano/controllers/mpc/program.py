@@ -1,8 +1,8 @@
 """Solve a quadratic program of fixed size repeatedly, with OSQP.
 
-    min ½ zᵀ P z + qᵀ z,    least ≤ rows z ≤ most,    low ≤ A z ≤ high                                     (1)
+    min ½ zᵀ P z + qᵀ z,  lower ≤ rows z ≤ upper,    low ≤ A z ≤ high                                     (1)
 
-P is dense; `rows`, `least` and `most` are the same at each call. Source: Stellato et al., Mathematical Programming
+P is dense; `rows`, `lower` and `upper` are the same at each call. Source: Stellato et al., Mathematical Programming
 Computation, 2020.
 """
 
@@ -49,7 +49,7 @@ class BoundedProgram:
         return np.reshape(answer.x, start.shape) if is_solved else None
 
     def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-        """Set the sparsity pattern of the solver, by columns: the upper half of P, the rows, and a dense A."""
+        """Set up the OSQP problem, with matrices in column order: upper triangle of P, sparse `rows`, dense A."""
         from scipy.sparse import csc_matrix
 
         upper = np.triu(np.ones_like(P)) > 0.0

@@ -4,7 +4,7 @@ Of the segments within MAX_ADVANCE_M of the last position, measured along the ro
 progress therefore does not jump where a route crosses itself, as a figure of eight does. If no segment is within
 MAX_ADVANCE_M, the nearest segment of the whole route is used:
 
-  s = s_k + t · (p − p_k),  t = (p_{k+1} − p_k)/|p_{k+1} − p_k|,  cross = t × (p − p_k)                  (1)
+  s = s_k + t · (p − p_k),  t = (p_{k+1} − p_k)/|p_{k+1} − p_k|,  |cross| = distance to the segment      (1)
 """
 
 from typing import TYPE_CHECKING

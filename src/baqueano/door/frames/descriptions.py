@@ -26,7 +26,7 @@ def vehicle_description(
 ) -> JsonObject:
     """Return the description of a vehicle that a page needs before the first frame.
 
-    `world` is "simulated" or "real". `blocks` are the kinds by room that a mission uses in place of the file's blocks.
+    `world` is "simulated" or "real". `blocks` maps the roles to the kinds that replace the file's blocks in a mission.
     """
     block_kinds = blocks or {}
     kinds = {
@@ -61,7 +61,7 @@ def vehicle_description(
 
 
 def gains_of(vehicle_file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
-    """Return the scalar gains of the controller by their path, as "controller.k_x"; {} if the file lacks gains."""
+    """Return path → value of the scalar gains, such as "controller.k_x"; {} if the controller cannot be built."""
     try:
         controller = vehicle_file.controller(kind)
     except BaqueanoError:
@@ -93,7 +93,7 @@ def route_description(route: "Route | None", name: str = "", laps: int = 1) -> J
 
 
 def drive_description(mission: "Mission | None", rate_hz: float, record: "Record | None") -> JsonObject:
-    """Return the fields of the state message about the present mission and its last tick; null if unknown."""
+    """Return the fields of the state message about the present mission and its last tick; None if unknown."""
     t_s = 0.0 if record is None else float(seconds(record.tick.t_ns))
     return _mission_description(mission, rate_hz, t_s) | _motion_description(record)
 

@@ -1,8 +1,8 @@
-"""Convert the ticks of a drive to rows of numbers for the clients that watch it.
+"""Convert the ticks of a drive to rows of values for the clients that watch the drive.
 
 The thread of the loop puts each record into a ring, which takes a microsecond. The thread of the door makes each row
 once for all clients, and only while a client watches. There are columns for all channels of the vehicle's sensors, so
-that they do not depend on the blocks that drive. Missing values are null.
+that they do not depend on the blocks of the drive. Missing values are null.
 
   model    ẑ = z − y,  y the innovation                                                                  (1)
   nis      yᵀ S⁻¹ y / m over the m innovations that arrived                                              (2)
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 RING_TICKS = 1024  # ticks that are kept for slow clients
-# rows that are made before the door reads again: a fast simulation makes thousands of ticks a second
+# rows that are made before the door reads again: a fast simulation makes thousands of ticks per second
 TICKS_PER_TURN = 16
 MAX_FRAME_RATE_HZ = 50.0  # largest frame rate
 NAN = float("nan")
@@ -103,7 +103,7 @@ class DriveRows:
     """The rows of one drive, made from its ticks for the clients that watch it."""
 
     vehicle_file: "VehicleFile"
-    estimator: "Estimator | None" = None  # the estimator that drives
+    estimator: "Estimator | None" = None  # the estimator of the drive
     route: "Route | None" = None
     ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING_TICKS))  # not yet rows
     tick_count: int = 0  # number of ticks stored by the loop
@@ -111,15 +111,15 @@ class DriveRows:
     def __post_init__(self) -> None:
         self.number = next(DRIVE_NUMBERS)
         self.columns = columns_of(self.vehicle_file)
-        self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING_TICKS)  # t_ns, the numbers as text
-        self.row_count = 0  # rows since the begin of the drive, including rows that were skipped
+        self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING_TICKS)  # t_ns, the values as text
+        self.row_count = 0  # rows since the beginning of the drive, including rows that were skipped
         sensors = self.vehicle_file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
         self._along = None if self.route is None else AlongRoute(self.route)
         self._at: tuple[int, ...] | None = ()  # channel of each innovation; () before the first tick
 
     def make(self, max_count: int = RING_TICKS) -> bool:
-        """Convert at most `max_count` waiting ticks to rows, and return True while others wait.
+        """Convert at most `max_count` waiting ticks to rows, and return True while further ticks wait.
 
         Ticks that the ring has dropped are not converted.
         """
@@ -188,12 +188,12 @@ class DriveRows:
 
 
 def _cells(row: list[float]) -> list[str]:
-    """Return the numbers as JSON with seven digits each, enough for hundredths of a second during a day."""
+    """Return the values as JSON with seven digits each, enough for hundredths of a second during a day."""
     return [f"{x:.7g}" if x - x == 0.0 else "null" for x in row]
 
 
 class Frames:
-    """The present or last drive. The loop calls `begin` and `look`, the door calls `drive`."""
+    """The present or last drive. The loop calls `begin` and `on_record`, the door calls `drive`."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

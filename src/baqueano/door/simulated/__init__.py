@@ -1,1 +1,1 @@
-"""The service of a simulated vehicle: the protocol of the door, without hardware."""
+"""Run the service of a simulated vehicle: the protocol of the door, without hardware."""

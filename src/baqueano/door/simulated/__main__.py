@@ -21,7 +21,7 @@ from baqueano.vehicle_file import load
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the service; return its exit code."""
+    """Run the service, and return its exit code."""
     options = _parser().parse_args(arguments)
     try:
         vehicle_file = load(options.vehicle)
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     door = Door(options.socket, service.operator, options.runs, service.handlers())
     service.broadcast, service.frames = door.broadcast, door.frames
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked, and ends this process by its stdin
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process by its stdin
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     if options.socket is None:
         _on_pipes(door, service)

@@ -1,7 +1,7 @@
-"""Plan missions by name, as a page requests them: a kind, a shape or a stored route, and numbers, but never a path.
+"""Plan missions by name, as a page requests them: a kind, a shape or a stored route, and values, but never a path.
 
-  {kind: "teach", name, shape, size_m, speed_m_s, closed}     by hand if `shape` is missing
-  {kind: "repeat", route, laps, blocks}     blocks: room → kind, in place of the file's blocks
+  {kind: "teach", name, shape, size_m, speed_m_s, closed}     manual if `shape` is missing
+  {kind: "repeat", route, laps, blocks}     blocks: role → kind, in place of the file's blocks
   {kind: "experiment", signal, seconds}
   {kind: "drive"}, {kind: "first drive"}
 
@@ -113,7 +113,7 @@ class StoredRoutes:
         self.folder = folder
 
     def path(self, name: str) -> Path:
-        """Return the path of the route with this name. Raise FileError if the name is not plain."""
+        """Return the path of the route with this name. Raise FileError for a name with forbidden characters."""
         if not name or plain_label(name) != name:
             raise FileError(fault("door.route-name", found=repr(name)))
         return self.folder / f"{name}.csv"
@@ -187,7 +187,7 @@ def _plan_by_name(
 
 
 def _blocks(request: JsonObject) -> dict[str, str]:
-    """Return the blocks of a repetition, room → kind, that replace the file's blocks.
+    """Return the blocks of a repetition, role → kind, that replace the file's blocks.
 
     Raise UsageError if they are malformed.
     """

@@ -1,4 +1,4 @@
-"""Clock of a simulated drive: its ticks follow wall time at a pace that may change, and may be paused.
+"""Generate the ticks of a simulated drive, which follow wall time at a pace that can be changed and paused.
 
   due_{k+1} = due_k + 1/(f · pace)                                                                       (1)
 
@@ -20,7 +20,7 @@ SLOWEST, FASTEST = 0.05, 50.0
 class PacedClock:
     """The pace, common to all drives of a service.
 
-    `ticks` is the clock of one drive; any thread may call the other methods.
+    `ticks` is the clock of one drive; any thread can call the other methods.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class PacedClock:
         self.set(factor)
 
     def set(self, factor: float) -> None:
-        """Let simulated time pass `factor` times as fast. Raise Invalid outside [SLOWEST, FASTEST]."""
+        """Let simulated time pass `factor` times as fast. Raise Invalid if it is outside [SLOWEST, FASTEST]."""
         if not SLOWEST <= factor <= FASTEST:
             raise Invalid(fault("door.pace", found=factor, slowest=SLOWEST, fastest=FASTEST))
         self.factor = float(factor)
@@ -45,7 +45,7 @@ class PacedClock:
         self.paused, self._more = True, 0
 
     def go(self, ticks: int = 0) -> None:
-        """Let simulated time pass; if `ticks` > 0, only for this number of ticks."""
+        """Let simulated time pass again. If `ticks` > 0, pause after this number of ticks."""
         self._more, self.paused = max(0, ticks), ticks > 0
 
     def ticks(self, rate_hz: float, interrupted: Callable[[], bool], hurry_s: float = 0.0) -> Iterator[int]:

@@ -1,10 +1,10 @@
-"""The service of a simulated vehicle: the counterpart of robot/service, with a simulation in place of the hardware.
+"""Run the service of a simulated vehicle, like robot/service, with a simulation in place of the hardware.
 
   idle       a waiting mission begins once the vehicle is READY
   mission    the loop of loop.py in wall time, at a pace (pace.py), recorded in a run on disk
 
-It accepts the messages of the door, and further messages for a simulation: pause, go {ticks}, pace {factor}, routes,
-shake, again (shaking.py).
+The service accepts the messages of the door, and further messages for a simulation: pause, go {ticks}, pace {factor},
+routes, shake, again (shaking.py).
 """
 
 import threading
@@ -45,7 +45,7 @@ IDLE_S, TELL_S = 0.02, 0.2
 
 @dataclass
 class SimulatedService:
-    """The service of the vehicle `vehicle_file`, whose body is simulated by `truth`. `broadcast` sends a message to
+    """The service of the vehicle `vehicle_file`. Its body is simulated with `truth`. `broadcast` sends a message to
     all clients."""
 
     vehicle_file: "VehicleFile"
@@ -107,7 +107,7 @@ class SimulatedService:
         self.publish()
 
     def take(self, mission_json: str, attended: bool, name: str = "") -> None:
-        """Drive the mission with this name, and report how it ended; its errors do not end the service."""
+        """Execute a mission in JSON, and report its end under this name; its errors do not end the service."""
         self._drives += 1
         outcome: JsonObject = {"is": "done", "id": name, "run": None}
         reason, code = outcome_of(lambda: self._drive_mission(mission_json, attended, outcome))
@@ -118,7 +118,7 @@ class SimulatedService:
         self.shaken.ask_again()
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
-        """Drive a mission until it ends or is stopped, and write the result into `outcome`."""
+        """Execute a mission until it ends or is stopped, and write the result into `outcome`."""
         self.vehicle_file = reload(self.vehicle_file)
         with mission_plan(mission_json, self.vehicle_file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
@@ -142,7 +142,7 @@ class SimulatedService:
                 release(path)
 
     def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
-        """Drive a plan, and return the reason of the stop, or None if the vehicle was not stopped."""
+        """Execute a plan, and return the reason of the stop, or None if the vehicle was not stopped."""
         truth, start_pose = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
         world = ShakenWorld(

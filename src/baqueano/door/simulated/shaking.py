@@ -1,4 +1,4 @@
-"""Begin and end faults of a drive, list the checks that noticed them, and repeat the drive without some faults.
+"""Begin and end faults of a drive, list the checks that detected them, and repeat the drive without some faults.
 
   shake {kind, …}              begins a fault with the next tick; the fields are in worlds/faults/fault.py
   shake {over: number}         ends the fault with this number
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from baqueano.loop import Blocks, Record
     from baqueano.worlds.shaken import ShakenWorld
 
-LEDGER_PERIOD_S = 0.5  # drive time between two ledgers while a fault is watched
+LEDGER_PERIOD_S = 0.5  # drive time between two messages `ledger` while a fault is active
 
 
 class FaultRequests:
@@ -42,7 +42,7 @@ class FaultRequests:
         self._next_mission: tuple[object, JsonObject, bool, float] | None = None
 
     def begin(self, plan: "MissionPlan", world: "ShakenWorld", mission_json: str, attended: bool) -> Observer:
-        """Store a drive that begins, and return the observer that keeps its ledger."""
+        """Store a drive that begins, and return the observer that keeps its record of faults."""
         mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
         self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
         self._world, self._last = world, (mission, attended, world)
@@ -96,12 +96,12 @@ class FaultRequests:
             self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
 
     def broadcast_ledger(self, ledger: Ledger) -> None:
-        """Send the ledger to all clients as the message `ledger`."""
+        """Send the record of faults to all clients as the message `ledger`."""
         self._tell({"is": "ledger", "rows": [_row(ledger, row) for row in ledger.rows]})
 
 
 class _LedgerKeeper(Observer):
-    """Observer that keeps the ledger of a drive, and sends it when it changes."""
+    """Observer that keeps the record of the faults of a drive, and sends it after each change."""
 
     def __init__(self, faults: FaultRequests, plan: "MissionPlan", world: "ShakenWorld") -> None:
         self._faults, self._file, self._world = faults, plan.vehicle_file, world

@@ -1,4 +1,4 @@
-"""Let a person drive: keys, a game pad and a screen, combined into one hand by `Cockpit`.
+"""Drive manually with keys, a game pad and a display, which `Cockpit` combines into one source of commands.
 
 keys, pad        the input of a terminal or a game pad, as events
 tty, evdev       the devices that send these events

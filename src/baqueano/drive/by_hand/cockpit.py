@@ -1,18 +1,17 @@
-"""Combine keys, a game pad, a screen and a heartbeat of the terminal into one hand, for a person who drives.
+"""Combine keys, a game pad, a display and a heartbeat of the terminal into one source of commands, for manual driving.
 
-  u = share · limit · (ahead, 0, to the left) · min(1, FULL_SPEED_DELAY_MS / T)                                      (1)
+  u = share · limit · (forward, 0, left) · min(1, FULL_SPEED_DELAY_MS / T)                                           (1)
 
 T is the round-trip time between the driver and the vehicle. If it is longer than FULL_SPEED_DELAY_MS, the vehicle
 drives more slowly, so that the distance driven during T is not longer than at FULL_SPEED_DELAY_MS.
 
 `pop_messages` returns the other requests for a remote vehicle (door/remote.py); `stop_reason` and `pop_mark_count`
-return them for a world in this process. Four events stop the vehicle permanently. The driver presses space or the stop
-button of the pad.
-The terminal is lost (no answer for 0.35 s, or closed). The pad is unplugged. Another process ends the program (SIGHUP,
-SIGTERM).
+return them for a world in this process. The vehicle stops permanently if the driver presses space or the stop button of
+the pad. It also stops if the terminal is lost (no answer for 0.35 s, or closed), or if the pad is unplugged. A caller
+can also call `stop`, for example if a signal (SIGHUP, SIGTERM) ends the program.
 
-A terminal that answers no query cannot confirm that it is connected. It drives by the letters that it repeats, each
-valid for a limited time (key_hold.py), and it cannot latch a set-point.
+A terminal that does not answer queries cannot confirm that it is connected. The commands then follow from the
+characters that it repeats, each valid for a limited time (key_hold.py), and a set-point cannot be latched.
 """
 
 import time
@@ -57,9 +56,10 @@ HOW_TO_INCREASE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_(
 class Cockpit(Observer):
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` returns the present command (n,) of the driver.
 
-    `hold` is True if the heading is held on straight motion; the screen then shows it. `drivetrain` is the drivetrain
-    of the vehicle file: the screen reports a command below its dead zone. `trusted` is False if another program answers
-    in place of the terminal (tmux on the vehicle).
+    `limit` (n,) is the command limit, and `share` the part of it that a full key commands. `hold` is True if the
+    heading is held during straight motion; the display then shows the correction. `drivetrain` is the drivetrain of the
+    vehicle file: the display reports a command below its dead zone. `trusted` is False if another program answers in
+    place of the terminal (tmux on the vehicle).
     """
 
     def __init__(
@@ -143,11 +143,11 @@ class Cockpit(Observer):
         self.status.reason = text(self._stop)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, or None if it may continue."""
+        """Return the reason to stop the vehicle, or None to continue."""
         return self._stop
 
     def pop_mark_count(self) -> int:
-        """Return how often the driver has pressed "on the mark" since the last call."""
+        """Return how often the driver has reported "on the mark" since the last call."""
         new_count, self._new_marks = self._new_marks, 0
         return new_count
 
@@ -161,7 +161,7 @@ class Cockpit(Observer):
         return commands
 
     def on_record(self, record: Record) -> None:
-        """Show a tick on the screen, for a world in this process."""
+        """Show a tick on the display, for a world in this process."""
         self.status.applied = np.asarray(record.tick.u)
         self._update_hold(record.requested.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
@@ -171,7 +171,7 @@ class Cockpit(Observer):
         self.status.degraded = text(degraded_note(record.degraded))
 
     def show(self, state: JsonObject) -> None:
-        """Show the state on the screen, for a remote vehicle."""
+        """Show the state of a remote vehicle on the display."""
         s = self.status
         s.state, s.reason = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
@@ -182,20 +182,20 @@ class Cockpit(Observer):
             self._update_hold(state.get("requested", state["u"]))
 
     def show_message(self, line: str) -> None:
-        """Show a message to the driver in the last line of the screen."""
+        """Show a message to the driver in the last line of the display."""
         self.status.line = line
 
     def _update_hold(self, requested: Sequence[float] | np.ndarray) -> None:
-        """Update the turn command of the heading hold on the screen; NaN unless the driver drives straight."""
+        """Update the turn command of the heading hold on the display. It is NaN unless the driver drives straight."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
             straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= MAX_TURN_SHARE * self._limit[-1] else float("nan")
 
     def _standstill_reason(self) -> str:
-        """Return, as text for the screen, why the vehicle stays at rest although the driver commands motion.
+        """Return, as text for the display, why the vehicle stays at rest although the driver commands motion.
 
-        Return "" if it can move, and during the nudge of a tap, which is too short to read a reason.
+        Return "" if the vehicle can move, or during the slow motion of a tap, which is too short to read a reason.
         """
         by_pad = self._pad is not None and self._pad.is_held
         violation = None
@@ -210,7 +210,7 @@ class Cockpit(Observer):
         )  # fmt: skip
 
     def _query_terminal(self) -> None:
-        """Send queries to the terminal, and choose by its answers how keys count (key_hold.py)."""
+        """Send queries to the terminal. Its answers determine how long a key is valid (key_hold.py)."""
         start_s, releases = self._now(), False
         if self._line.answers:
             self._line.write(KITTY_QUERY)
@@ -283,7 +283,7 @@ class Cockpit(Observer):
     def _latch(self) -> None:
         """Switch between latched set-points and held keys, with a zero command at first.
 
-        A terminal that does not answer cannot switch.
+        Do nothing if the terminal does not answer.
         """
         if not self._life.has_answered:
             return

@@ -1,8 +1,8 @@
-"""Test if a command moves any motor: below the dead zones of all motors the vehicle stays at rest.
+"""Test if a command turns any motor. Below the dead zones of all motors the vehicle stays at rest.
 
   motor j turns if  w_j > forward_j  or  −w_j > backward_j,   w = the mixed command                     (1)
 
-vehicles/drivetrain.py (2), (5), at the nominal voltage.
+Source: Source: vehicles/drivetrain.py (2), (5), at the nominal voltage.
 """
 
 from typing import NamedTuple
@@ -20,9 +20,9 @@ class BelowDeadZone(NamedTuple):
 
 
 def dead_zone_violation(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDeadZone | None:
-    """Return the motor command nearest to motion, if a command u (n,) does not turn any motor; None otherwise.
+    """Return the motor command nearest to motion if the command u (n,) does not turn any motor, None otherwise.
 
-    Return None also if u is zero, or for a vehicle without a drivetrain (`drivetrain` None).
+    Return None if u is zero, or if `drivetrain` is None.
 
     >>> from baqueano.vehicle_file import load
     >>> short_of_motion(load("small").vehicle.drivetrain, np.array([0.2, 0.0, 0.0]))

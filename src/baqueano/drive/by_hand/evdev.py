@@ -5,7 +5,7 @@
   request                direction << 30 | bytes << 16 | 'E' << 8 | number                                         (3)
 
 Source: the kernel's include/uapi/linux/input.h, input-event-codes.h and asm-generic/ioctl.h. The layout (1) depends on
-the size of `long` in the program that reads, which is "@l" of struct, and not on the kernel.
+the size of `long` in the program that reads ("@l" of struct), and not on the kernel.
 """
 
 import errno
@@ -19,13 +19,13 @@ KEY, ABS = 0x01, 0x03  # kinds of events; SYN is 0
 SYN, REPORT, DROPPED = 0x00, 0, 3
 X, Y = 0x00, 0x01
 LONGEST_NAME, KEYS, AXES = 256, 0x300, 0x40
-LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}  # (1), by the bytes of a long
+LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}  # (1), by the size of a long in bytes
 AXIS_LAYOUT = struct.Struct("=6i")
 MAX_EVENTS = 64  # most events of one read
 
 
 class InputEvent(NamedTuple):
-    """A change of a key or an axis, by kind, code and new value."""
+    """A change of a key or an axis: type of event, code and new value."""
 
     event_type: int
     code: int
@@ -38,7 +38,7 @@ class Axis(NamedTuple):
     value: int
     low: int
     high: int
-    flat: int  # largest deflection from the middle that counts as rest
+    flat: int  # a smaller deflection from the middle is rest
 
 
 def request(number: int, size: int) -> int:

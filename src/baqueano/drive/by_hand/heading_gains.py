@@ -1,10 +1,10 @@
 """Compute the gains of the heading hold for the vehicle of a file.
 
-  model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the limit ahead
+  model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the forward limit
                                                T = delay + lag + 1.5 ticks + LINK_DELAY_S
 
-If the model hardly turns at half the limit, as in its dead zone, the full limit is used. A model without a fit is a
-guess: the real vehicle is then assumed to turn GUESS_GAIN_FACTOR times as strongly as the model.
+If the turn response at half the limit is too small, as in a dead zone, the full limit is used. A model without a fit is
+a guess: the real vehicle is then assumed to turn GUESS_GAIN_FACTOR times as strongly as the model.
 """
 
 from math import inf
@@ -22,14 +22,14 @@ from baqueano.vehicles.state import DynamicVehicle
 
 LINK_DELAY_S = 0.02  # delay of the gyro's filter, of the estimate, and of the wire in both directions
 GUESS_GAIN_FACTOR = 2.0
-LINEARISATION_SHARE = 0.5  # of the limit ahead, for the linearisation
+LINEARISATION_SHARE = 0.5  # of the forward limit, for the linearisation
 STEP, STEP_RAD_S = 0.1, 0.2  # half the width of a difference: in the turn command, and in the yaw rate
 SETTLING_S = 3.0  # a vehicle reaches its speed within this time
-MAX_TIME_CONSTANT_S = 10.0  # a larger τ does not matter for (3)
+MAX_TIME_CONSTANT_S = 10.0  # a larger τ does not change the gains
 
 
 def with_heading_hold(hand: Controller, vehicle_file: VehicleFile) -> Controller:
-    """Return the controller `hand` extended by the heading hold; unchanged if `gains_of` returns None."""
+    """Return the controller `hand` with a heading hold around it, or `hand` itself if `gains_of` returns None."""
     gains = gains_of(vehicle_file)
     if gains is None:
         return hand
@@ -54,7 +54,7 @@ def _gyro_of(vehicle_file: VehicleFile) -> Gyro | None:
 def gains_of(vehicle_file: VehicleFile) -> Gains | None:
     """Return the gains of the heading hold for the file's model.
 
-    Return None for a vehicle without a gyro, without a command ahead or to turn, or with a turn response that is too
+    Return None for a vehicle without a gyro, without a forward or turn command, or with a turn response that is too
     small.
     """
     limit, vehicle = _command_limit(vehicle_file), vehicle_file.vehicle
@@ -65,7 +65,7 @@ def gains_of(vehicle_file: VehicleFile) -> Gains | None:
         or not is_turned_by_last_command(vehicle)
     ):
         return None
-    for share in (LINEARISATION_SHARE, 1.0):  # at half the limit a vehicle may be in its dead zone
+    for share in (LINEARISATION_SHARE, 1.0):  # at half the limit a vehicle can be in its dead zone
         speed, k, tau_s = _turn_response(vehicle, limit, share, vehicle_file.rate_hz)
         if abs(k) * limit[-1] > STEP_RAD_S:
             break
@@ -85,7 +85,7 @@ def _command_limit(vehicle_file: VehicleFile) -> np.ndarray:
 def _turn_response(
     vehicle: DynamicVehicle, limit: np.ndarray, share: float, rate_hz: float
 ) -> tuple[float, float, float]:
-    """Return speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at the part `share` of the limit ahead.
+    """Return speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at the part `share` of the forward limit.
 
     They follow from r⁺ = a r + (1 − a) k u_ψ over a tick δ, with a = e^(−δ/τ).
     """

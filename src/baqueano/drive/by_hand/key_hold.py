@@ -1,15 +1,15 @@
-"""Convert keys to a direction. How long a key counts depends on the reports of the terminal.
+"""Convert keys to a direction. The reports of the terminal determine how long a key is valid.
 
-  RELEASES   a key counts from its press to its release                                                     (1)
-  REPEATS    the terminal reports only letters, no releases: a key counts
+  RELEASES   a key is valid from its press to its release                                                   (1)
+  REPEATS    the terminal reports only characters, not releases: a key is valid
                 until T₁ after its press, and then until T₂ after its last repeat                           (2)
                 T₁ = 0.75 s, or 1.5 · median delay in [0.3, 0.75] s once it is known
                 T₂ = 0.20 s, or 3 · median gap + 8 · median |gap − median| in [0.12, 0.35] s once it is known
-             and until the first repeat at NUDGE_SHARE of the speed: a tap is a nudge
-  LATCHED    each press moves a set-point by STEP, which stays                                              (3)
+             and until the first repeat it commands NUDGE_SHARE of the speed: a tap is a short, slow move
+  LATCHED    each press changes a set-point by STEP; the set-point remains                                  (3)
 
 The spread in T₂ covers the jitter of the network; docs/benchmarks.md states its cost. In (2) a terminal repeats only
-the newest key. Older keys that are still held therefore count as long as the newest key.
+the newest key. Older keys that are still held are therefore valid as long as the newest key.
 """
 
 from collections import deque
@@ -18,7 +18,7 @@ from statistics import median
 from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, REPEAT, KeyEvent
 
 RELEASES, REPEATS, LATCHED = "releases", "repeats", "latched"
-DIRECTIONS = {  # key → ahead, to the left
+DIRECTIONS = {  # key → (forward, left)
     "up": (1, 0), "w": (1, 0), "8": (1, 0), "down": (-1, 0), "s": (-1, 0), "2": (-1, 0),
     "left": (0, 1), "a": (0, 1), "4": (0, 1), "right": (0, -1), "d": (0, -1), "6": (0, -1),
     "7": (1, 1), "9": (1, -1), "1": (-1, 1), "3": (-1, -1),
@@ -29,11 +29,11 @@ GAP_S, MIN_GAP_S, MAX_GAP_S, GAP_FACTOR, SPREAD_FACTOR = 0.20, 0.12, 0.35, 3.0, 
 NUDGE_SHARE = 0.3
 STEP = 0.1
 MIN_SAMPLES = 3  # number of delays or gaps for a median
-MIN_DELAY_S = 0.15  # a shorter delay is two quick taps, as keyboards do not repeat so early
+MIN_DELAY_S = 0.15  # a shorter delay is two quick taps, because a keyboard does not repeat so early
 
 
 class KeyHold:
-    """A converter of key events to the direction (ahead, to the left) that the driver commands, each in [-1, 1]."""
+    """A converter of key events to the direction (forward, left) that the driver commands, each in [-1, 1]."""
 
     def __init__(self, mode: str = REPEATS) -> None:
         self.mode = mode
@@ -45,14 +45,14 @@ class KeyHold:
 
     @property
     def first_s(self) -> float:
-        """Return T₁ of (2) [s]: how long a key counts after its press."""
+        """Return T₁ of (2) [s]: how long a key is valid after its press."""
         if len(self._delays) < MIN_SAMPLES:
             return FIRST_S
         return min(max(FIRST_FACTOR * median(self._delays), MIN_FIRST_S), FIRST_S)
 
     @property
     def gap_s(self) -> float:
-        """Return T₂ of (2) [s]: how long a key counts after its last repeat."""
+        """Return T₂ of (2) [s]: how long a key is valid after its last repeat."""
         if len(self._gaps) < MIN_SAMPLES:
             return GAP_S
         gap_s = median(self._gaps)
@@ -61,8 +61,7 @@ class KeyHold:
 
     @property
     def is_nudge(self) -> bool:
-        """Return True in (2) until the first repeat of a key: until then the vehicle drives at NUDGE_SHARE of the
-        speed."""
+        """Return True in (2) until the first repeat of a key. The command is then NUDGE_SHARE of the full command."""
         return self.mode == REPEATS and not self._repeats
 
     def release_all(self) -> None:
@@ -87,7 +86,7 @@ class KeyHold:
             self._repeat(event.key, now_s)
 
     def direction(self, now_s: float) -> tuple[float, float]:
-        """Return (ahead, to the left) at this time [s], each in [-1, 1]."""
+        """Return (forward, left) at this time [s], each in [-1, 1]."""
         if self.mode == LATCHED:
             return self._set_point
         if self.mode == REPEATS and not self._is_held(now_s):
@@ -102,7 +101,7 @@ class KeyHold:
         return now_s - self._last_event_s <= (self.gap_s if self._repeats else self.first_s)
 
     def _repeat(self, key: str, now_s: float) -> None:
-        """Process a letter in (2), which is either the repeat of a held key or a press."""
+        """Process a character in (2), which is either the repeat of a held key or a press."""
         is_held, gap_s = self._is_held(now_s), now_s - self._last_event_s
         if key == self._newest and is_held:
             self._store_interval(gap_s)
@@ -121,9 +120,9 @@ class KeyHold:
         self._last_event_s = now_s
 
     def _store_interval(self, gap_s: float) -> None:
-        """Store a time between two letters [s]: the delay before the first repeat, or a gap between repeats.
+        """Store a time between two characters [s]: the delay before the first repeat, or a gap between repeats.
 
-        The delay is stored only if a second repeat follows, because two letters may be two taps.
+        The delay is stored only if a second repeat follows, because two characters can be two taps.
         """
         if self._repeats == 0:
             self._delay_s = gap_s

@@ -1,14 +1,14 @@
 """Decode the bytes of a terminal into pressed, repeated and released keys, and into its answers.
 
   w, ESC [ A, ESC O A                     a key; a plain terminal does not mark repeats and releases         (1)
-  ESC [ code ; modifiers : kind u         the same if both were requested (kitty's protocol)                 (2)
+  ESC [ code ; modifiers : kind u         a key, if its kinds were requested (kitty's protocol)              (2)
   ESC [ 1 ; modifiers : kind A            an arrow in that protocol; kind 1 press, 2 repeat, 3 release       (3)
   ESC [ 0 n                               "ready", the answer to the query ESC [ 5 n                         (4)
   ESC [ ? flags u                         the terminal supports (2)                                          (5)
   ESC [ O                                 the window lost the keyboard focus, if that report was requested   (6)
 
 Source: ECMA-48 for the form of a sequence and (4); the description of kitty's keyboard protocol for (2), (3), (5);
-xterm's for (6). The key of (2) is only the first code point, in lower case.
+that of xterm for (6). The key of (2) is only the first code point, in lower case.
 """
 
 import re
@@ -34,7 +34,7 @@ class KeyEvent(NamedTuple):
 
 
 class KeyDecoder:
-    """A decoder of bytes to events; a sequence may be divided between two calls."""
+    """A decoder of bytes to events; a sequence can be divided between two calls."""
 
     def __init__(self) -> None:
         self._incomplete = ""

@@ -1,14 +1,14 @@
-"""Drive by a game pad: find it among the devices of Linux's input layer, and read its stick and buttons.
+"""Drive with a game pad: find it among the devices of Linux's input layer, and read its stick and buttons.
 
-  x = (value − middle) / half its range,  ahead = −x of Y,  to the left = −x of X                       (1)
+  x = (value − middle) / half the range,  forward = −x of Y,  left = −x of X                            (1)
   0 if |x| is within the larger of DEAD_BAND and the kernel's flat; beyond it proportional, up to 1          (2)
 
-A pad has a stick (ABS_X, ABS_Y) and at least one button of HOLD_BUTTONS, the buttons under the first fingers. It
-drives only while a button of HOLD_BUTTONS is pressed, so that a pad that falls on the floor does not drive. It also
-does not drive until stick and buttons have been released once since it was opened. The reason: the kernel reports 0
-for an axis that has not moved yet, which on many pads is one end of its range. If the kernel had to drop events, the
-state is read again; until then the pad does not drive. Unplugging a pad stops the vehicle. The kernel removes a radio
-pad only seconds after its link is lost, so use a cable.
+A pad has a stick (ABS_X, ABS_Y) and at least one button of HOLD_BUTTONS, the buttons under the index fingers. It
+commands the vehicle only while such a button is pressed, so that a pad that falls down commands nothing. Stick and
+buttons must also have been released once since the pad was opened. The reason: the kernel reports 0 for an axis that
+has not moved yet, which on many pads is one end of its range. If the kernel had to drop events, the state is read
+again; until then the command is zero. Unplugging a pad stops the vehicle. The kernel removes a wireless pad only
+seconds after its link is lost, so use a cable.
 """
 
 import re
@@ -25,7 +25,7 @@ DEVICE_FOLDER = Path("/dev/input")
 # The codes of a game pad (BTN_SOUTH …), and of a pad with numbered buttons (BTN_TRIGGER …)
 MARK, STOP = {0x130, 0x120}, {0x131, 0x121}
 HOLD_BUTTONS = {0x136, 0x137, 0x124, 0x125}
-DEAD_BAND = 0.12  # of half its range, because a stick does not return exactly to its middle
+DEAD_BAND = 0.12  # of half the range, because a stick does not return exactly to its middle
 JOIN_INPUT_GROUP = "sudo usermod -aG input $USER, then log in again"
 
 
@@ -55,7 +55,7 @@ class Pad:
 
     @property
     def is_held(self) -> bool:
-        """Return True if the pad drives: a button of HOLD_BUTTONS is pressed, and the pad is ready."""
+        """Return True if the pad commands the vehicle: a button of HOLD_BUTTONS is pressed, and the pad is ready."""
         return (
             self._was_released
             and not self._overrun
@@ -65,7 +65,7 @@ class Pad:
 
     @property
     def hint(self) -> str:
-        """Return a hint for the driver in the current language: how to drive by the pad."""
+        """Return a hint for the driver in the current language: how to drive with the pad."""
         if self.is_held:
             return _("pad drives")
         return (
@@ -75,7 +75,7 @@ class Pad:
         )
 
     def direction(self) -> tuple[float, float]:
-        """Return (ahead, to the left), each in [-1, 1]; zeros unless the pad drives.  (1)"""
+        """Return (forward, left), each in [-1, 1]. Both are 0 if `is_held` is False.  (1)"""
         return (-self._deflection(Y), -self._deflection(X)) if self.is_held else (0.0, 0.0)
 
     def close(self) -> None:
@@ -95,7 +95,7 @@ class Pad:
             return self._resynchronise() if event_type == SYN and code == REPORT else []
         elif event_type == ABS and code in self._axes:
             self._axes[code] = self._axes[code]._replace(value=value)
-        elif event_type == KEY and value == 1 and code not in self._pressed:  # known already if it was read
+        elif event_type == KEY and value == 1 and code not in self._pressed:  # known if it was read
             self._pressed.add(code)
             return [code]
         elif event_type == KEY and value == 0:
@@ -123,8 +123,8 @@ class Pad:
 def find_pad(pad_path: Path | None = None, folder: Path = DEVICE_FOLDER) -> Pad:
     """Return the only pad of this computer, or the pad at the path `pad_path`.
 
-    Raise UsageError without a pad, if there are several, or if the pad may not be read. The message lists the devices
-    that were examined.
+    Raise UsageError on another system than Linux, without a pad, or with several pads. Raise UsageError for a device
+    that is not a pad, or that this user is not allowed to read. The message lists the devices that were examined.
     """
     if sys.platform != "linux":
         raise UsageError(fault("pad.not-linux"))

@@ -1,10 +1,10 @@
-"""Draw the screen of a driver: a block of lines, drawn again in the same place.
+"""Draw the display of a driver: a block of lines, drawn again in the same place.
 
   the first time     the block, line by line
-  again              up to its first line, each line overwritten and its rest erased, in one write           (1)
+  again              cursor up to the first line, each line overwritten and its rest erased, in one write    (1)
 
 A terminal with synchronised updates shows (1) at once. On other terminals each line replaces a similar line, so the
-screen is never empty in between. The letters are ASCII, because a serial console supports only ASCII.
+screen is never empty in between. The characters are ASCII, because a serial console supports only ASCII.
 """
 
 from dataclasses import dataclass, field
@@ -18,13 +18,13 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import one_line
 
 _ACCENTS = str.maketrans("áéíóúüñÁÉÍÓÚÑ", "aeiouunAEIOUN", "¿¡")  # of Spanish
-BAR_LETTERS = 20  # letters for a duty of 1
+BAR_LETTERS = 20  # characters of the bar: half of them for a duty of 1
 HOLD, UNHOLD = "\x1b[?2026h", "\x1b[?2026l"
 
 
 @dataclass
 class Status:
-    """The content of the screen."""
+    """The content of the display."""
 
     name: str
     t_s: float = 0.0
@@ -51,7 +51,7 @@ class Status:
 
 
 def lines(s: Status, columns: int = 80) -> list[str]:
-    """Return the lines of the block, each with at most `columns` − 1 letters."""
+    """Return the lines of the block, each with at most `columns` − 1 characters."""
     link = "  ".join(
         f"{_(name)} {decimal_text(value, 0)} ms"
         for name, value in ((N_("vehicle"), s.link_ms), (N_("terminal"), s.terminal_ms))
@@ -96,7 +96,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
 
 
 def decimal_text(value: float, digits: int) -> str:
-    """Return a number as text with this many decimals, "-" if it is unknown."""
+    """Return a number as text with this many decimals, "-" if it is not finite."""
     return f"{number(value):.{digits}f}" if value is not None and isfinite(value) else "-"
 
 

@@ -1,12 +1,12 @@
 """Detect a lost terminal by a heartbeat, because a lost network is not reported as the end of the input.
 
   every QUERY_PERIOD_S      ESC [ 5 n, a status query, which the terminal answers by ESC [ 0 n              (1)
-  MAX_SILENCE_S no answer   the terminal, or the connection to it, is lost                                  (2)
-  START_S no answer         at the start: this terminal never answers, so its held keys are not trusted     (3)
+  no answer for MAX_SILENCE_S   the terminal, or the connection to it, is lost                              (2)
+  no answer for START_S         at the start: this terminal never answers, so held keys are not trusted     (3)
 
 The answers arrive in order, so each belongs to the oldest query; the time between the two is the round trip. If this
-program was delayed, it did not send queries, so that silence does not prove a loss. (2) therefore counts from the last
-answer, or from QUERY_PERIOD_S before the oldest unanswered query if that is later.
+program was delayed, it did not send queries, so silence does not prove a loss. The time of (2) therefore begins at the
+last answer, or QUERY_PERIOD_S before the oldest unanswered query if that is later.
 """
 
 from collections import deque
@@ -20,7 +20,7 @@ START_S = 1.0
 
 
 class Heartbeat:
-    """A monitor of the terminal by its answers. `query_message` sends a query; the caller passes the time [s]."""
+    """A monitor of the terminal by its answers. `query_message` sends bytes to it; the caller passes the time [s]."""
 
     def __init__(self, query_message: Callable[[bytes], object]) -> None:
         self._send_query = query_message
@@ -28,7 +28,7 @@ class Heartbeat:
         self._last_s, self._answer_s = float("-inf"), float("-inf")
         self._looked_s, self._paused_s = float("-inf"), float("-inf")
         self._trips_ms: deque[float] = deque(maxlen=20)
-        self.has_answered = False  # True once it has answered
+        self.has_answered = False  # True once the terminal has answered
 
     def poll(self, now_s: float) -> None:
         """Send a query if one is due."""
@@ -49,7 +49,7 @@ class Heartbeat:
                 self._trips_ms.append(1e3 * (now_s - query_s))
 
     def silent_s(self, now_s: float) -> float:
-        """Return the time [s] without an answer; 0 if the terminal never answers, or without an open query.  (2)"""
+        """Return the time [s] without an answer, 0 if the terminal never answered or no query is open.  (2)"""
         if not self.has_answered or not self._query_times_s:
             return 0.0
         return now_s - max(self._answer_s, self._query_times_s[0] - QUERY_PERIOD_S)

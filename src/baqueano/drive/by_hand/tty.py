@@ -1,7 +1,7 @@
-"""Use the terminal as a device: read single keys, write frames, and restore its settings at the end.
+"""Use the terminal as a device: read single keys, write frames, and restore the settings of the terminal at the end.
 
-The terminal is opened a second time, so that the non-blocking mode does not affect other programs. A terminal with a
-lost network does not accept bytes and must not delay a vehicle: bytes that it does not accept are dropped.
+The terminal is opened again, so that the non-blocking mode does not affect other programs. A terminal with a lost
+network does not accept bytes and must not delay a vehicle: bytes that it does not accept are dropped.
 """
 
 import os
@@ -15,13 +15,13 @@ from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
 CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"
-MAX_PENDING_BYTES = 4096  # bytes that may wait: half a second of frames
+MAX_PENDING_BYTES = 4096  # most bytes that wait: frames of half a second
 
 
 class TerminalLine(Protocol):
-    """The terminal as a Cockpit uses it: its input and its output."""
+    """Protocol of the terminal that a `Cockpit` uses: input and output."""
 
-    answers: bool  # True if it may answer queries
+    answers: bool  # True if the terminal can answer queries
 
     def read(self) -> list[KeyEvent] | None:
         """Return the events since the last call, or None once the input has ended."""
@@ -110,7 +110,7 @@ class Tty:
 
 
 class WindowsConsole:
-    """The console of Windows, which reports letters and arrows only."""
+    """The console of Windows, which reports only characters and arrows."""
 
     answers = False
 
@@ -137,7 +137,7 @@ class WindowsConsole:
         """Do nothing: this console does not have modes to change."""
 
     def size(self) -> tuple[int, int]:
-        """Return (80, 24), as the size is unknown."""
+        """Return (80, 24), because the size is unknown."""
         return 80, 24
 
     def close(self) -> None:
@@ -145,7 +145,7 @@ class WindowsConsole:
 
 
 def terminal() -> TerminalLine:
-    """Return the terminal of this program. Raise UsageError without one."""
+    """Return the terminal of this program. Raise UsageError if the program does not have one."""
     try:
         import msvcrt  # noqa: F401
     except ImportError:

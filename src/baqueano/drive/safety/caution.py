@@ -1,8 +1,8 @@
-"""Slow down a drive while its estimate is doubtful, and stop it if the doubt lasts.
+"""Slow down a vehicle while its estimate is doubtful, and stop it if the doubt persists.
 
   doubt = a sensor is DEGRADED, or σ > SLOW_SHARE · max_position_std_m of the supervisor                     (1)
-  pace  = SLOW while there is doubt, 0 after WAIT_S of severe doubt, 1 again once it is over              (2)
-  stop  after STAND_S at pace 0 under severe doubt                                                      (3)
+  pace  = SLOW while there is doubt, 0 after WAIT_S of severe doubt, 1 again once the doubt is over          (2)
+  stop  after STAND_S at pace 0 under severe doubt                                                           (3)
 
 The monitor (monitor/) sets a sensor DEGRADED. If the monitor cannot decide if the sensor or the model is wrong, the
 doubt is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate doubtful.
@@ -22,9 +22,10 @@ SOURCE = WHO = "caution"
 
 
 class Caution(Observer):
-    """Observer of one drive; `most_m` is the position uncertainty [m] at which the supervisor stops the vehicle.
+    """Observer of one drive; the supervisor stops the vehicle at the position uncertainty `max_std_m` [m].
 
-    If `watches` is False, the observer only wraps the guide, so that the holder can set its pace (door/adjusting.py).
+    If `is_watching` is False, the observer only wraps the guide, so that the driver can set its pace
+    (door/adjusting.py).
     """
 
     def __init__(self, max_std_m: float = float("inf"), is_watching: bool = True) -> None:
@@ -56,13 +57,13 @@ class Caution(Observer):
         self._guide.set_pace(WHO, 1.0 if reason is None else 0.0 if is_standing else SLOW)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, None if it may continue.  (3)"""
+        """Return the reason to stop the vehicle, or None to continue.  (3)"""
         if not self._is_grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
             return None
         return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._reason)
 
     def events(self) -> list[LastLine]:
-        """Return the new messages about the begin and the end of slow driving, with the reason."""
+        """Return the new messages about the beginning and the end of slow driving, with the reason."""
         lines, self._lines = self._lines, []
         return lines
 

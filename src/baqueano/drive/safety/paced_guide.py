@@ -1,4 +1,4 @@
-"""Change the pace of a guide between two ticks, for caution and for the holder; the slowest request is used."""
+"""Change the pace of a guide between two ticks, for `Caution` and for the driver; the slowest request is used."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from baqueano.supervisor import guard_block
 
 
 class PacedGuide:
-    """A wrapper of a guide, which drives at the slowest of the requested paces.
+    """A wrapper of a guide. The reference advances at the slowest of the requested paces.
 
     >>> from baqueano.guides import Idle
     >>> guide = PacedGuide(Idle(2.0))
@@ -29,7 +29,7 @@ class PacedGuide:
         return self.block.pace
 
     def set_pace(self, source: str, pace: float) -> None:
-        """Set the pace that `source` requests from the next tick on. Raise ValueError outside the range 0 to 1."""
+        """Set the pace that `source` requests from the next tick on. Raise ValueError if it is not in [0, 1]."""
         replace(self.block, pace=pace)
         self._paces[source] = pace
         if (slowest := min(self._paces.values())) != self.block.pace:

@@ -3,8 +3,8 @@
   stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > AWAY_M                         (1)
   stop  once (1) has been true for patience_s
 
-p_0, ψ_0 is the pose at the last motion, p_r the reference. A stop in the route does not count, because the vehicle is
-then at its reference. A pause does not count either, because the reference then rests near the vehicle.
+p_0, ψ_0 is the pose at the last motion, p_r the reference. During a stop in the route the vehicle is not stuck, because
+it is at its reference. During a pause it is not stuck either, because the reference then rests near the vehicle.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ class Patience(Observer):
             self._origin, self._since_ns = eta, record.tick.t_ns
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to end the drive, None if it may continue.  (1)"""
+        """Return the reason to end the drive, or None to continue.  (1)"""
         waited_s = seconds(t_ns, self._since_ns)
         if waited_s < self._patience_s:
             return None

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from baqueano.routes.examine import Walls
     from baqueano.vehicle_file import VehicleFile
 
-MIN_SPEED_M_S = 0.01  # a slower sample counts as rest
+MIN_SPEED_M_S = 0.01  # a slower sample is treated as rest
 MIN_RADIUS_M, MAX_RADIUS_M = 0.15, 20.0  # limits of the radius of a path to the route
 RADIUS_MARGIN = 1.3  # margin of the radius, for the controller
 PATIENCE_S = 20.0
 
 
 class PlainRoom(NamedTuple):
-    """A room as plain numbers, as a mission contains it: see `routes.examine.Walls`."""
+    """A room as plain values, as a mission contains it: see `routes.examine.Walls`."""
 
     free_half_width_m: Value
     start: tuple[float, float, float]
@@ -42,9 +42,9 @@ class PlainRoom(NamedTuple):
 class Precautions:
     """Options of `repeat` for the safety of the vehicle.
 
-    `check`: examine the route before the vehicle moves. `anyway`: also drive a route that is too fast or has gaps.
-    `room`: stop before the vehicle may leave it. `lead_in`: if the vehicle is not at the start of its route, drive
-    there first. `way_back`: drive back to the start afterwards. `caution`: slow down and stop if the estimate is
+    `check`: examine the route before the vehicle moves. `anyway`: drive even a route that is too fast or has gaps.
+    `room`: stop before the vehicle might leave this room. `lead_in`: if the vehicle is not at the start of its route,
+    drive there first. `way_back`: drive back to the start afterwards. `caution`: slow down and stop if the estimate is
     doubtful. `patience_s`: end the drive of a vehicle that is stuck for this time.
     """
 

@@ -1,10 +1,10 @@
-"""Stop the vehicle before it may leave the room.
+"""Stop the vehicle before it might leave the room.
 
   p̂ = p_start + R(ψ_start) R(ψ_0)ᵀ (p − p_0)                in the room, from the route's first pose η_0 (1)
   |p̂_i| + STOPPING_S |v_i| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the stopping distance  (2)
 
-free is the space of the room in which the body's origin may be (identify/design/room.py). With commands and IMU only, Σ
-grows from lap to lap. The drive therefore ends when the vehicle may touch a wall, before it touches one.
+free is half the width of the space in which the body's origin can be (identify/design/room.py). With only commands and
+an IMU, Σ grows from lap to lap. The drive therefore ends when the vehicle might touch a wall, before it touches one.
 """
 
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.routes.examine import Walls
 
-CHI_SQUARE_95 = 5.991  # 95 % of two normal numbers
+CHI_SQUARE_95 = 5.991  # 95 % quantile with two degrees of freedom
 STOPPING_S = 0.3
 
 
@@ -49,5 +49,5 @@ class RoomWatch(Observer):
             self._reason = stop(StopReason.ROOM, axis="xy"[i], **values)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, None if it may continue."""
+        """Return the reason to stop the vehicle, or None to continue."""
         return self._reason

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 SPEED_CODES = ("route.speed-too-high", "route.turns-too-fast")  # the vehicle falls behind
-ACCEPTABLE_CODES = (*SPEED_CODES, "route.gap")  # findings that the user may accept
+ACCEPTABLE_CODES = (*SPEED_CODES, "route.gap")  # findings that the user can accept
 
 
 def warnings_of(
@@ -25,10 +25,10 @@ def warnings_of(
     anyway: bool = False,
     backend: str = "auto",
 ) -> tuple[Diagnostic, ...]:
-    """Return the warnings about a route that may be driven. Raise AnswerNo, with the first reason, for another route.
+    """Return the warnings about a route. Raise AnswerNo, with the first reason, if the route must not be driven.
 
     A model that was not `measured` cannot prove that a route is too fast: the finding is then only a warning. `anyway`
-    allows a route that is too fast or has gaps. A jump, a wall, and a value that is not a number are always refused.
+    allows a route that is too fast or has gaps. A jump, a wall, and a value that is not finite are always refused.
     """
     try:
         report = examine(route, vehicle_file, room, backend=backend)

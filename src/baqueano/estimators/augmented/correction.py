@@ -6,7 +6,7 @@ the whitened innovation e, the previous innovation e₋, and the limit l of the 
 
     w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD_GATE_RATIO)                                      (1)
 
-place_gate.py judges the sensors that measure the pose. augmented/state.py defines which states a channel may correct.
+place_gate.py tests the sensors that measure the pose. augmented/state.py defines which states a channel may correct.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -31,8 +31,8 @@ from baqueano.vehicles.effort import Effort
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-ABSURD_GATE_RATIO = 1.5  # times the gate: a number beyond this always gets a weight below 0.5
-USABLE_RANGE = 0.9999  # of a sensor's range: a reading at its end is not used
+ABSURD_GATE_RATIO = 1.5  # times the gate: a channel beyond this always gets a weight below 0.5
+USABLE_RANGE = 0.9999  # of a sensor's full scale: a reading above this is not used
 
 
 class Innovations(NamedTuple):
@@ -40,7 +40,7 @@ class Innovations(NamedTuple):
 
     latest: np.ndarray  # (m,) the last innovations, in order of use
     place_doubt: PoseMemory
-    rejected_count: Value  # count of channels that lost their weight
+    rejected_count: Value  # number of channels with a weight below 0.5
     y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
     S: np.ndarray  # (m, m)
     weight: np.ndarray  # (m,) weights; NaN for a channel without a measurement
@@ -58,8 +58,8 @@ def correct_tick(
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `previous` contains the innovations and the PoseMemory of the previous row. `nu_dot` (3,) is the acceleration of a
-    kinematic model; None for a dynamic model.
+    `previous` contains the innovations (m,) and the PoseMemory of the previous row. `nu_dot` (3,) is the acceleration
+    of a kinematic model, and None for a dynamic model. `at_rest` selects the states that each channel may correct.
     """
     states, (last_innovations, place_doubt) = layout(estimator), previous
     if not len(states.moving_mask):
@@ -116,7 +116,7 @@ def predict_measurement(
 ) -> np.ndarray:
     """Return the predicted measurement (m,) of a sensor with its estimated biases, at its time of measurement.
 
-    The state at that time is computed to first order.
+    The state at that time is extrapolated to first order from `mean` (n,), the state at the tick.
     """
     sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALE_INDEX]
     for k, bias in enumerate(layout(estimator).biases):
@@ -134,5 +134,5 @@ def predict_measurement(
 
 
 def _max_std(estimator: "AugmentedEkf") -> np.ndarray:
-    """Return the standard deviations (n,) to which a doubt of the pose may increase the covariance at most."""
+    """Return the standard deviations (n,) up to which rejected readings of the pose can increase the covariance."""
     return np.concatenate([np.array([INF, INF, TURN_STD]), start_std(estimator)[3:]])

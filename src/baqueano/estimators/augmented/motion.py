@@ -11,8 +11,8 @@
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. l is the distance of the origin ahead of the centre of
-turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model that is wrong in a whole bend would
-pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7).
+turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with an error during a whole bend
+would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7).
 """
 
 from functools import lru_cache
@@ -42,7 +42,7 @@ MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one be
 def predict_row(
     estimator: "AugmentedEkf", x: Gaussian, mean_disturbance: np.ndarray, effort: Effort, row: FilterRow
 ) -> Gaussian:
-    """Return mean (n,) and covariance (n, n) of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
+    """Return the mean (n,) and covariance (n, n) of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
     n = len(x.mean)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
@@ -138,18 +138,18 @@ def process_noise_cov(
 
 
 def velocity_error(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """Return K ν (3,), the error of the velocity by the scale errors and the bend `kappa` = (κ_v, κ_ψ, β, …).  (2)"""
+    """Return K ν (3,), the error of the velocity due to scale errors and course `kappa` = (κ_v, κ_ψ, β, …).  (2)"""
     return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
 
 
 def _push_matrix(vehicle: DynamicVehicle) -> np.ndarray:
-    """Return the matrix (3, 3) from a push (forward, sideways, in rotation) to the change of ν."""
+    """Return the matrix (3, 3) from a disturbance (forward, sideways, in rotation) to the change of ν."""
     arm = optional.of(vehicle, "turning_arm_m")
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])
 
 
 @lru_cache(maxsize=256)
 def _slips(estimator: "AugmentedEkf") -> tuple[Value, Value, Value]:
-    """Return the relative variance of the slip, its fading time [s], and the time between wheel readings [s]."""
+    """Return the relative variance of the slip, its decay time [s], and the time between wheel readings [s]."""
     states = layout(estimator)
     return slip_statistics(estimator.sensors, dict(zip(states.names, states.entries, strict=True)))

@@ -1,10 +1,10 @@
-"""The augmented state of augmented_ekf.py, and its entries that each channel of a sensor may correct.
+"""The augmented state of augmented_ekf.py, and the entries of it that each channel of a sensor may correct.
 
     x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, w | biases)                                     (1)
 
 A filter in which every channel corrects every state relies on the couplings of its model. Then a gyro that disagrees
 with the model changes the speed, and an odometer changes the heading. On real cars these couplings had larger errors
-than the sensors, and the estimate was worse than the model. So each channel corrects only, by the measured quantity:
+than the sensors, and the estimate was worse than the model. So each measured quantity corrects only these states:
 
     the pose                all states
     ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no channel measures only ν_ψ
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 SCALE_INDEX, BIAS_INDEX = 8, 12  # index of the first of κ, β, w, and of the first bias
 BEND_INDEX = (
-    11  # index of w: a large variance of the heading bends the region of the position; w is not estimated
+    11  # index of w, the bend of the position's region at a large heading variance; w is not estimated
 )
 POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
 LEADING_GYRO_FACTOR = (
@@ -48,21 +48,21 @@ class Layout(NamedTuple):
     """The states of a filter for its sensors, and the states that each channel of a sensor may correct."""
 
     names: tuple[str, ...]  # the sensors
-    entries: tuple[tuple[int, ...], ...]  # the numbers of each sensor that correct the state
+    entries: tuple[tuple[int, ...], ...]  # the channels of each sensor that correct the state
     biases: tuple[UncertainParameter, ...]
-    moving_mask: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
-    resting_mask: np.ndarray  # (m, n) at rest
-    gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each number
+    moving_mask: np.ndarray  # (m, n) E of kalman.py for each channel, while the vehicle drives  (2)
+    resting_mask: np.ndarray  # (m, n) the same at rest
+    gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each channel
     rest_jacobian: (
         np.ndarray
-    )  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it may not correct them
+    )  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
     pose_groups: tuple[
         tuple[int, ...], ...
-    ]  # the numbers of each sensor that measures the pose: place_gate.py
+    ]  # the channels of each sensor that measures the pose: place_gate.py
 
     @property
     def pose_error_mask(self) -> np.ndarray:
-        """Return a mask (n,): 1 for η, κ, β and b, the states that may be wrong if the pose is wrong."""
+        """Return a mask (n,): 1 for η, κ, β and b, the states that can be wrong if the pose is wrong."""
         mask = np.ones(self.size)
         mask[[*range(3, SCALE_INDEX), BEND_INDEX]] = 0.0
         return mask

@@ -1,1 +1,1 @@
-"""Readings of sensors as numbers: their noise, gates and faults."""
+"""Readings of sensors: measured velocities, uncertain parameters, gates and lasting disagreements."""

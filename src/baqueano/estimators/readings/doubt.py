@@ -1,15 +1,15 @@
 """Widen the covariance during a lasting disagreement; the correction of the state does not change.
 
-A doubt a [m/s or rad/s] belongs to the speed ν_x, another to the yaw rate ν_ψ. While a channel of ν_x or ν_ψ is
-refused, a = |y / h'| with its innovation y and derivative h'. While the filter follows a channel against its model,
-a = |ν − ν of the model|; this is detected by |d| > gate_sigma σ_d. If the doubt lasts at least MIN_INCONSISTENT_S:
+Speed ν_x and yaw rate ν_ψ each have an inconsistency a [m/s or rad/s]. While a channel of ν_x or ν_ψ is rejected, a =
+|y / h'| with its innovation y and derivative h'. While the filter follows a channel against its model, a = |ν − ν of
+the model|; this is detected by |d| > gate_sigma σ_d. If the inconsistency lasts at least MIN_INCONSISTENT_S:
 
     var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
 
 P_ηη is the covariance of the pose, J rotates body to map. g is the axis of the velocity, δ the duration of the row, t
-the duration of the doubt. The position error is a t if the velocity is wrong by a all the time. So the region contains
-the truth if either the sensor or the model is correct. The correction uses the unchanged covariance: a wider covariance
-would open the gate.
+the duration of the inconsistency. The position error is a t if the velocity has the error a all the time. So the region
+contains the truth if either the sensor or the model is correct. The correction uses the unchanged covariance: a wider
+covariance would open the gate.
 """
 
 from functools import reduce
@@ -23,16 +23,17 @@ from baqueano.geometry import map_from_body
 
 MIN_INCONSISTENT_S = 0.5
 SPEED_AND_YAW_RATE = (3, 5)  # of a state (η, ν, …)
-# when readings agree again, the duration of a doubt falls to MAX_HELD_S, and then FADING_RATE times as fast as time
+# when readings agree again, the duration of an inconsistency falls to MAX_HELD_S, then by FADING_RATE seconds per
+# second
 MAX_HELD_S, FADING_RATE = 1.0, 2.0
 
 
 class InconsistencyUpdate(NamedTuple):
-    """The doubt after a row, and its contributions to the covariances of pose and velocity."""
+    """The inconsistency after a row, and its contributions to the covariances of pose and velocity."""
 
     inconsistency: (
         np.ndarray
-    )  # (2, 2) of speed and yaw rate: size of the last refused innovations, and duration [s]
+    )  # (2, 2) of speed and yaw rate: absolute value of the last rejected innovations, and duration [s]
     pose_cov: np.ndarray  # (3, 3)
     nu_cov: np.ndarray  # (3, 3)
 
@@ -45,11 +46,11 @@ def update_inconsistency(
     psi: Value,
     dt_s: Value,
 ) -> InconsistencyUpdate:
-    """Return the doubt of speed and yaw rate after a row of `dt_s`, with its contributions to the covariances.
+    """Return the inconsistency of speed and yaw rate after a row of `dt_s`, and its additions to the covariances.
 
-    `channel_jacobian` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel may
-    not correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
-    `model_error` (2,) is the size of the correction against the model.
+    `channel_jacobian` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel
+    must not correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
+    `model_error` (2,) is the absolute value of the correction against the model.
     """
     rejected_sizes, has_reading = [], []
     for h in channel_jacobian.T:
@@ -81,10 +82,10 @@ def inconsistency_after(
     has_reading: np.ndarray,
     dt_s: Value,
 ) -> np.ndarray:
-    """Return the doubt (2, 2) one row later: the size of the last refused innovations, and the duration [s].
+    """Return the inconsistency (2, 2) one row later: absolute value of the last rejected innovations, duration [s].
 
-    `rejected` (2,) is the size of the refused innovations of this row, `model_error` (2,) the size of the correction
-    against the model; both are 0 if absent. `has_reading` (2,) is True if a reading arrived.
+    `rejected` (2,) is the absolute value of the rejected innovations of this row, `model_error` (2,) that of the
+    correction against the model; both are 0 if absent. `has_reading` (2,) is True if a reading arrived.
     """
     size = np.where(has_reading, rejected, inconsistency[0])
     shorter_s = np.maximum(np.minimum(inconsistency[1], MAX_HELD_S) - FADING_RATE * dt_s, 0.0)
@@ -94,7 +95,10 @@ def inconsistency_after(
 def added_covariances(
     size: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the covariances of pose (3, 3) and velocity (3, 3) that a doubt of size `size` (2,) adds.  (1)"""
+    """Return the covariances of pose (3, 3) and velocity (3, 3) that an inconsistency `size` (2,) adds.  (1)
+
+    `before_s` and `now_s` (2,) are its durations before and after this row of `dt_s`.
+    """
     is_lasting, directions = now_s >= MIN_INCONSISTENT_S, map_from_body(psi)[:, [0, 2]]
     added_s2 = np.where(before_s >= MIN_INCONSISTENT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
     is_growing = is_lasting & (now_s > before_s)

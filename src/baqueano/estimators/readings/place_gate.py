@@ -1,4 +1,4 @@
-"""The gate of the sensors that measure the pose: it tests a reading as a whole, and the filter by two readings.
+"""The gate of the sensors that measure the pose: it tests all channels together, and the filter by two readings.
 
     d² = yᵀ S⁻¹ y,   w = 1/(1 + (d²/χ²)⁴)         y: all m channels of a sensor, χ²: their limit (gate.py)      (1)
     d²ᵢ = (y + Δᵢ)ᵀ S⁻¹ (y + Δᵢ),   p = 1/(1 + MISTAKE_SHARE e^(½ (d² − min d²ᵢ))),   w ← p w                       (2)
@@ -6,11 +6,11 @@
     (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (4)
 
 y is the innovation with covariance S, w the weight. Δᵢ is the vector from the tag that was read to tag i. p is the
-probability that no tag was mistaken for another (Bar-Shalom and Tse 1975). One refused reading is an outlier. Two of
-them, at least REPEAT_S apart, mean that a person moved the vehicle or that the filter is overconfident: P grows (3). If
-the second reading agrees with the first, y₋, it is accepted at once (4); else the next reading decides. Readings that a
-mistaken tag explains count for this only after MAX_MISTAKES such readings in a row. A refused reading counts only if
-the previous counted reading is at least REPEAT_S old.
+probability that no tag was mistaken for another (Bar-Shalom and Tse 1975). One rejected reading is an outlier. Two
+rejected readings, at least REPEAT_S apart, mean that a person moved the vehicle or that the filter is overconfident: P
+grows (3). If the second reading agrees with the first, y₋, it is accepted at once (4); else the next reading decides.
+Readings that a mistaken tag explains are counted only after MAX_MISTAKES such readings in a row. A rejected reading is
+counted only if the previous counted one is at least REPEAT_S old.
 """
 
 from typing import NamedTuple
@@ -22,10 +22,10 @@ from baqueano.estimators.readings.gate import gate
 
 REPEAT_S = 1.0
 MISTAKE_SHARE = 0.05  # share of mistaken readings; a guess, the distances between tags matter more
-MAX_MISTAKES = 2.0  # mistakes in a row
-NO_REJECTION_S = 1e9  # no reading was refused
+MAX_MISTAKES = 2.0  # readings in a row that a mistaken tag explains
+NO_REJECTION_S = 1e9  # time since the last rejected reading, if no reading was rejected
 MAX_EXPONENT = 50.0  # largest exponent, to avoid an overflow
-MIN_SQUARED_DISTANCE = 1e-12  # m²: a smaller squared distance is that of a tag from itself
+MIN_SQUARED_DISTANCE = 1e-12  # m²: a smaller squared distance is the distance of a tag from itself
 TURN_STD = np.pi / np.sqrt(3.0)  # rad, of an unknown heading: uniform between ±π
 
 
@@ -43,28 +43,28 @@ class PoseChannels(NamedTuple):
 class GateHistory(NamedTuple):
     """Results of the gate for earlier readings of each sensor; each array is (sensors,)."""
 
-    since_s: np.ndarray  # time since a refused reading; NO_REJECTION_S if the last one was accepted
-    witness: np.ndarray  # 1 if an informative reading was refused since the last accepted one
+    since_s: np.ndarray  # time since a rejected reading; NO_REJECTION_S if the last reading was accepted
+    witness: np.ndarray  # 1 if an informative reading was rejected after the last accepted one
     mistakes: np.ndarray  # readings in a row that a mistaken tag explains
 
 
 class PoseMemory(NamedTuple):
-    """Memory of the refused readings, for each sensor that measures the pose."""
+    """Memory of the rejected readings, for each sensor that measures the pose."""
 
-    y: np.ndarray  # (m,) innovations of the last informative refused reading, in the order of all numbers
+    y: np.ndarray  # (m,) innovations of the last informative rejected reading, in the order of all channels
     history: GateHistory
 
 
 class GateDecision(NamedTuple):
-    """Result of the gate in a tick: weights of the numbers, growth of the covariance, and memory."""
+    """Result of the gate in a tick: weights of the channels, growth of the covariance, and memory."""
 
-    weights: dict[int, Value]  # of the numbers that measure the pose
+    weights: dict[int, Value]  # of the channels that measure the pose, by index
     growth_factor: Value  # d/√m of (3): factor on the standard deviations; 1 without evidence
     memory: PoseMemory
 
 
 def empty_memory(groups: tuple[tuple[int, ...], ...], m: int) -> PoseMemory:
-    """Return the memory at the start, without refused readings; m is the number of all numbers."""
+    """Return the memory at the start, without rejected readings; m is the number of all channels."""
     zeros = np.zeros(len(groups))
     return PoseMemory(np.zeros(m), GateHistory(NO_REJECTION_S + zeros, zeros, zeros))
 
@@ -72,7 +72,7 @@ def empty_memory(groups: tuple[tuple[int, ...], ...], m: int) -> PoseMemory:
 def gate_decision(
     groups: tuple[tuple[int, ...], ...], channels: PoseChannels, memory: PoseMemory, dt_s: Value, sigma: float
 ) -> GateDecision:
-    """Return weights, growth and memory; `groups` are the indices of the numbers of each pose sensor.  (1)-(4)"""
+    """Return the decision of a tick; `groups` contains the indices of the channels of each pose sensor.  (1)-(4)"""
     if not groups:
         return GateDecision({}, 1.0, memory)
     weights: dict[int, Value] = {}
@@ -116,7 +116,7 @@ def gate_decision(
 def _next_history(
     history: GateHistory, is_rejected: Value, is_mistake: Value, is_right: Value
 ) -> GateHistory:
-    """Return the updated memory of one sensor after the reading of this tick."""
+    """Return the history of one sensor after the reading of this tick; reset it if the reading is right."""
     is_counted = is_rejected & (history.since_s >= REPEAT_S)
     since_s = np.where(is_counted, 0.0, np.minimum(history.since_s, NO_REJECTION_S))
     witness = np.where(is_counted & ~is_mistake, 1.0, history.witness)
@@ -143,8 +143,8 @@ def _nearest_distance(S: np.ndarray, y: np.ndarray, corrections: list[np.ndarray
 def growth(factor: Value, std: np.ndarray, max_std: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return the diagonal D (n,) of (3): the factor of each standard deviation `std` (n,).
 
-    If `mask` (n,) is 1, the factor is `factor`, but limited so that it does not raise the deviation above `max_std`
-    (n,). Else the factor is 1.
+    If `mask` (n,) is 1, the factor is `factor`, limited so that it does not raise the deviation above `max_std` (n,).
+    Else the factor is 1.
     """
     max_factor = np.maximum(max_std / np.maximum(std, 1e-12), 1.0)
     return np.where(mask > 0.0, np.minimum(factor, max_factor), 1.0)

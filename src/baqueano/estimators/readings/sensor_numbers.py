@@ -1,12 +1,13 @@
 """Channels of sensors: the measured velocities, the age, and the uncertainty of the calibration.
 
-All this follows from h and the parameters. The module does not name kinds of sensors, so your own sensors work too.
+All this follows from h and the parameters. The module does not depend on the kinds of sensors, so your own sensors work
+too.
 
     ∂h/∂(η, ν, ν̇)  at rest          which velocities a channel measures, to first order                   (1)
     h(θ + PARAMETER_STEP) ≠ h(θ)               which parameters θ it depends on                                      (2)
 
 A parameter with a `std` in its metadata is uncertain. If it also has a `walk`, it is a bias, else a scale. `slip` is
-the standard deviation of a temporary error of a scale, which fades (Ornstein-Uhlenbeck).
+the standard deviation of a temporary error of a scale, which decays (Ornstein-Uhlenbeck process).
 """
 
 from collections.abc import Iterator
@@ -29,8 +30,8 @@ GENERAL_MOTION = np.array(
     [0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4]
 )  # (η, ν, ν̇) at which no term of h vanishes
 FORWARD_NU, TURNING_NU = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])  # ν
-PARAMETER_STEP = 0.1  # of a parameter
-# ± 2 % by its data sheet, uniform; without a wheel, the speed follows from a_y / ν_ψ
+PARAMETER_STEP = 0.1  # change of a parameter in (2)
+# uniform within the ± 2 % of its data sheet; without a wheel, the speed follows from a_y / ν_ψ
 ACCEL_SCALE_STD = 0.02 / np.sqrt(3.0)
 
 
@@ -43,7 +44,7 @@ class UncertainParameter(NamedTuple):
     walk: str  # path of its random walk in 1 s; "" for a constant
 
     def value_at(self, sensors: SensorBlocks, path: str) -> Value:
-        """Return the value of the sensor at `path`: one of the paths of this parameter."""
+        """Return the value at `path` of the sensor; `path` is one of the paths of this parameter."""
         return get(getattr(sensors, self.sensor), path)
 
 
@@ -60,7 +61,7 @@ def rows_of(sensors: SensorBlocks, use: str) -> tuple[int, ...]:
 
 
 def check_use(sensors: SensorBlocks, use: tuple[str, ...], allow_channels: bool = False) -> None:
-    """Raise ValueError if `use` names a sensor that the vehicle does not have; `allow_channels` allows "imu[2]"."""
+    """Raise Invalid if `use` names a sensor that the vehicle does not have; `allow_channels` allows "imu[2]"."""
     names = getattr(sensors, "_fields", ())
     for entry in use:
         if (split_use(entry)[0] if allow_channels else entry) not in names:
@@ -104,7 +105,7 @@ def uncertain_parameters(
 def slip_statistics(
     sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]
 ) -> tuple[Value, Value, Value]:
-    """Return the variance of the mean slip relative to ν_x², its fading time [s], and the time between readings [s].
+    """Return the variance of the mean slip relative to ν_x², its decay time [s], and the time between readings [s].
 
     The mean is over the sensors in use that measure the speed and slip; their slips are independent. Without such
     sensors, return 0, 1 and 0.
@@ -125,7 +126,7 @@ def slip_statistics(
 def scale_std(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) -> np.ndarray:
     """Return the standard deviations (2,) of the scales of speed and yaw rate, for these channels in use.
 
-    If no channel measures the speed, the speed has the scale error of the model, which was identified by gyro and
+    If no channel measures the speed, the speed has the scale error of the model, which was identified with gyro and
     accelerometer.
     """
     forward_stds, turning_stds = (

@@ -1,7 +1,7 @@
-"""The velocity that each sensor measures, derived from its h, also for your own sensors.
+"""The velocity that each sensor measures, derived from its h, even for your own sensors.
 
-Rows of z = h(η, ν, ν̇) that depend only on ν are readings of a velocity. A sensor with a row of ν_ψ only is a gyro and
-is used first. Wheels and odometers follow, each for the entries u of ν that no earlier sensor measures:
+Rows of z = h(η, ν, ν̇) that depend only on ν are readings of a velocity. A sensor with a row that depends only on ν_ψ
+is a gyro, and is used first. Wheels and odometers follow, each for the entries u of ν that no earlier sensor measures:
 
     z = h(0) + H ν,    L H_u = I,   L = (H_uᵀ H_u)⁻¹ H_uᵀ                                                 (1)
 
@@ -76,7 +76,7 @@ def velocity_rows(sensor: Sensor) -> dict[int, np.ndarray]:
 def measured_velocity(
     readings: tuple[Reading, ...], sensors: SensorBlocks, slots: ByName[Slot], nu: np.ndarray
 ) -> Value:
-    """Return ν (3,) in which the readings that arrived replace the entries that they measure."""
+    """Return ν (3,), in which each reading that arrived replaces the entries that it measures."""
     for reading in readings:
         nu = replace_velocity(reading, getattr(sensors, reading.name), getattr(slots, reading.name), nu)
     return nu

@@ -5,8 +5,8 @@
     interval: x̂ ± t_{B−p} √cov                                                                             (3)
 
 Residuals of neighbouring windows share samples and the slow errors of the vehicle. Sums over batches longer than both
-are practically independent, whatever the autocorrelation inside a batch. (2) is the sandwich estimator with batches
-as clusters. With few batches its scatter is large, so the quantile is Student's.
+are practically independent, for any autocorrelation inside a batch. (2) is the sandwich estimator with batches as
+clusters. With few batches its scatter is large, so Student's quantile is used.
 
 Source: Liang and Zeger 1986; Cornish and Fisher for Student's quantile (3e-3 from 7 degrees of freedom on; exact
 below 5).
@@ -20,11 +20,11 @@ from baqueano.identify.residuals.simulation import HUBER
 def batch_covariance(
     jacobian: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
-    """Return the covariance (p, p) of (2). It is infinite if a direction has zero derivative, or with at most p
+    """Return the covariance (p, p) of (2). It is infinite if a direction has zero derivative, or for at most p
     batches.
 
-    `jacobian` (N, p) are the derivatives, `residuals` and `weights` (N,) belong to the rows, and `batch` (N,) is the
-    batch number of each row. Rows whose weight is below 1 are Huber's outliers, where ρ'' = 0.
+    `jacobian` (N, p) contains the derivatives; `residuals` and `weights` (N,) have one entry for each row. `batch`
+    (N,) is the batch number of each row. Rows with a weight below 1 are Huber's outliers, where ρ'' = 0.
     """
     p, count = jacobian.shape[1], len(np.unique(batch))
     scale = np.sqrt(np.maximum(np.sum(jacobian**2, axis=0), 1e-300))

@@ -5,10 +5,10 @@
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
 
 (1) is the sandwich of an M-estimator. γ_c(l) in (2) is the autocovariance of ψ in channel c, L = 5 s or a tenth of a
-shorter run. (3) is for a run in K segments (segments.py) with q shared parameters; it keeps the correlations. The sum
-of the autocorrelation over the first ticks decides if residuals are white. If a channel has fewer than FEW
-measurements, ψ² is set to 1, its mean if σ is right. docs/derivations/robust_covariance.md gives the reasons.
-Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
+shorter run. (3) is for a run in K segments (segments.py) with q shared parameters; it does not change the
+correlations. The sum of the autocorrelation over the first ticks decides if residuals are white. If a channel has
+fewer than MIN_MEASUREMENTS, ψ² is set to 1, which is its mean if σ is correct. docs/derivations/robust_covariance.md
+gives the reasons. Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
 """
 
 from typing import Any, NamedTuple
@@ -25,9 +25,9 @@ MAX_DERIVATIVE = (
     1e100  # derivatives beyond it belong to a model that diverged; their squares are still finite
 )
 MIN_SEGMENTS_PER_PARAMETER = (
-    2  # segments for each shared parameter: with fewer, the fit draws the sums of scores to 0
+    2  # segments for each shared parameter: with fewer, the fit pulls the sums of scores to 0
 )
-WHITE_LIMIT = 0.15  # of the variance: the least sum of autocorrelation that is not taken for white noise
+WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not treated as white noise
 
 
 class Information(NamedTuple):
@@ -39,7 +39,9 @@ class Information(NamedTuple):
     autocorrelated: bool  # True if B is that of (2)
     autocorrelation: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
     sample_count: int
-    scores: np.ndarray | None = None  # (K, p) s_k of (3); None if the runs are whole, or the residuals white
+    scores: np.ndarray | None = (
+        None  # (K, p) s_k of (3); None if the runs are not split, or the residuals are white
+    )
     shared: int = 0  # q
 
 
@@ -80,7 +82,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
 
 
 def _scores_by_segment(problem: Residuals, segments: list[Any]) -> np.ndarray | None:
-    """Return s_k (K, p) of (3), or None if the runs are whole or the segments too few."""
+    """Return s_k (K, p) of (3), or None if the runs are not split or have too few segments."""
     layout, count = problem.layout, len(segments)
     if count == max(layout.runs) + 1 or count < MIN_SEGMENTS_PER_PARAMETER * layout.first_start:
         return None
@@ -94,12 +96,12 @@ def _scores_by_segment(problem: Residuals, segments: list[Any]) -> np.ndarray | 
 def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B (p, p) for residuals (N, m) with derivatives (N, m, p).  (1)"""
     magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
-    # few residuals are clipped: to subtract them costs less than to select the others
+    # few residuals are clipped: subtracting them is faster than selecting the others
     return gram(d) - gram(d[magnitude >= HUBER]), gram(d, np.minimum(magnitude, HUBER) ** 2)
 
 
 def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
-    """Return the covariance (k, k) of the entries `identifiable` of θ, with the others fixed.  (1), (3)"""
+    """Return the covariance (k, k) of the entries `identifiable` of θ, if the others are fixed.  (1), (3)"""
     index = np.ix_(identifiable, identifiable)
     scale = np.sqrt(np.diagonal(info.bread)[identifiable])
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -118,14 +120,16 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
 
 
 def inverse(A: np.ndarray) -> np.ndarray:
-    """Return A⁻¹ (p, p), computed from scaled entries; directions without information get 0."""
+    """Return the pseudo-inverse (p, p) of A, from scaled entries; it is 0 in directions without information."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     return np.linalg.pinv(A / np.outer(root, root), rcond=1e-12, hermitian=True) / np.outer(root, root)
 
 
 def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
-    """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, 0 if not significant. Residuals are clipped;
-    rows without a measurement are excluded."""
+    """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant.
+
+    Residuals are clipped, and rows without a measurement are excluded.
+    """
     sums = parallel_map(_lag_products, residuals, has, rows=sum(map(len, has)))
     total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
@@ -134,7 +138,7 @@ def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> 
 
 
 def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
-    """Return (3, m) for residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and the number of values x."""
+    """Return (3, m) for residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and the number of values of x."""
     products = np.zeros((3, r.shape[1]))
     for c in range(r.shape[1]):
         x = r[is_present[:, c] > 0.0, c]
@@ -150,7 +154,7 @@ def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
 
 
 def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
-    """Return B (p, p) of scores ψ (N, m) with derivatives d (N, m, p), by the autocovariance of ψ.  (2)"""
+    """Return B (p, p) for scores ψ (N, m) and derivatives d (N, m, p), from the autocovariance of ψ.  (2)"""
     n, m, p = d.shape
     lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
     fft_length = 1 << int(np.ceil(np.log2(2 * n)))
@@ -173,8 +177,10 @@ def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s:
 
 
 def _root(B: np.ndarray) -> np.ndarray:
-    """Return F (k, k) with F Fᵀ = B plus a small number on its diagonal. If rounding makes eigenvalues of B
-    negative, that number replaces them."""
+    """Return F (k, k) with F Fᵀ = B + ε I, where ε is small.
+
+    If B has negative eigenvalues because of rounding, ε replaces all eigenvalues below ε.
+    """
     jitter = 1e-13 * max(float(np.trace(B)), 1e-300)
     try:
         return np.linalg.cholesky(B + jitter * np.eye(len(B)))
@@ -185,7 +191,8 @@ def _root(B: np.ndarray) -> np.ndarray:
 
 def own_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
     """Return the smallest eigenvalue of the normalised information on the entries `index`, with the `others`
-    eliminated. Return 0 if one of the entries `index` is without information."""
+    eliminated. Return 0 if one of the entries `index` does not have information.
+    """
     if not np.all(np.diagonal(A)[index] > 0.0):
         return 0.0
     indices = np.concatenate([index, others])

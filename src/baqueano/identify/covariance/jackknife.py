@@ -5,12 +5,12 @@
     cov ← D cov D,   D_i² = max(cov, A⁻¹, A⁻¹ B A⁻¹)_ii / cov_ii                                           (3)
     cov_ii ← max(C, (2))_ii   where   tr C⁻¹ (2) / k > 1 + 4 √(2/(n k)),   C = A⁻¹ B A⁻¹                   (4)
 
-(3) is for a model that lacks an effect, (4) for a correct model, over its k shared parameters. No parameter may depend
-on one block only, as on the block with a hand measurement at the end. Longer runs have longer blocks, at most MOST. In
-a run of segments (segments.py) each block is inside one segment, and d⊥ replaces ∂r in (1). Then the segments
-themselves are the blocks, at least FEWEST_SEGMENTS, and (4) is applied again. docs/derivations/robust_covariance.md
-gives the reasons.
-Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
+(3) is for a model that lacks an effect, (4) for a correct model, over its k shared parameters. A parameter must not
+depend on one block only, for example on the block with a hand measurement at the end. Longer runs have longer blocks,
+at most MAX_BLOCKS. In a run of segments (segments.py) each block is inside one segment, and d⊥ replaces ∂r in (1).
+Then the segments themselves are the blocks, at least MIN_SEGMENTS, and (4) is applied again.
+docs/derivations/robust_covariance.md gives the reasons. Sources: Quenouille 1956, Tukey 1958; one step of
+Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 
 from collections.abc import Iterator
@@ -28,8 +28,8 @@ BLOCK_S = 2.0  # one minute contains more blocks than a fit has parameters
 MIN_BLOCKS, MAX_BLOCKS = 10, 60  # blocks
 MIN_SEGMENTS = 3  # fewer segments agree or disagree by chance
 SIGNIFICANT_SIGMA = 4.0  # times the scatter of white noise
-MIN_REMAINDER = 1e-3  # part of the information on each entry that stays without a block; a start would have 0
-MAX_BLOCK_SHARE = 0.9  # largest part of the information on any direction that one block may have
+MIN_REMAINDER = 1e-3  # part of the information that remains without a block; an initial state would have 0
+MAX_BLOCK_SHARE = 0.9  # largest part of the information on a direction that is allowed for one block
 MAX_SEGMENT_SHARE = 0.99  # the same for one segment
 
 
@@ -43,9 +43,10 @@ def jackknife(
 ) -> np.ndarray | None:
     """Return the covariance (k, k) of the `identifiable` entries of θ. `bread` (p, p) is the information.  (1), (2)
 
-    If runs are cut, the starts are eliminated first. If `by_segment`, each segment is one block. Return None for too
-    few blocks, no entries, a model that diverged, or `by_segment` with whole runs. If `alike`, return None also if
-    one block has more than MOST_KNOWN of the information (one segment: MOST_OF_SEGMENT).
+    If runs are split, the initial states of the segments are eliminated first. If `by_segment`, each segment is one
+    block. Return None for too few blocks, no entries, a model that diverged, or `by_segment` with runs that are not
+    split. If `alike`, also return None if one block has more than MAX_BLOCK_SHARE of the information on a direction
+    (one segment: MAX_SEGMENT_SHARE).
     """
     if not len(identifiable) or (by_segment and not _is_cut(problem)):
         return None
@@ -65,7 +66,7 @@ def jackknife(
             g[:, is_identifiable] / root[positions],
             A_b[:, is_identifiable][:, :, is_identifiable] / np.outer(root[positions], root[positions]),
         )
-        # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, with C the part of A⁻¹ of these
+        # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g; C is the part of A⁻¹ for these
         remainder = (1.0 + MIN_REMAINDER) * np.eye(len(positions)) - A_b @ inverse[
             np.ix_(positions, positions)
         ]
@@ -90,7 +91,7 @@ def block_duration_s(problem: Residuals) -> float:
 
 
 def edges_of(record: FitRecord, block_s: float, n: int) -> list[int]:
-    """Return the rows at which the blocks of a segment of `n` rows begin, and `n`."""
+    """Return the rows at which the blocks of a segment begin, and its number of rows `n` as the last entry."""
     ends = np.cumsum(record.dt_s[record.lead :])
     first = record.lead + np.flatnonzero(np.diff(ends // block_s, prepend=-1.0))
     return [*first.tolist(), n]
@@ -99,8 +100,10 @@ def edges_of(record: FitRecord, block_s: float, n: int) -> list[int]:
 def segment_derivatives(
     problem: Residuals, theta: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield for each segment r (N, m), ∂r (N, m, q) and the indices of the q entries in θ. If runs are cut, the
-    starts are eliminated, and ∂r is NaN in a segment in which the model diverged."""
+    """Yield for each segment r (N, m), ∂r (N, m, q) and the indices of the q entries in θ.
+
+    If runs are split, the initial states are eliminated, and ∂r is NaN in a segment in which the model diverged.
+    """
     for r, d, index in problem.sensitivities(theta):
         if not _is_cut(problem):
             yield r, d, index
@@ -113,12 +116,12 @@ def segment_derivatives(
 
 
 def _is_cut(problem: Residuals) -> bool:
-    """Return True if runs are cut into segments."""
+    """Return True if any run is split into segments."""
     return len(problem.records) > max(problem.layout.runs) + 1
 
 
 def _total_s(problem: Residuals) -> float:
-    """Return the duration of all runs [s], without the leads of their segments."""
+    """Return the total duration of all runs [s], without the leads of their segments."""
     return sum(float(np.sum(record.dt_s[record.lead :])) for record in problem.records)
 
 
@@ -130,7 +133,7 @@ def _is_dominated_by_one_block(
     this run with the shared entries."""
     increase = cross_cov.T @ np.linalg.solve(
         remainder, A_b @ cross_cov
-    )  # increase of `own` without the block
+    )  # increase of `shared_cov` without the block
     slack = max_share / (1.0 - max_share) * shared_cov - 0.5 * (increase + increase.transpose(0, 2, 1))
     try:
         np.linalg.cholesky(slack)
@@ -154,11 +157,11 @@ def _block_sums(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndar
 def with_larger_errors(
     problem: Residuals, cov: np.ndarray, jackknife_cov: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p) with the errors of the first k entries raised to their errors in `jackknife_cov` (p, p), if
+    """Return `cov` (p, p). The standard errors of the first k entries are replaced by those of `jackknife_cov`, if
     larger.
 
-    All runs share the first k entries. Return `cov` unchanged without `jackknife_cov`, or if the blocks (`by_segment`:
-    the segments) agree.  (4)"""
+    All runs share the first k entries. Return `cov` unchanged if `jackknife_cov` is None, or if the two covariances
+    agree within the scatter of the blocks (`by_segment`: of the segments).  (4)"""
     if jackknife_cov is None or not k:
         return cov
     shared_cov, block_cov = cov[:k, :k], jackknife_cov[:k, :k]
@@ -174,8 +177,9 @@ def with_larger_errors(
 
 
 def with_jackknife(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
-    """Return `info` with the error of each `identifiable` entry raised to its error in `cov` (k, k), if that is
-    larger.  (3)"""
+    """Return `info` with B replaced, so that no `identifiable` entry has a smaller standard error than in `cov` (k,
+    k). The correlations are those of `cov`.  (3)
+    """
     index = np.ix_(identifiable, identifiable)
     A, meat = info.bread[index], info.meat.copy()
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))

@@ -1,6 +1,7 @@
 """Compute quantiles of the normal distribution and of Student's t, without SciPy.
 
-Cornish and Fisher's expansion is within 3e-3 from 7 degrees of freedom on; below 5 it is exact.
+The error of Cornish and Fisher's expansion is at most 3e-3 from 7 degrees of freedom on. Below 5, the exact quantile
+is computed.
 """
 
 from statistics import NormalDist
@@ -11,7 +12,7 @@ QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a no
 
 
 def student_quantile(probability: float, freedom: float) -> float:
-    """Return the quantile of Student's t with `freedom` degrees of freedom, a whole number if below 5."""
+    """Return the quantile of Student's t with `freedom` degrees of freedom (below 5: a whole number)."""
     if freedom < 5:
         return _exact_student_quantile(probability, int(freedom))
     z, n = NormalDist().inv_cdf(probability), float(freedom)

@@ -5,11 +5,11 @@
     cov ← cov + σ² v vᵀ,   v = A⁻¹ g,   g = Σ_t ψ'(r_t) W_t ∂r_t                                          (3)
     σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
 
-g is the gradient of the cost, A its information. g_s is computed with measurements changed by ± STEP, at the θ of the
-fit. With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. A data sheet's tolerance ± a is a
-uniform distribution, σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7). (3) is for the fixed zero
-of a car's gyro; W are the weights of its readings. σ is the error of the zero at rest if that was measured. Else it is
-(4), estimated from the run itself, at most the value of the data sheet.
+g is the gradient of the cost, A is the information. g_s is computed with measurements changed by ± RELATIVE_STEP, at
+the θ of the fit. With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. A data sheet's
+tolerance ± a is a uniform distribution, σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7). (3)
+is for the fixed zero of a car's gyro; W are the weights of its readings. σ is the standard error of the zero at rest
+if it was measured. Otherwise σ is estimated from the run by (4), and is at most the value of the data sheet.
 """
 
 from collections.abc import Callable, Mapping
@@ -44,9 +44,11 @@ def std_of_tolerance(tolerance: float) -> float:
 def scale_stds(
     vehicle_file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None
 ) -> np.ndarray:
-    """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance`
-    {"accel", "gyro"}, else from the measurement in the file, else from a data sheet. Raise UsageError for an
-    unknown key, or a tolerance outside 0 to 1."""
+    """Return the relative standard deviations (3,) of the scales of an IMU.
+
+    They are computed from `tolerance` (keys "accel", "gyro"). Otherwise the standard error in the file is used, or
+    the tolerance of a data sheet. Raise UsageError for an unknown key, or a tolerance outside 0 to 1.
+    """
     tolerances = dict(tolerance or {})
     if not set(tolerances) <= set(DATA_SHEET_TOLERANCES) or any(
         not 0.0 <= x < 1.0 for x in tolerances.values()
@@ -70,7 +72,7 @@ def scale_stds(
 def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
     """Return the file with standard deviations of scales: {"sensors.imu.gyro_scale": 0.01} means ± 1 % of the value.
 
-    Raise UsageError for a path that is not a scale of an IMU of the file, and for a tolerance outside 0 to 1.
+    Raise UsageError for a path that is not a scale of an IMU in the file, and for a tolerance outside 0 to 1.
     """
     from baqueano.vehicle_file import Provenance
 
@@ -124,8 +126,11 @@ def covariance_of_zeros(
     bread: np.ndarray,
     vehicle_file: "VehicleFile",
 ) -> np.ndarray:
-    """Return the covariance (p, p) that fixed zeros of gyros add to the `identifiable` (p,) entries of θ. A zero
-    that θ contains adds 0. `bread` (p, p) is the information.  (3), (4)"""
+    """Return the covariance (p, p) that fixed zeros of gyros add.
+
+    `identifiable` (p,) is a mask of entries of θ, and `bread` (p, p) is the information. A zero that θ contains adds
+    0.  (3), (4)
+    """
     cov, positions, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
     free_paths = {*problem.shape.shared, *problem.shape.per_run}
     gyros = [
@@ -164,8 +169,8 @@ def with_systematic_errors(
 ) -> Information:
     """Return `info` with the effect of errors in the scales and in the zero of the gyro.  (2)
 
-    `scales` (m,) and `zero_rad_s` [rad/s] are standard deviations. `slope(c, scale, shift)` returns the gradient (p,)
-    if channel c is divided by `scale` and raised by `shift`.
+    `scales` (m,) and `zero_rad_s` [rad/s] are standard deviations. `gradient(c, scale, shift)` returns the gradient
+    (p,) of the cost if channel c is divided by `scale` and `shift` is added to it.
     """
     meat = info.meat.copy()
     for c in np.flatnonzero(scales > 0.0):

@@ -1,12 +1,12 @@
-"""Add channels that do not belong to a sensor to a fit: the truth, and the voltage of the battery.
+"""Add channels to a fit that are not sensors of the vehicle: the truth, and the voltage of the battery.
 
     ν of the mark = R(−χ) (ν_x − l_y ν_ψ,  ν_y + l_x ν_ψ)                                                  (1)
 
-The truth is z = ν of a simulation, from which the paper estimates its matrices, or the pose that a camera measured. The
-place of the mark is a parameter, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad". It belongs to the
-recording and is not written to a vehicle file. If battery = "logged" in the drivetrain, each row ends with the newest
-voltage of the channel `battery`. It replaces `battery_v`; the actuator matrix is then valid at `battery_nominal_v`. A
-fit sets battery = "logged" itself if `battery_effect` is free.
+The truth is z = ν of a simulation, from which the paper estimates its matrices, or the pose that a camera measured.
+The pose of the mark on the body is a parameter, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad". It
+belongs to the recording and is not written to a vehicle file. If battery = "logged" in the drivetrain, each row ends
+with the newest voltage of the channel `battery`. This voltage replaces `battery_v`, and the actuator matrix is valid
+at `battery_nominal_v`. A fit sets battery = "logged" itself if `battery_effect` is free.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from baqueano.vehicles.bounds import check_bounds
 TRUTH = "truth"
 MOUNT_PREFIX = f"sensors.{TRUTH}."  # prefix of parameters that belong to a recording
 BATTERY_CHANNEL = "battery"  # of the run
-VOLTAGE_KEY = "voltage of the battery"  # its key in a record; not the name of a sensor
+VOLTAGE_KEY = "voltage of the battery"  # key of the voltage in a record; it cannot be the name of a sensor
 VOLTAGE_RATIO_RANGE = (0.5, 2.0)  # of the nominal voltage
 
 
@@ -57,8 +57,10 @@ class Velocity:
 
 
 def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], Any]:
-    """Return the runs with their truth as a sensor, and the sensor blocks with a block for the truth. Raise
-    UsageError if a run does not contain a truth."""
+    """Return the runs with their truth as a sensor, and the sensor blocks with a block for the truth.
+
+    The truth is a velocity if all runs contain one, else a pose. Raise UsageError if a run does not contain a truth.
+    """
     runs_with_truth = []
     has_velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
     for run in runs:
@@ -72,8 +74,10 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
 
 
 def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
-    """Return the records with the voltage of their run, if the drivetrain requires it. Raise UsageError if no run
-    contains a voltage, or if a voltage is far from the nominal voltage."""
+    """Return the records with the voltage of their run, if the drivetrain requires it.
+
+    Raise UsageError if no run contains a voltage, or if the median voltage of a run is far from the nominal voltage.
+    """
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)
@@ -97,7 +101,7 @@ def _has_voltage(run: Run) -> bool:
 
 
 def _voltage_at_rows(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
-    """Return the voltage (N,) [V] at the rows of the record."""
+    """Return the voltage (N,) [V] at the rows of the record, or `battery_v` for a run without a measured voltage."""
     if not _has_voltage(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))
     channel = run.sensors[BATTERY_CHANNEL]

@@ -1,17 +1,17 @@
-"""Read measurements by hand: the distance from the start by tape, and the angle that the vehicle turned.
+"""Read measurements made by hand: the distance from the start by tape, and the angle that the vehicle turned.
 
     d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (1)
-    σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN,   d_0 without noise                                          (2)
+    σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN_VEHICLES,   d_0 without noise                                          (2)
 
     "12.4 s: 2.31 m"               2.31 m from the start of the run, 12.4 s after the first tick
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
-    "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, with its standard deviation; default 1 cm and 2 degrees
+    "monday 5 s: 1.2 ± 0.02 m"     of the run "monday", with a standard deviation; default 1 cm and 2 degrees
 
-A measurement describes the pose at its time. The run begins at x = y = ψ = 0 and is not cut into segments. Measurements
-determine the scale of speed and gyro, which no sensor on board shows. An angle is used as a direction, so the model
-must predict it within half a turn. The floor moves the vehicle away from its simulation, by the spread of DRAWN
-vehicles under the file's `process_noise_std` (2). If this number is 0, a tape after a minute is weighted with an error
-of only 1 cm: measure early.
+A measurement describes the pose at its time. The run begins at x = y = ψ = 0 and is not split into segments.
+Measurements determine the scales of the speed and of the gyro, which the sensors on board do not show. An angle is
+used as a direction, so the model must predict it within half a turn. Process noise moves the vehicle away from its
+simulation, by the spread of DRAWN_VEHICLES vehicles with the `process_noise_std` of the file (2). If this value is 0,
+a tape measurement after a minute has the weight of an error of only 1 cm: measure early.
 """
 
 import re
@@ -32,7 +32,7 @@ from baqueano.symbolic import scan
 LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # accuracy of a tape and a line of chalk
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
-DRAWN_VEHICLES = 24  # simulated vehicles; they give σ to 15 %
+DRAWN_VEHICLES = 24  # simulated vehicles; with these, the error of σ is 15 %
 SMOOTHING_M = 1e-3  # keeps the root of (1) smooth at the mark
 LINE_PATTERN = re.compile(
     r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
@@ -94,7 +94,7 @@ class TurnAngle:
 
     @property
     def cov(self) -> np.ndarray:
-        """Return the covariance Q (2, 2); along the circle it is the variance of the angle."""
+        """Return the covariance Q (2, 2); its component along the unit circle is the variance of the angle [rad²]."""
         return np.eye(2) * self.std**2
 
     def h(self, motion: Motion) -> np.ndarray:
@@ -110,8 +110,10 @@ EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
 def with_tape(
     runs: Sequence[Run], blocks: FittedBlocks, measured: Sequence[str]
 ) -> tuple[list[Run], FittedBlocks]:
-    """Return the runs with the hand measurements among their sensors, one channel each, and the blocks with these
-    sensors added."""
+    """Return the runs with one channel for each hand measurement, and the blocks with a sensor for each channel.
+
+    `measured` contains lines such as "12.4 s: 2.31 m". Raise UsageError for a line that cannot be parsed.
+    """
     runs_with_tape, sensors = list(runs), blocks.sensors._asdict()
     for line in measured:
         run_index, measurements = read_line(line, runs)
@@ -132,7 +134,7 @@ def with_tape(
 
 
 def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
-    """Return the standard deviation that process noise adds to the measurement, in its unit.  (2)"""
+    """Return the standard deviation that process noise adds to the measurement, in the unit of `z`.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
     tick_count = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
@@ -155,8 +157,10 @@ def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
 
 
 def read_line(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
-    """Return the index of the run, and its measurements in `line`. Raise UsageError for a line that cannot be
-    parsed."""
+    """Return the index of the run that `line` names, and the measurements in the line.
+
+    Raise UsageError for a line that cannot be parsed, an unknown run, or a time outside the run.
+    """
     match = LINE_PATTERN.match(line.replace(",", ", "))
     if match is None:
         raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))

@@ -1,15 +1,15 @@
-"""Convert a run to the rows of a fit: one row per tick, with all that was measured during that tick.
+"""Convert a run to the rows of a fit: one row per tick, with all measurements of that tick.
 
-    dt_k = t_k − t_{k−1},  u_k in force during it,  z_k measured at its end, has_k = 0 without a measurement   (1)
+    dt_k = t_k − t_{k−1},  u_k applied in dt_k,  z_k measured at its end,  has_k = 0 without a measurement   (1)
 
-Ticks may be irregular. A long tick is cut into equal rows, so that the integrator stays exact. A step of Runge-Kutta
-must be short compared with the fastest motion of a small vehicle, 15 ms. Only the last of these rows has measurements.
-A measurement belongs to the tick that ends at its timestamp (not at its arrival), or to the first tick after it. If a
-tick contains several measurements, the last one counts. Excluded are entries that are not finite, entries that
-diagnostics/samples.py removed, and measurements before the first tick. Readings at the end of the sensor's range are
-excluded and counted. If a sensor and the commands have different clocks, a reading stamped t happened at t + o, |o| ≤
-CLOCK_S. Readings of this sensor are assigned CLOCK_S after their timestamp. The model's h is then evaluated with that
-delay (vehicles/delay.py).
+Ticks can be irregular. A long tick is split into equal rows, so that the integrator stays accurate. A Runge-Kutta
+step must be short compared with the fastest time constant of a small vehicle, 15 ms. Only the last of these rows has
+measurements. A measurement belongs to the tick that ends at its timestamp (not at its arrival), or to the first tick
+after it. If a tick contains several measurements, the last one is used. Entries that are not finite, entries that
+diagnostics/samples.py removed, and measurements before the first tick are excluded. Readings at the end of the
+sensor's range are excluded and counted. If a sensor and the commands have different clocks, a reading with timestamp
+t was taken at t + o, |o| ≤ MAX_CLOCK_OFFSET_S. Readings of this sensor are assigned MAX_CLOCK_OFFSET_S after their
+timestamp, and the model's h is evaluated with that delay (vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ from baqueano.vehicles.rk4 import MAX_ROW_S, row_counts
 
 GAP_STEPS = 2.5  # median steps, above which a step is a gap
 ROW_TOLERANCE = 1e-6  # of a row: rounding
-MAX_EARLY_FRACTION = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
+MAX_EARLY_FRACTION = 0.02  # of a step: a timestamp this close to a tick is treated as equal to it
 MAX_CLOCK_OFFSET_S = 0.25  # the largest clock offset that a fit estimates
 
 
@@ -38,8 +38,8 @@ class Measurements(NamedTuple):
     has: np.ndarray  # (N, m) 1.0 at each measurement, else 0.0
     sample_fraction: (
         np.ndarray | None
-    )  # (N,) part of the step by which it precedes the tick; None: on the tick;
-    # if the clock of the sensor is free: the age of the reading at the row's end [s]
+    )  # (N,) part of the step by which the reading precedes the tick; None: on the tick;
+    # if the clock offset of the sensor is free: the age of the reading at the end of the row [s]
 
 
 class FitRecord(NamedTuple):
@@ -61,9 +61,12 @@ def record_of(
     used_channels: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> FitRecord:
-    """Return the rows of `run` for the sensor blocks, by name. `used_channels` limits a sensor to the listed channels.
-    Readings of the sensors in `clocks` are assigned CLOCK_S after their timestamp. Raise UsageError for a run with
-    fewer than 2 ticks."""
+    """Return the rows of `run`, with the readings of `sensors` (name → block).
+
+    `used_channels` limits a sensor to the listed channels. Readings of the sensors in `clocks` are assigned
+    MAX_CLOCK_OFFSET_S after their timestamp. Raise UsageError for a run with fewer than 2 ticks, without a finite
+    command, or without a fitting channel of a sensor.
+    """
     if len(run.t_ns) < 2:
         raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
     steps = np.diff(run.t_ns)
@@ -106,7 +109,7 @@ def past_rows_of(runs: Sequence[Run]) -> Callable[[float], int]:
         spans = [np.min(t[count:] - t[:-count], initial=np.inf) for t in ends]
         return count + bool(
             min(spans, default=np.inf) < delay_s * (1.0 - ROW_TOLERANCE)
-        )  # one more where ticks are uneven
+        )  # one more row if ticks are uneven
 
     return row_count
 
@@ -125,8 +128,11 @@ def first_rows(record: FitRecord, row_count: int) -> FitRecord:
 
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return u (N, n), with unknown commands replaced by the last finite command (0 before the first), and notes
-    about them. Raise UsageError if all commands are unknown."""
+    """Return u (N, n) and a note on unknown commands.
+
+    An unknown command is replaced by the last finite command, or by 0 before the first finite command. Raise
+    UsageError if all commands are unknown.
+    """
     finite = np.asarray(np.isfinite(run.applied).all(axis=1))
     if finite.all():
         return run.applied, []
@@ -140,8 +146,11 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
 def _measurements(
     run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], max_offset_s: float
 ) -> Measurements:
-    """Return the measurements of one sensor in ends[-1] + 1 rows. `ends` contains the last row of each tick. Each
-    reading is assigned `max_offset_s` after its timestamp."""
+    """Return the measurements of one sensor in ends[-1] + 1 rows.
+
+    `ends` contains the last row of each tick. Each reading is assigned `max_offset_s` after its timestamp. Messages
+    are added to `notes`. Raise UsageError for a run without this sensor, or with another number of channels.
+    """
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
@@ -169,7 +178,7 @@ def _measurements(
         age_s = np.zeros(row_count)
         age_s[row_index] = seconds(run.t_ns[tick[is_inside]], channel.t_ns[is_inside])
         has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * MAX_CLOCK_OFFSET_S))])] = (
-            0.0  # delay line fills
+            0.0  # the delay line is not full yet
         )
         return Measurements(z, has, age_s)
     return Measurements(
@@ -208,7 +217,7 @@ def _sound_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic
 
 
 def range_of(block: Tree) -> np.ndarray | None:
-    """Return the end of the range (m,) of an IMU, or None for other sensors."""
+    """Return the largest magnitude (m,) of a reading inside the range of an IMU, or None for other sensors."""
     if not has_field(block, "accel_limit"):
         return None
     step = np.array([block.accel_step, block.accel_step, block.gyro_step])
@@ -216,7 +225,7 @@ def range_of(block: Tree) -> np.ndarray | None:
 
 
 def offset_rows(dt_s: np.ndarray) -> int:
-    """Return the number of past rows that offsets of ± CLOCK_S need, with steps `dt_s` (N,) [s]."""
+    """Return the number of past rows that offsets of ± MAX_CLOCK_OFFSET_S need, for steps `dt_s` (N,) [s]."""
     return int(np.ceil(2.0 * MAX_CLOCK_OFFSET_S / float(np.median(dt_s)))) + 2
 
 

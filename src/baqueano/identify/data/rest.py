@@ -3,11 +3,12 @@
     b = b₀ + mean of (z − h), over the readings after REST_S without a command                            (1)
     w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
 
-From the drive of a car, the bias of its gyro cannot be separated from a small steering offset. So the bias of a car is
-not estimated with the model. It is (1) if a run is at rest for LEAST_S more, else the value in the vehicle file. A run
-begins at rest if its first readings of a speed are 0 within FAR w. w is their white noise, by von Neumann's estimate
-over the whole run. Without a speed sensor, the run must begin without a command. Before the first command the standard
-deviation of the readings must be below QUIET w: a vehicle that coasts slows down.
+From the drive of a car, the bias of its gyro cannot be separated from a small steering offset. So the bias of a car
+is not estimated with the model. It is (1) if the vehicle rests for MIN_REST_S more, else the value in the vehicle
+file. A run begins at rest if its first speed readings are 0 within ZERO_SPEED_FACTOR w. w is the standard deviation
+of their white noise, by von Neumann's estimate over the whole run. Without a speed sensor, the run must begin without
+a command. Before the first command the standard deviation of the readings must be below REST_NOISE_FACTOR w: a
+coasting vehicle slows down, so its readings vary more.
 """
 
 from collections.abc import Sequence
@@ -25,21 +26,21 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-REST_S = 1.0  # without any command, before the vehicle counts as at rest
+REST_S = 1.0  # without any command, before the vehicle is treated as at rest
 TOLERANCE = 1e-9  # tolerance for readings without noise
-MIN_REST_S = 1.0  # of measurements after REST_S, the shortest time for a bias
-ZERO_SPEED_FACTOR = 4.0  # times w, the largest reading of a speed that counts as 0
+MIN_REST_S = 1.0  # shortest duration of the measurements after REST_S for a bias
+ZERO_SPEED_FACTOR = 4.0  # times w: the largest speed reading that is treated as 0
 FIRST_READINGS = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
-REST_NOISE_FACTOR = (
-    2.0  # times w, or the noise of the file: a gyro that scatters more is being turned by hand
-)
+REST_NOISE_FACTOR = 2.0  # times w, or the noise in the file: a gyro with more scatter is being turned by hand
 
 
 def with_gyro_at_rest(
     vehicle_file: "VehicleFile", runs: Sequence[Run]
 ) -> tuple["VehicleFile", Diagnostic | None]:
-    """Return the file with the bias of the first gyro that was at rest in the runs, and a message. Return the file
-    unchanged and None if the runs do not contain a rest."""
+    """Return the file with the bias of the first gyro that was at rest in the runs, and a message.
+
+    If the vehicle was not at rest in any run, return the unchanged file and None.
+    """
     for name, sensor in vehicle_file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue
@@ -57,7 +58,7 @@ def with_gyro_at_rest(
 
 
 def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
-    """Return True if a run begins at rest, as far as its commands and `sensors` show.  (2)"""
+    """Return True if a run begins at rest, judged by its commands and the readings of `sensors`.  (2)"""
     driven_ticks = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # NaN counts as driven
     first_ns = run.t_ns[max(driven_ticks[0] - 1, 0)] if len(driven_ticks) else run.t_ns[-1]
     is_quiet = not len(driven_ticks) or driven_ticks[0] > 0
@@ -72,7 +73,7 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
             first_speeds = np.abs(channel.z[:FIRST_READINGS, shows_speed(sensor)])
             return not np.any(
                 first_speeds > ZERO_SPEED_FACTOR * white_std[shows_speed(sensor)] + TOLERANCE
-            )  # NaN does not count as moving
+            )  # NaN is not treated as moving
         readings_before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         is_quiet = (
             is_quiet
@@ -93,7 +94,7 @@ def shows_speed(sensor: "Tree") -> np.ndarray:
 
 
 def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
-    """Return a mask (K,), True at the times `t_ns` (K,) that follow REST_S without a command."""
+    """Return a mask (K,), True at the times `t_ns` (K,) that come after REST_S without a command."""
     driven_ticks = np.any(run.applied != 0.0, axis=1)  # NaN counts as driven
     last_driven_ns = np.maximum.accumulate(np.where(driven_ticks, run.t_ns, run.t_ns[0]))
     tick = np.clip(np.searchsorted(run.t_ns, t_ns), 0, len(run.t_ns) - 1)
@@ -101,7 +102,10 @@ def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
 
 
 def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
-    """Return the gyro readings minus the model (K,) while the vehicle was at rest; empty if it was not."""
+    """Return gyro readings minus model (K,) [rad/s] while the vehicle was at rest.
+
+    The array is empty if the rest is too short, or if the vehicle was turned by hand.
+    """
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)

@@ -1,13 +1,13 @@
-"""Cut a long run into short segments, each with its own start: multiple shooting.
+"""Split a long run into short segments, each with its own initial state: multiple shooting.
 
     A_r = A − A_s A_ss⁻¹ A_sᵀ,   B_r = G B Gᵀ,   G = (I, −A_s A_ss⁻¹)                                       (1)
     d⊥ = d − d_s A_ss⁻¹ A_sᵀ,   A_r = Σ w d⊥ d⊥ᵀ                                                           (2)
 
-A simulation without correction drifts away, by its heading and by the floor. Each segment of a few seconds has its own
-initial state (its start), and all share the parameters: θ = (shared | by run | by segment). Before its first
-measurement a segment has a lead, in which delayed commands and sensors fill their buffers. The starts s are nuisance
-parameters: they are eliminated block by block (1), or row by row with the weights w = ψ'(r) of A (2).
-Source: Bock 1983 for the segments; Schur's complement.
+A simulation without correction drifts away, because of its heading error and of process noise. Each segment of a few
+seconds has its own initial state (its start), and all segments share the parameters: θ = (shared | by run | by
+segment). Before its first measurement a segment has a lead, in which delayed commands and sensors fill their buffers.
+The starts s are nuisance parameters. They are eliminated block by block (1), or row by row with the weights w = ψ'(r)
+of A (2). Source: Bock 1983 for the segments; Schur's complement.
 """
 
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ import numpy as np
 from baqueano.identify.data.record import FitRecord, Measurements
 
 MIN_RELATIVE_EIGENVALUE = (
-    1e-9  # of the largest eigenvalue of a start's information: smaller directions are unobservable
+    1e-9  # of the largest eigenvalue of a start's information: directions below it are unobservable
 )
 
 
 class ThetaLayout(NamedTuple):
-    """Positions in θ of the entries of each segment."""
+    """Indices in θ of the entries of each segment."""
 
     shared_count: int
     run_entry_count: int
@@ -103,8 +103,10 @@ def eliminate_starts(
 def eliminate(
     bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (r, r) of the `first` r entries, with the `blocks` eliminated. Different blocks must not share
-    information.  (1)"""
+    """Return A and B (r, r) of the first r = `first` entries, with the `blocks` eliminated.
+
+    The information between two different blocks must be 0.  (1)
+    """
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
     for entries in blocks:
         gain = bread[:first, entries] @ _inverse(bread[entries, entries])  # A_s A_ss⁻¹
@@ -115,8 +117,10 @@ def eliminate(
 
 
 def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Return d⊥ (N, m, q) from the derivatives d (N, m, p) of a segment with weights w (N, m). `start` (p,) bool
-    marks the entries of its start.  (2)"""
+    """Return d⊥ (N, m, q) from the derivatives d (N, m, p) of a segment with weights w (N, m).
+
+    `start` (p,) is a mask of the entries of its start.  (2)
+    """
     start_derivatives, other_derivatives = d[..., start], d[..., ~start]
     weighted_derivatives = start_derivatives * w[..., None]
     axes = (0, 1), (0, 1)
@@ -127,7 +131,7 @@ def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -
 
 
 def _inverse(A: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inverse of a small information matrix; directions without information get 0."""
+    """Return the pseudo-inverse of a small information matrix; it is 0 in directions without information."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     values, vectors = np.linalg.eigh(A / np.outer(root, root))
     positive = values > MIN_RELATIVE_EIGENVALUE * np.max(values, initial=1e-300)

@@ -1,1 +1,1 @@
-"""Design of experiments: as much information as a room, a vehicle and a time allow."""
+"""Design of experiments: as much information as the room, the vehicle and the duration allow."""

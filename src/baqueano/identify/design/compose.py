@@ -4,11 +4,11 @@
     J(A + F) ≤ J(A) + tr(J'(A) F)                                                                         (2)
     pose_l ← pose_l ∘ end_{i,l}                                                                           (3)
 
-The search is first greedy, one piece after the other. Then it exchanges (Fedorov): each place in turn receives the most
-informative piece with which the whole sequence stays inside. (2) is an upper bound, as J is concave except for its
-nuisance, and selects the pieces to evaluate exactly. PRICE reduces J for the distance between beginning and end of a
-piece. The corridor contains the possible vehicles. Their paths through a sequence are composed of their paths through
-the pieces (3).
+The search is first greedy, one piece after the other. Then pieces are exchanged (Fedorov): each place in turn
+receives the most informative piece with which the whole sequence stays inside. (2) is an upper bound, because J is
+concave except for its nuisance part. It selects the pieces to evaluate exactly. END_PRICE reduces J for the distance
+between beginning and end of a piece. The corridor contains the possible vehicles. Their paths through a sequence are
+composed of their paths through the pieces (3).
 """
 
 from collections.abc import Sequence
@@ -18,15 +18,15 @@ import numpy as np
 from baqueano.identify.design.motion_library import in_map
 from baqueano.identify.design.room import CORRIDOR_SIGMA, Room, reach
 
-EXACT_PIECES = 24  # pieces that are evaluated exactly at once, those of the highest bound first
+EXACT_PIECES = 24  # pieces that are evaluated exactly together; those with the highest bounds are first
 MAX_TRIED_PIECES = 320  # pieces that are tried for one place
 END_PRICE = 1.0  # in J, of a piece that ends one room away from where it began
-REACH_PRICE = 25.0  # price in J for a reach of one room, in the choice of pieces that stay near
+REACH_PRICE = 25.0  # price in J for a reach of one room, to choose pieces that stay near
 MAX_SWEEPS = 2  # over all places, at most, before new pieces are added
 
 
 class Composer:
-    """Search of (1) over a library of pieces that may grow."""
+    """Search of (1) over a library of pieces, to which pieces can be added."""
 
     def __init__(self, room: Room, place_count: int, interest_count: int) -> None:
         self.room, self.place_count, self.interest_count = room, place_count, interest_count
@@ -35,7 +35,9 @@ class Composer:
         self.price = np.zeros(0)
         self.reach = np.zeros(0)  # largest distance from the beginning of the piece, in rooms
         self.path = np.zeros((0, 0, 0, 3))
-        self.xy = np.zeros((2, 0, 0, 0), np.float32)  # (2, P, S, L) the same, for sums over the vehicles
+        self.xy = np.zeros(
+            (2, 0, 0, 0), np.float32
+        )  # (2, P, S, L) x and y of `path`, for sums over the vehicles
         self.upper_triangles = np.zeros(
             (0, 0)
         )  # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
@@ -61,7 +63,10 @@ class Composer:
         )
 
     def score(self, F: np.ndarray) -> np.ndarray:
-        """Return J (…,) of F (…, M, q, q), from the Cholesky factor of F + I with the nuisance first."""
+        """Return J (…,) of F (…, M, q, q).
+
+        It is computed from the Cholesky factor of F + I, with the nuisance first.
+        """
         root = np.linalg.cholesky((F + np.eye(F.shape[-1]))[..., ::-1, ::-1])
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)[..., -self.interest_count :]
         return np.mean(2.0 * np.sum(np.log(diagonal), axis=-1), axis=-1)
@@ -92,8 +97,11 @@ class Composer:
     def substitutes(
         self, chosen: list[int], place: int, pose: np.ndarray, prices: Sequence[float], count: int
     ) -> list[int]:
-        """Return pieces for `place` that should stay inside from the poses (L, 3) on. For each of the `prices` of
-        their reach, the `count` best in addition to the other pieces of `chosen` are returned, in order."""
+        """Return indices of pieces for `place` that stay inside from the poses (L, 3) on.
+
+        For each of the `prices` of their reach, the `count` pieces that are best together with the other pieces of
+        `chosen` are returned, in order.
+        """
         other_pieces = [*chosen[:place], *chosen[place + 1 :]]
         other_information = self.F[other_pieces].sum(axis=0)
         candidates = np.argsort(-self._upper_bound(other_information) + self.price)[:MAX_TRIED_PIECES]
@@ -105,10 +113,10 @@ class Composer:
         return list(dict.fromkeys(np.concatenate(by_price).tolist()))
 
     def keep(self, count: int) -> np.ndarray:
-        """Keep only the `count` pieces with the highest bound in addition to the chosen pieces, and return the
-        indices of all pieces kept.
+        """Keep only the `count` pieces with the highest bounds, and some others. Return the indices of all pieces
+        kept.
 
-        The chosen pieces, the first piece, and `count` // 4 pieces that stay near are kept too.
+        The others are the chosen pieces, the first piece, and `count` // 4 pieces that stay near.
         """
         bound = self._upper_bound(self.F[self.chosen].sum(axis=0))
         near_pieces = np.argsort(REACH_PRICE * self.reach - bound)[: count // 4]
@@ -134,14 +142,19 @@ class Composer:
             pose = in_map(pose, self.path[k, :, -1])
 
     def _sort_by_price(self) -> None:
-        """Sort the chosen pieces by price, the highest last, if that order stays inside: such pieces leave the
-        position uncertain. J stays the same."""
+        """Sort the chosen pieces by price, the highest last, if that order stays inside.
+
+        After pieces with a high price the position is uncertain. J does not change.
+        """
         order = sorted(self.chosen, key=lambda k: self.price[k])
         if self._stays_inside(self._start(), np.array(order[:1]), order[1:])[0]:
             self.chosen = order
 
     def _improve_place(self, place: int, best_score: float) -> float:
-        """Put a better piece in the place if the search finds one. Return J of the sequence minus its price."""
+        """Put a better piece in the place if the search finds one.
+
+        Return J of the sequence minus the price of its pieces.
+        """
         earlier, later = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
         for k in earlier:
@@ -159,9 +172,10 @@ class Composer:
     def _first_inside(
         self, other_information: np.ndarray, pose: np.ndarray, later: list[int], min_score: float
     ) -> tuple[int, float] | None:
-        """Return the index of a good piece in addition to F = `other_information` (M, q, q), and J minus its price.
-        Return None if no tested piece exceeds `min_score`. At most the DEEP pieces with the highest bounds are tested.
-        The piece and all pieces of `later` must stay inside from the poses (L, 3) on."""
+        """Return the index of a good piece to add to F = `other_information` (M, q, q), and J minus the price of the
+        piece. Return None if no tested piece exceeds `min_score`. At most the MAX_TRIED_PIECES pieces with the
+        highest bounds are tested. The piece and all pieces of `later` must stay inside from the poses (L, 3) on.
+        """
         order = np.argsort(-self._upper_bound(other_information) + self.price)
         for offset in range(0, min(len(order), MAX_TRIED_PIECES), EXACT_PIECES):
             candidates = order[offset : offset + EXACT_PIECES]
@@ -193,8 +207,10 @@ class Composer:
         return np.tile(np.array(self.room.start), (self.path.shape[1], 1))
 
     def _stays_inside(self, pose: np.ndarray, pieces: np.ndarray, later: list[int]) -> np.ndarray:
-        """Return a mask (C,): True if the corridor of a piece, followed by all of `later`, stays in the room from
-        the poses (L, 3) on.  (3)"""
+        """Return a mask (C,), True for each piece whose corridor, with all of `later` after it, stays in the room.
+
+        The pieces begin at the poses (L, 3).  (3)
+        """
         is_inside = self._margin(pose[None], pieces) >= 0.0
         poses = in_map(pose, self.path[pieces][:, :, -1])
         for k in later:
@@ -206,7 +222,10 @@ class Composer:
         return is_inside
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-        """Return `Room.margin` (C,) of the pieces from the poses (C, L, 3). A single pose or piece applies to all."""
+        """Return the least distance (C,) [m] to a wall if the pieces begin at the poses (C, L, 3); see `Room.margin`.
+
+        A single pose or piece is used for all.
+        """
         margins, mean_weights = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
         for coordinates, limit in zip(
             self._positions(pose, pieces), self.room.free_half_width_m, strict=True
@@ -218,8 +237,11 @@ class Composer:
         return np.minimum(*margins)
 
     def _positions(self, pose: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y (C, S, L) along the pieces from the poses (C, L, 3). A single pose or piece applies to all."""
-        pose = pose.astype(np.float32)[:, None]  # to a tenth of a millimetre
+        """Return x and y (C, S, L) [m] along the pieces, which begin at the poses (C, L, 3).
+
+        A single pose or piece is used for all.
+        """
+        pose = pose.astype(np.float32)[:, None]  # accurate to 0.1 mm
         c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         x, y = self.xy[:, pieces]
         return pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y

@@ -4,11 +4,11 @@
     S = F_θθ − F_θn F_nn⁻¹ F_nθ                         information about θ with n unknown                (2)
     J = mean over some possible vehicles of log det(D S D + P₀)                                           (3)
 
-θ are the parameters that the default fit frees and this vehicle can show. n is the nuisance, which a fit estimates too.
-It contains the biases of the sensors, the velocity at the start, and free parameters that are 0 in the file. D =
-diag(size of each parameter), so that S is relative to its value. P₀ = 1 is a prior of 100 % of that size. With it,
-parameters that a drive does not show do not dominate (3) (a Bayesian D-optimal design; Chaloner and Verdinelli 1995). F
-is for white sensor noise, without the noise of the floor.
+θ contains the parameters that are free in a default fit and have an effect in this vehicle. n is the nuisance, which
+a fit also estimates. It contains the biases of the sensors, the velocity at the start, and free parameters that are 0
+in the file. D = diag(size of each parameter), so that S refers to relative errors. P₀ = 1 is a prior of 100 % of that
+size. With it, parameters that a drive does not show do not dominate (3) (a Bayesian D-optimal design; Chaloner and
+Verdinelli 1995). F is for white sensor noise, without process noise.
 """
 
 from collections.abc import Sequence
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
-NUISANCE_STD = 0.3  # m/s², rad/s, m/s: prior standard deviation of a bias or a start
+NUISANCE_STD = 0.3  # m/s², rad/s, m/s: prior standard deviation of a bias or an initial velocity
 
 
 class Unknowns(NamedTuple):
     """Parameters θ and nuisance of (1)."""
 
-    paths: tuple[str, ...]  # (q,), those of interest first
+    paths: tuple[str, ...]  # (q,) the parameters of interest are first
     interest_count: int  # number of paths of interest
     start_axes: tuple[int, ...]  # entries of ν₀, after the paths
-    size: np.ndarray  # (q + starts,) size of each: its value, or its prior standard deviation
+    size: np.ndarray  # (q + starts,) size of each: magnitude of its value, or prior standard deviation
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,8 +105,10 @@ class Informant:
         self.kernel = scan(step, start, np.zeros(n), self.nominal, backend=backend)
 
     def theta(self, paths: Sequence[str], values: np.ndarray) -> np.ndarray:
-        """Return the nominal θ with `values` (p,) in the entries `paths`. Paths that θ does not contain are
-        ignored."""
+        """Return the nominal θ (q,) with `values` (p,) in the entries `paths`.
+
+        Paths that θ does not contain are ignored.
+        """
         theta = self.nominal.copy()
         for path, x in zip(paths, values, strict=True):
             if path in self.unknowns.paths:
@@ -114,12 +116,15 @@ class Informant:
         return theta
 
     def information(self, u: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
-        """Return D F D (q, q) of the drive with the commands `u` (N, n).  (1)"""
+        """Return D F D (q, q) of the drive with the commands `u` (N, n), at `theta` or at the nominal θ.  (1)"""
         F = self.kernel.normal_equations(u, self.nominal if theta is None else theta).hessian
         return F * np.outer(self.unknowns.size, self.unknowns.size)
 
     def score(self, F: np.ndarray) -> np.ndarray:
-        """Return log det (…,) of (3) from D F D (…, q, q)."""
+        """Return the log-determinant (…,) in (3) from the scaled information D F D (…, q, q).
+
+        The nuisance is eliminated.
+        """
         augmented = F + np.eye(F.shape[-1])
         k = self.unknowns.interest_count
         return np.linalg.slogdet(augmented)[1] - np.linalg.slogdet(augmented[..., k:, k:])[1]
@@ -135,8 +140,9 @@ def mean_error(relative_std: np.ndarray) -> float:
 
 
 def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
-    """Return the size of a parameter that is 0. It is the largest value in its matrix row, or among the frictions of
-    its axis (at 1 m/s or 1 rad/s). If this is 0, it is the largest value of its field, else 1."""
+    """Return the size of a parameter that is 0: the largest value in its matrix row, or among the frictions of its
+    axis (at 1 m/s or 1 rad/s). If this is 0, return the largest value of its field, or 1 if that is also 0.
+    """
     parameter = free_parameter(blocks, path, {})
     same_axis = [
         candidate

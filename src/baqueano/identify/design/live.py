@@ -3,10 +3,10 @@
     S ← ∂x′/∂x S + ∂x′/∂θ                                                                                (1)
     F ← F + Hᵀ Q⁻¹ H,   H = ∂h/∂θ + ∂h/∂x S                                                              (2)
 
-x is the state of the simulated vehicle, h the sensor readings, θ the parameters and the nuisance. A window is one call
-of a compiled scan over (θ, x). It returns h and x with their derivatives with respect to θ and to x at the start of the
-window. A missing measurement adds 0. Only the entries of x on which an output depends are kept: no sensor here measures
-the position of the vehicle.
+x is the state of the simulated vehicle, h the sensor readings, θ the parameters and the nuisance. A window is one
+call of a compiled scan over (θ, x). It returns h and x with their derivatives with respect to θ and to x at the start
+of the window. A missing measurement adds 0. Only the entries of x on which an output depends are kept, because the
+sensors here do not measure the position of the vehicle.
 
     bits = −Σ log₂ σ_i                                                                                    (3)
 
@@ -30,7 +30,7 @@ WINDOW_TICKS = 10  # ticks
 class InformationState(NamedTuple):
     """Information of the ticks so far."""
 
-    theta: np.ndarray  # (q,) at which the derivatives are taken
+    theta: np.ndarray  # (q,) the derivatives are computed at this θ
     x: np.ndarray  # (s,) of the simulation
     S: np.ndarray  # (s, q) ∂x/∂θ
     F: np.ndarray  # (q, q) in SI units
@@ -72,7 +72,10 @@ class RecursiveInformation:
         self._slope = jacobian(self._begin)
 
     def begin(self, theta: np.ndarray | None = None) -> InformationState:
-        """Return the state at the start of a drive, with F = 0."""
+        """Return the state at the start of a drive, with F = 0.
+
+        The derivatives are computed at `theta`, or at the nominal θ.
+        """
         theta = self.nominal if theta is None else np.asarray(theta, dtype=float)
         x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._slope(theta), dtype=float)
         return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
@@ -98,8 +101,10 @@ class RecursiveInformation:
         return InformationState(theta, x, S, F)
 
     def relative_std(self, state: InformationState, size: np.ndarray | None = None) -> np.ndarray:
-        """Return the standard error (p,) of each parameter of interest, relative to `size` (q,) or to the size in
-        the file."""
+        """Return the standard error (p,) of each parameter of interest.
+
+        It is relative to `size` (q,), or to the size in the file if `size` is None.
+        """
         size = self.unknowns.size if size is None else size
         augmented = state.F * np.outer(size, size) + np.eye(len(size))
         return np.sqrt(np.diagonal(np.linalg.inv(augmented))[: self.unknowns.interest_count])

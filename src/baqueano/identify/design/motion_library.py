@@ -1,15 +1,16 @@
 """Build a library of short drives, each from rest to rest, as parts of an experiment.
 
-    piece = a few levels of each command, held a while;  the return;  no command until it rests           (1)
+    piece = a few levels of each command, each held for some time;  the return;  no command until rest           (1)
 
-The levels, their durations and their number are random (seeded): the search computes the exact information of each
-piece, so it needs variety only. Some levels are full, some are 0, the others random: small levels show dry friction and
-dead zones. The return is one of four kinds. It may reverse all signs (a vehicle with two wheels returns on its arc).
-It may reverse only the signs of the first channel (a car returns), or only the other signs. The fourth kind is without
-a return. Circles stay in a room, and a signal that ends where it began does not need a return. Children of good pieces
-differ from their parent in one or two things. The library does not depend on the vehicle, but channels with limit 0 are
-not used. As a piece begins and ends at rest, its information (information.py) does not depend on other pieces and adds
-up over a sequence. The paths of the possible vehicles (vehicle_cloud.py) are composed in the same way.
+The levels, their durations and their number are random (seeded). The search computes the exact information of each
+piece, so it only needs variety. Some levels are full, some are 0, the others are random: small levels show dry
+friction and dead zones. There are four kinds of return. The first reverses all signs (a vehicle with two wheels
+returns on its arc). The second reverses only the signs of the first channel (a car returns), the third only the other
+signs. The fourth kind does not have a return. Circles stay in a room, and a signal that ends where it began does not
+need a return. Variations of good pieces differ from their parent in one or two changes. The library does not depend
+on the vehicle, but channels with limit 0 are not used. Each piece begins and ends at rest. So its information
+(information.py) does not depend on other pieces, and adds up over a sequence. The paths of the possible vehicles
+(vehicle_cloud.py) are composed in the same way.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 LEVELS = (1, 2, 3, 5, 8, 13)
-RETURN_KINDS = 4  # kinds of way back; the last one is no way back
+RETURN_KINDS = 4  # kinds of return; the last kind is without a return
 GENTLE_FACTOR = 1.0 / 3.0  # factor on the turning channels of a gentler piece
 
 
@@ -47,13 +48,15 @@ class PieceShape(NamedTuple):
     """Length, coast and limits that all pieces share."""
 
     ticks: int
-    coast_ticks: int  # of these ticks, those without command
+    coast_ticks: int  # number of these ticks with command 0, at the end
     limit: np.ndarray  # (n,)
 
     @classmethod
     def of(cls, piece_s: float, coast_s: float, limit: np.ndarray, rate_hz: float) -> "PieceShape":
-        """Return the shape of pieces of `piece_s` [s]. The last `coast_s` [s] of a piece, at most 40 %, are without
-        command."""
+        """Return the shape of pieces of `piece_s` [s] at `rate_hz`.
+
+        In the last `coast_s` [s] of a piece, at most 40 % of it, the command is 0.
+        """
         ticks = max(4, round(piece_s * rate_hz))
         return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
 
@@ -92,8 +95,9 @@ def mutated_pieces(
 
 
 def gentler_piece(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
-    """Return the piece with all channels except the first reduced to a third, for a vehicle that would slide in
-    curves. If only one channel moves, reduce this channel."""
+    """Return the piece with all usable channels except the first reduced to a third, for a vehicle that would slide
+    in curves. If only one channel is usable, this channel is reduced.
+    """
     other_channels = shape.moving_channels[1:] if len(shape.moving_channels) > 1 else shape.moving_channels
     outbound = piece.outbound.copy()
     outbound[:, other_channels] *= GENTLE_FACTOR
@@ -101,7 +105,7 @@ def gentler_piece(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
 
 
 def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Return the poses `path` (…, 3), given relative to `pose` (…, 3), in the map."""
+    """Return the poses `path` (…, 3) in the map. They are given relative to `pose` (…, 3)."""
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x, y = path[..., 0], path[..., 1]
     xy = pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y
@@ -114,7 +118,7 @@ def _mutation(
     outbound, mode, j = piece.outbound.copy(), int(rng.integers(8)), int(rng.choice(shape.moving_channels))
     ticks_used = len(outbound) if piece.return_kind == RETURN_KINDS - 1 else len(outbound) // 2
     a, b = np.sort(rng.integers(0, ticks_used + 1, 2))
-    if mode < 4:  # another level for a while
+    if mode < 4:  # another level for some ticks
         b = min(ticks_used, a + 1 + int(rng.integers(1, max(2, ticks_used // 3))))
         outbound[a:b, j] = _level(rng)
     elif mode == 4:

@@ -1,12 +1,12 @@
-"""Choose the most informative next motion, of a few that a person can drive: straight, turning, in curves.
+"""Choose the most informative next motion among a few that a person can drive: straight, turning, in curves.
 
-    k, i = argmin log(σ_i² + GOAL²) − log(σ_i,now² + GOAL²),   σ of F + F_k                               (1)
+    k, i = argmin log(σ_i² + GOAL_STD²) − log(σ_i,now² + GOAL_STD²),   σ of F + F_k                               (1)
 
 F is the information of the drive so far, F_k the information of the k-th motion from rest, σ_i the relative standard
 errors. This is the first step of the search of compose.py, without walls, over motions with a name. It considers only
-the parameter that gains most, as a driver needs the motion for the parameter with a large error. An error below GOAL
-gains little. A motion moves away and returns on the same path, so that it needs little room, or it continues in
-circles.
+the parameter whose error decreases most, because a driver needs the motion for the parameter with a large error. For
+an error below GOAL_STD the decrease has little weight. In a motion the vehicle moves away and returns on the same
+path, so that it needs little room, or it continues in circles.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ class NamedMotion(NamedTuple):
 
 
 class NextMotion(NamedTuple):
-    """The motion to drive next, and the standard error of the parameter that gains most by it."""
+    """The motion to drive next, and the standard error of the parameter whose error it reduces most."""
 
     words: Diagnostic
     parameter: int  # index among those of interest
@@ -41,7 +41,10 @@ class NextMotion(NamedTuple):
 
 
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
-    """Return motions within the limits. The first usable channel drives ahead, the last one turns; [] without any."""
+    """Return motions within the limits.
+
+    The first usable channel moves forward, the last one turns. Return [] without a usable channel.
+    """
     moving, ticks = np.flatnonzero(limit > 0.0), round(MOTION_S * rate_hz)
     if not len(moving):
         return []
@@ -76,7 +79,8 @@ class MotionAdvisor:
     def next(
         self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, widening: np.ndarray
     ) -> NextMotion | None:
-        """Return the motion after F (q, q) [SI units] that most reduces the error of one parameter.  (1)
+        """Return the motion that, after a drive with information F (q, q) [SI units], most reduces the error of one
+        parameter.  (1)
 
         Return None for a vehicle without motions. `size` (q,) contains the sizes of the parameters. `widening` (p,) is
         the ratio of the errors of a fit to the errors that F predicts.

@@ -1,13 +1,14 @@
 """Design the experiment for this vehicle in this room: `design_plan`.
 
-1. Draw random pieces of command and compose a drive of them. In each of ROUNDS rounds, variations of the chosen pieces
-   join the library, and better pieces replace worse pieces.
-2. Only a small sample of the possible vehicles drives each piece of step 1. A small sample is too permissive, and the
-   search exploits that. So all VEHICLES drive the best pieces, and the drive is composed again with their paths.
-3. Each piece ends with a coast over COVERED of the stopping distance. The composition reserves the rest of that
+1. Draw random pieces of command and compose a drive of them. In each of ROUNDS rounds, variations of the chosen
+pieces are added to the library, and better pieces replace worse pieces. 2. In step 1 only a small sample of the
+possible vehicles drives each piece. A small sample is too permissive, and the search exploits that. So all VEHICLES
+drive the best pieces, and the drive is composed again with their paths. 3. Each piece ends with a coast over
+COVERED_FRACTION of the stopping distance. The composition reserves the rest of that
    distance, but ignores the effect of the remaining speed on the next piece.
-4. So new vehicles drive the whole plan in three orders: as composed, by increasing and by decreasing reach of its
-   pieces. These vehicles took no part in the search. The most informative order becomes the plan, with their poses.
+4. So new vehicles, which were not used in the search, drive the whole plan in three orders of its pieces. These are
+the composed order, increasing reach and decreasing reach. The most informative order becomes the plan, with their
+poses.
 
 The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan on every machine.
 """
@@ -50,11 +51,11 @@ FIRST_PIECES, ROUNDS, PIECES_PER_ROUND = (
     240,
     5,
     60,
-)  # pieces at first; rounds of children, and how many in each
+)  # pieces at first; rounds of variations, and variations in each round
 KEPT_PIECES, FINAL_PIECES = 300, 120  # pieces kept after a round, and those that all vehicles drive
 WEIGHED_VEHICLES = 3  # possible vehicles over which J is the mean
 NOISE_SLOTS = 8  # pieces that have different noise
-PRICES = (1.0, 5.0, 25.0)  # in J for a reach of one room: each price gives one order of the pieces to try
+PRICES = (1.0, 5.0, 25.0)  # in J, for a reach of one room: each price gives one order of the pieces to try
 TRIED_PIECES = 6  # pieces for each of these prices, and pieces driven at once
 
 
@@ -65,7 +66,9 @@ class Plan(NamedTuple):
     room: "Room"
     margin_m: float  # least distance between the corridor and the walls
     names: tuple[str, ...]  # of the parameters (p,)
-    relative_std: np.ndarray  # (p,) expected relative standard error; 1 for a parameter that does not show
+    relative_std: (
+        np.ndarray
+    )  # (p,) expected relative standard error; 1 for a parameter on which the drive has no information
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
     @property
@@ -108,9 +111,9 @@ def design_plan(
 ) -> Plan:
     """Return the plan with the most informative commands (N, n) in `duration_s` and `room`, after `rest_s` at rest.
 
-    `progress` receives the progress; if it returns True, the search ends with the best plan so far. Raise UsageError
-    without a finite [command] limit above 0, or with less than 1 s to move. Raise AnswerNo if the vehicle cannot be
-    kept in the room.
+    `progress` is called with a text on each round; if it returns True, the search ends with the best plan so far.
+    Raise UsageError if a [command] limit is not finite or all limits are 0, or for less than 1 s of motion. Raise
+    AnswerNo if the vehicle cannot be kept in the room.
 
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
@@ -161,7 +164,7 @@ class PlanSearch:
     ) -> None:
         self.room, self.rng = room, stream(seed, "pieces")
         self.informant = Informant(vehicle_file, backend)
-        with ThreadPoolExecutor(1) as thread:  # both kernels compile at once
+        with ThreadPoolExecutor(1) as thread:  # the two kernels compile at the same time
             future = thread.submit(self.informant.information, np.zeros((2, vehicle_file.vehicle.commands)))
             self.cloud = Cloud(vehicle_file, belief.subset(SCOUT_VEHICLES), seed, backend)
             future.result()
@@ -174,11 +177,13 @@ class PlanSearch:
         self.shape = PieceShape(0, 0, np.zeros(0))  # `fill` sets it when the coast of the vehicle is known
         self.rest_commands = np.zeros(
             (0, 0)
-        )  # zero commands for another coast: after it 1 % of the stopping distance is left
+        )  # zero commands for a second coast: after it 1 % of the stopping distance remains
 
     def fill(self, piece_s: float, limit: np.ndarray, progress: Callable[[str], object]) -> None:
-        """Build the library of pieces of `piece_s` [s] and compose them. If `progress` returns True, no further round
-        follows."""
+        """Build the library of pieces of `piece_s` [s] and compose them.
+
+        If `progress` returns True, the rounds end.
+        """
         coast_s = self._coast_s(limit)
         self.shape = PieceShape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
         self.rest_commands = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
@@ -209,7 +214,8 @@ class PlanSearch:
 
     def rollout(self, ticks: int, rest_ticks: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the commands (N, n), which begin with `rest_ticks` ticks at rest, and the poses (L, N, 3) of the
-        vehicles in `judges`."""
+        vehicles in `judge_cloud`.
+        """
         piece_ticks, limit = self.shape.ticks, self.shape.limit
         commands = [piece.u(piece_ticks, limit) for piece in self.pieces]
 
@@ -226,15 +232,17 @@ class PlanSearch:
 
         pieces, reach = self.composer.chosen, self.composer.reach
         by_reach = sorted(pieces, key=lambda k: reach[k])
-        with ThreadPoolExecutor() as threads:  # separate threads, because a drive uses the threads of `each`
+        with (
+            ThreadPoolExecutor() as threads
+        ):  # separate threads, because a drive uses the threads of `parallel_map`
             u = max(threads.map(trial, [pieces, by_reach, by_reach[::-1]]), key=lambda paths: paths[0])[1]
         _, eta = self.judge_cloud.drive(self.judge_cloud.state_at(self.room.start), u)
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
-        """Return the time [s] in which the nominal vehicle covers COVERED of its rolling distance.
+        """Return the time [s] in which the nominal vehicle covers COVERED_FRACTION of its rolling distance.
 
-        It rolls after one second at the limit of its first usable command.
+        The vehicle rolls after one second at the limit of its first usable command.
         """
         second_ticks = round(self.cloud.rate_hz)
         u = np.zeros((3 * second_ticks, len(limit)))
@@ -245,9 +253,9 @@ class PlanSearch:
         return float(np.argmax(distance_m >= COVERED_FRACTION * distance_m[-1]) + 1) / second_ticks
 
     def _grow(self, pieces: list[MotionPiece]) -> None:
-        """Add the pieces that keep the speed limits to the library.
+        """Add the pieces that respect the speed limits to the library.
 
-        Add a gentler form of each other piece, if this form keeps the limits.
+        For each other piece, add a gentler form if this form respects the limits.
         """
         drives = self._map_pieces(self._weigh, pieces)
         too_fast = [k for k, drive in enumerate(drives) if not drive[0]]
@@ -258,22 +266,26 @@ class PlanSearch:
         self.composer.grow(np.array([drives[k][2] for k in kept]), np.array([drives[k][1] for k in kept]))
 
     def _map_pieces(self, work: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
-        """Return `work(tick, u)` for the commands u (T, n) of each piece, computed on all cores. The tick selects
-        one of TURNS different noises in turn."""
+        """Return `work(tick, u)` for the commands u (T, n) of each piece, computed on all cores.
+
+        The first ticks rotate over NOISE_SLOTS spans of the noise.
+        """
         commands = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
         first_ticks = [k % NOISE_SLOTS * self.shape.ticks for k in range(len(commands))]
         return parallel_map(work, first_ticks, commands, rows=self.cloud.size * sum(map(len, commands)))
 
     def _weigh(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
-        """Return True if the piece (T, n) keeps the speed limits, its poses (L, S, 3), and its information
-        (M, q, q). The information is None for a piece that exceeds the limits."""
+        """Return True if the piece (T, n) respects the speed limits, its poses (L, S, 3), and its information (M, q,
+        q). The information is None for a piece that exceeds the limits.
+        """
         is_slow, path = self._path(self.cloud, tick, u, 4)
         F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if is_slow else None
         return is_slow, path, F
 
     def _path(self, cloud: Cloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
-        """Return True if a cloud keeps the speed limits in the piece (T, n), and its poses (L, S, 3) at every
-        `count`-th sample. The last pose is the pose at rest."""
+        """Return True if the vehicles of `cloud` respect the speed limits in the piece (T, n), and their poses (L, S,
+        3). The poses are those of every `count`-th sample. The last pose is the pose at rest.
+        """
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         final_state, eta = cloud.drive(
             cloud.state_at(np.zeros(3)), np.concatenate([u, self.rest_commands]), tick
@@ -286,7 +298,7 @@ class PlanSearch:
 
     @property
     def expected_std(self) -> float:
-        """Return the geometric mean of the expected standard errors of the present sequence."""
+        """Return the geometric mean of the expected relative standard errors of the present sequence."""
         F = self.composer.F[self.composer.chosen].sum(axis=0)[0]
         return mean_error(self.informant.relative_std(F))
 
@@ -299,9 +311,10 @@ def feasible_pieces(
     room: Room,
     rest_ticks: int,
 ) -> list[int]:
-    """Return the pieces that the vehicles of `cloud` may drive one after the other in place of `order`.
+    """Return the indices of pieces that the vehicles of `cloud` can drive one after the other, in place of `order`.
 
-    The drive begins after `rest_ticks` ticks at rest; `commands` returns (T, n) of a piece. (4) of room.py decides.
+    The drive begins after `rest_ticks` ticks at rest. `commands` returns the commands (T, n) of a piece. The test is
+    (4) of room.py.
     """
     state, tick, order_kept = cloud.state_at(room.start), rest_ticks, list(order)
     if rest_ticks:
@@ -332,7 +345,7 @@ def _first_allowed_piece(
     state: VehicleState,
     tick: int,
 ) -> tuple[int, VehicleState] | None:
-    """Return the first allowed index of `indices`, and the cloud after this piece, or None."""
+    """Return the first of `indices` whose piece is allowed, and the vehicle states after this piece, or None."""
     for offset in range(0, len(indices), TRIED_PIECES):
         options = [commands(k) for k in indices[offset : offset + TRIED_PIECES]]
         allowed = first_allowed(cloud, room, state, options, tick)

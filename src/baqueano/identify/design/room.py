@@ -1,17 +1,17 @@
-"""Keep an experiment in a room: test if a cloud of drives stays in it, and make a signal that does.
+"""Keep an experiment in a room: test if the possible vehicles stay in it, and make a signal with which they do.
 
-The origin of the map is the middle of the room, and x points along its width. The position of the possible vehicles x_l
-has the mean m(t) and the standard deviation s(t). With the radius ρ of the body,
+The origin of the map is the middle of the room, and x points along its width. The positions x_l(t) of the possible
+vehicles have the mean m(t) and the standard deviation s(t). With the radius ρ of the body,
 
     |m_x(t)| + k s_x(t) + ρ ≤ w/2,   |m_y(t)| + k s_y(t) + ρ ≤ h/2,   k = 3                               (1)
     m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn,     m_vr(t) + k s_vr(t) ≤ sideways  (2)
-    |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   y alike,   c = 1.5, of every single vehicle               (3)
+    |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   also for y,   c = 1.5, for every single vehicle               (3)
     allowed(x, chunk)  ⇔  (1)-(3) are true for x under (chunk, then no command for COAST_S)               (4)
 
-No model here contains sliding tyres, so v r stays below SIDEWAYS_M_S2. A chunk that is not allowed is replaced by the
-first allowed alternative. Alternatives reverse all signs, or the signs of the first channel, or the signs of the other
-channels. Then follow the chunk and these three at a half, then at a quarter. The last alternative is a zero command,
-which (4) of the previous chunk has tested.
+The models do not contain sliding tyres, so v r must stay below MAX_SIDEWAYS_M_S2. A chunk that is not allowed is
+replaced by the first allowed alternative. Alternatives reverse all signs, or the signs of the first channel, or the
+signs of the other channels. The next alternatives are the chunk and these three at a half, then at a quarter. The
+last one is a zero command, which (4) of the previous chunk has tested.
 """
 
 import re
@@ -29,16 +29,18 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
     from baqueano.vehicles import VehicleState
 
-CORRIDOR_SIGMA = 3.0  # k of (1): one normal position in 370 lies further out
+CORRIDOR_SIGMA = 3.0  # k of (1): one position in 370 of a normal distribution is further out
 TAIL_FACTOR = 1.5  # c of (3)
-MAX_SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres hardly slip
+MAX_SIDEWAYS_M_S2 = (
+    3.0  # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres almost do not slip
+)
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
-RESERVE_M = 0.01  # distance that a chunk leaves for floor noise at rest, and for the path between samples
+RESERVE_M = 0.01  # distance that a chunk leaves for process noise at rest, and for the path between samples
 SAMPLE_S = 0.05  # between the poses that are tested: with 10 m/s² a path bulges by 3 mm between them
 SIZE_FACTORS = (1.0, 0.5, 0.25)
-VEHICLES = 128  # possible vehicles: they give the standard deviation of their position to 6 %
-OPTIONS_AT_ONCE = 2  # alternatives that are driven to their end together: mostly the first is allowed
+VEHICLES = 128  # possible vehicles: the error of the standard deviation of their position is 6 %
+OPTIONS_AT_ONCE = 2  # alternatives that are simulated to their end together: mostly the first is allowed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,12 +81,14 @@ class Room:
 
     @property
     def free_half_width_m(self) -> np.ndarray:
-        """Return the largest distance (2,) from the middle at which the origin of the body may be [m]."""
+        """Return the largest distance (2,) [m] from the middle that is allowed for the origin of the body."""
         return 0.5 * np.array([self.width_m, self.height_m]) - self.radius_m
 
     def margin(self, eta: np.ndarray) -> np.ndarray:
-        """Return the least distance (…,) over time between a wall and clouds (…, L, T, 3) [m], negative if some
-        leave. The corridor and the outermost vehicle are tested.  (1), (3)"""
+        """Return the least distance (…,) [m] over time between a wall and the poses (…, L, T, 3) of possible vehicles.
+
+        It is negative if they leave the room. The corridor and the outermost vehicle are tested.  (1), (3)
+        """
         xy = eta[..., :2]
         mean, std = xy.mean(axis=-3), xy.std(axis=-3)
         corridor = np.abs(mean) + CORRIDOR_SIGMA * std
@@ -94,7 +98,7 @@ class Room:
         )
 
     def is_slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
-        """Return a mask (…,), True for clouds (…, L, T, 3) that keep the speed limits.  (2)"""
+        """Return a mask (…,), True for poses (…, L, T, 3) of possible vehicles that respect the speed limits.  (2)"""
         if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.sideways_m_s2)):
             return np.ones(eta.shape[:-3], bool)
         step = np.diff(eta, axis=-2) * rate_hz
@@ -106,15 +110,15 @@ class Room:
 
 
 def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the largest distance (…,) of a vehicle from the middle, from extremes and mean of the clouds.  (3)"""
+    """Return the largest distance (…,) of a vehicle from the middle, from extremes and mean of the positions.  (3)"""
     return np.maximum(np.abs(mean + TAIL_FACTOR * (low - mean)), np.abs(mean + TAIL_FACTOR * (high - mean)))
 
 
 def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     """Return the room "2x2.5", width and height in metres, for the vehicle of the file.
 
-    Its radius, the limits of its supervisor and SIDEWAYS_M_S2 apply; `options` replaces them or sets other fields of
-    Room. Raise UsageError for an invalid size, or a room too small.
+    The room has the radius of the vehicle, the limits of its supervisor, and MAX_SIDEWAYS_M_S2. `options` replaces
+    these or sets other fields of Room. Raise UsageError for an invalid size, or if the room is too small.
 
     >>> from baqueano.vehicle_file import load
     >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
@@ -139,14 +143,14 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
 
 
 def body_radius(vehicle_file: "VehicleFile") -> float:
-    """Return the radius of the circle about the origin that contains the body [m]; 0 without a size in the file."""
+    """Return the radius [m] of the circle about the origin that contains the body, or 0 without a size in the file."""
     g = vehicle_file.geometry
     box = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
     return max(g.radius_m or 0.0, box, (g.track_m or 0.0) / 2.0)
 
 
 def _upper_limit(x: np.ndarray) -> np.ndarray:
-    """Return the maximum (…,) over time of mean + k sd over the cloud (…, L, T)."""
+    """Return the maximum (…,) over time of mean + k standard deviations of x (…, L, T) over the vehicles."""
     return np.max(x.mean(axis=-2) + CORRIDOR_SIGMA * x.std(axis=-2), axis=-1)
 
 
@@ -155,7 +159,7 @@ class ContainedSignal(NamedTuple):
 
     u: np.ndarray  # (N, n)
     margin_m: float  # least distance between the corridor and the walls, (1) of room.py
-    replaced_fraction: float  # part of the chunks that were replaced
+    replaced_fraction: float  # fraction of the chunks that were replaced
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
 
@@ -168,10 +172,10 @@ def contain(
     seed: int = 0,
     backend: str = "auto",
 ) -> ContainedSignal:
-    """Return `u` (N, n), one row a tick, with every chunk that could leave `room` replaced.  (1)
+    """Return `u` (N, n), one row per tick, in which every chunk that could leave `room` is replaced.  (4)
 
     `cloud` contains the possible vehicles; default: possible vehicles of `vehicle_file`, drawn with `seed`. Raise
-    UsageError for another shape; AnswerNo if these vehicles leave the room in spite of the replacements.
+    UsageError if `u` has another shape. Raise AnswerNo if these vehicles leave the room in spite of the replacements.
 
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
@@ -205,7 +209,7 @@ def contain(
 
 
 def alternatives(u: np.ndarray) -> np.ndarray:
-    """Return a chunk (T, n) and its alternatives (C, T, n), in order; the last one is the command zero."""
+    """Return (C, T, n): the chunk `u` (T, n) and then its alternatives in order. The last one is the zero command."""
     n = u.shape[1]
     first_sign = np.where(np.arange(n) == 0, -1.0, 1.0)
     signs = (np.ones(n), -np.ones(n), first_sign, -first_sign)
@@ -216,7 +220,9 @@ def alternatives(u: np.ndarray) -> np.ndarray:
 def first_allowed(
     cloud: Cloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
 ) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
-    """Return index, cloud afterwards and poses (L, T, 3) of the first option (T, n) that is allowed, or None.  (4)"""
+    """Return the index of the first allowed option (T, n), the vehicle states after it, and its poses (L, T, 3), or
+    None.  (4)
+    """
     stride = max(1, round(SAMPLE_S * cloud.rate_hz))
     rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
     drives = cloud.drive_each([state] * len(options), options, tick)
@@ -236,8 +242,10 @@ def first_allowed(
 def _first_allowed(
     cloud: Cloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
 ) -> tuple[int, "VehicleState", np.ndarray]:
-    """Return index, cloud afterwards and poses (L, T, 3) of the first option of (C, T, n) that is allowed, else of
-    the last one."""
+    """Return the index of the first allowed option of (C, T, n), the vehicle states after it, and its poses (L, T, 3).
+
+    If none is allowed, return those of the last option.
+    """
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
         allowed = first_allowed(cloud, room, state, list(options[begin:end]), tick)
         if allowed is not None:

@@ -5,12 +5,12 @@
     prbs           u(t) = ± limit, switching by chance every bit_s                                        (3)
     ramps          u(t) = triangle of growing height: from rest to the limit and back                     (4)
 
-All return (N, n) rows, one a tick, with |u| ≤ limit channel by channel; a channel with limit 0 stays 0. Random steps
-show friction and forces at once; the paper's case study uses them. A multisine spreads its power evenly and suits the
-frequency domain. PRBS is best for lags; ramps show dry friction and dead zones. These signals do not depend on the
-vehicle or the room. design/plan.py designs a signal for both, and design/room.py keeps any signal inside a room. The
-channels of a signal are independent, so that the columns of T can be separated. Source: Ljung, System Identification,
-1999, 13.3.
+All return (N, n), one row per tick, with |u| ≤ limit in each channel; a channel with limit 0 stays 0. Random steps
+show friction and forces at the same time; the paper's case study uses them. A multisine spreads its power evenly and
+suits the frequency domain. A PRBS is best for lags. Ramps show dry friction and dead zones. These signals do not
+depend on the vehicle or the room. design/plan.py designs a signal for both, and design/room.py keeps any signal
+inside a room. The channels of a signal are independent, so that the columns of T can be separated. Source: Ljung,
+System Identification, 1999, 13.3.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ def random_steps(
     duration_s : float
         Length of the signal.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         The same seed gives the same signal.
     hold_s : float
@@ -44,7 +44,7 @@ def random_steps(
     Returns
     -------
     ndarray (N, n)
-        Commands, one row a tick.
+        Commands, one row per tick.
 
     Notes
     -----
@@ -79,7 +79,7 @@ def multisine(
     duration_s : float
         Length of the signal.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         Seed of the phases.
     low_hz, high_hz : float
@@ -88,7 +88,7 @@ def multisine(
     Returns
     -------
     ndarray (N, n)
-        Commands, one row a tick.
+        Commands, one row per tick.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def prbs(
     duration_s : float
         Length of the signal.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         The same seed gives the same signal.
     bit_s : float
@@ -155,7 +155,7 @@ def prbs(
     Returns
     -------
     ndarray (N, n)
-        Commands, one row a tick.
+        Commands, one row per tick.
 
     Notes
     -----
@@ -184,7 +184,7 @@ def ramps(
     duration_s : float
         Length of the signal.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         The same seed gives the same signal.
     ramp_s : float
@@ -193,7 +193,7 @@ def ramps(
     Returns
     -------
     ndarray (N, n)
-        Commands, one row a tick.
+        Commands, one row per tick.
 
     Notes
     -----
@@ -246,7 +246,7 @@ def excitation(
     duration_s : float
         Length of the signal with its rests.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         The same seed gives the same signal.
     rest_s : float
@@ -257,7 +257,7 @@ def excitation(
     Returns
     -------
     ndarray (N, n)
-        Commands, one row a tick.
+        Commands, one row per tick.
 
     Raises
     ------

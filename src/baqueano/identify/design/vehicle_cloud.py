@@ -1,15 +1,15 @@
-"""Draw the vehicles that a plan considers possible, and simulate them as a cloud with the same commands.
+"""Draw the vehicles that a plan considers possible, and simulate them together with the same commands.
 
     θ_l = θ̂ exp(s n_l)              a parameter without a fit, s = 0.2 by default                         (1)
     θ_l = θ̂ + P^½ n_l               parameters of the last fit, P their covariance                        (2)
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
     P ← P − P_·W (P_WW + S)⁻¹ P_W·   W: entries with too large an error,   θ_l ← θ_l + P_·B P_BB⁻¹ (b − θ_lB)  (4)
 
-A standard error above LEAST_KNOWN of the value is limited to that, as if a data sheet S had given it. Entries B of a
-draw beyond their bounds b are moved to the bounds. Both updates also move the parameters that are correlated with these
-entries. Without this, some vehicles would be without friction and roll for ever. The n_l come in pairs ± n, so that the
-draw does not move the mean. A parameter that is 0 in the file stays 0 in (1). The whole cloud is one call of one
-kernel; several candidates for the next piece are distributed over the cores.
+A standard error above MAX_RELATIVE_STD of the value is reduced to that, as if a data sheet gave it with variance S.
+Entries B of a draw beyond their bounds b are moved to the bounds. Both updates also change the parameters that are
+correlated with these entries. Otherwise, some vehicles would not have friction and would never stop. The n_l come in
+pairs ± n, so that the draw does not move the mean. A parameter that is 0 in the file stays 0 in (1). All vehicles are
+simulated in one call of one kernel; several candidates for the next piece are distributed over the cores.
 """
 
 from collections.abc import Sequence
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 
 RELATIVE_STD = 0.2  # of a parameter without a fit
 MAX_RELATIVE_STD = 0.5  # largest standard deviation of a parameter, relative to its value
-VEHICLES = 48  # of the cloud: they give its standard deviation to 10 %
-NOISE_S = 64.0  # of noise at once, more if requested
-CACHED_WINDOWS = 16  # spans of the noise that are cached in the memory layout of the kernel
+VEHICLES = 48  # possible vehicles: the error of their standard deviation is 10 %
+NOISE_S = 64.0  # duration of the noise that is drawn at once, longer if requested
+CACHED_WINDOWS = 16  # spans of the noise that are cached, in the memory layout of the kernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleDistribution:
     """Possible vehicles: the nominal one first, then the others."""
 
-    paths: tuple[str, ...]  # (p,) the uncertain numbers, each with its entry
+    paths: tuple[str, ...]  # (p,) the uncertain parameters, with the index of an entry
     theta: np.ndarray  # (L, p)
 
     def subset(self, vehicle_count: int) -> "VehicleDistribution":
-        """Return the nominal vehicle and `vehicle_count` of the others, in pairs ± n."""
+        """Return the nominal vehicle and at most `vehicle_count` of the others, in pairs ± n."""
         half_count = (len(self.theta) - 1) // 2
         pair_count = min(vehicle_count // 2, half_count)
         return VehicleDistribution(
@@ -59,7 +59,7 @@ def possible_vehicles(
     vehicle_count: int = VEHICLES,
     seed: int = 0,
 ) -> VehicleDistribution:
-    """Return the vehicles that are possible according to the file.  (1), (2)"""
+    """Return the nominal vehicle and `vehicle_count` vehicles that are possible according to the file.  (1), (2)"""
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
     fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
     names = [] if fit is None else [fit.names[k] for k in fitted]
@@ -80,7 +80,7 @@ def possible_vehicles(
 def _draw(
     unit: np.ndarray, mean: np.ndarray, cov: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Return θ (L, p) from unit normals (L, p), between bounds (p,).  (2), (4)"""
+    """Return θ (L, p) from standard normal draws (L, p), between bounds (p,).  (2), (4)"""
     std = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
     P, ratio = cov / np.outer(std, std), MAX_RELATIVE_STD * np.abs(mean) / std
     is_wide = ratio < 1.0
@@ -99,7 +99,7 @@ def _draw(
 
 
 def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return a draw (p,) of covariance P (p, p), moved between its bounds.  (4)"""
+    """Return a draw x (p,) with covariance P (p, p), moved between its bounds.  (4)"""
     moved, is_fixed = x, np.zeros(len(x), bool)
     while (is_beyond := ~is_fixed & ((moved < low) | (moved > high))).any():
         is_fixed |= is_beyond
@@ -111,7 +111,7 @@ def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray
 
 
 class Cloud:
-    """L vehicles under the same command, from tick to tick."""
+    """Simulation of L possible vehicles with the same commands."""
 
     def __init__(
         self, vehicle_file: "VehicleFile", belief: VehicleDistribution, seed: int = 0, backend: str = "auto"
@@ -127,7 +127,7 @@ class Cloud:
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
 
     def state_at(self, pose: Any) -> VehicleState:
-        """Return the state of the cloud with all vehicles at rest at the pose (3,)."""
+        """Return the states of all vehicles (L, …), at rest at the pose (3,)."""
         pose = np.tile(np.array(pose, dtype=float), (self.size, 1))
         lanes = (
             np.repeat(np.asarray(x, dtype=float)[None], self.size, axis=0) for x in self.rest_state.drivetrain
@@ -136,14 +136,20 @@ class Cloud:
         return VehicleState(pose, nu, nu_dot, type(self.rest_state.drivetrain)(*lanes))
 
     def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
-        """Return the cloud (L, …) after the commands `u` (T, n) from `tick` on, and its poses (L, T, 3).  (3)"""
+        """Return the states (L, …) of the vehicles after the commands `u` (T, n), and their poses (L, T, 3).
+
+        `tick` is the first tick of the noise.  (3)
+        """
         noise = self._noise(tick, len(u))
         return self.kernel.batch((u, noise), self.belief.theta, carry=state, with_outputs=True)
 
     def drive_each(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
     ) -> list[tuple[VehicleState, np.ndarray]]:
-        """Return `drive` for each pair of state and commands, all with the noise from `tick` on, on all cores."""
+        """Return the result of `drive` for each pair of state and commands, computed on all cores.
+
+        All use the noise from `tick` on.
+        """
         return parallel_map(
             lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us))
         )
@@ -151,7 +157,7 @@ class Cloud:
     def _settle(self, limit: np.ndarray) -> None:
         """Move draws that are too stiff for the integrator towards the nominal vehicle, at most 8 times.
 
-        Such draws have a very high friction: a fit with little information on friction does not limit its value.
+        Such draws have a very high friction: a fit with little information on friction does not limit the friction.
         """
         full_commands = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
         for _ in range(8):
@@ -165,7 +171,10 @@ class Cloud:
             self.belief = VehicleDistribution(self.belief.paths, theta)
 
     def _noise(self, tick: int, row_count: int) -> np.ndarray:
-        """Return unit normals (L, T, 3), 0 for the nominal vehicle. A tick has the same noise in every call."""
+        """Return standard normal noise (L, T, 3), which is 0 for the nominal vehicle.
+
+        A tick has the same noise in every call.
+        """
         draws = self._draw
         if draws.shape[1] < tick + row_count:
             tick_count = max(2 * draws.shape[1], tick + row_count, round(NOISE_S * self.rate_hz))

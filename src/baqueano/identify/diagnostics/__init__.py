@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def clean(
     runs: list[Run], vehicle_file: "VehicleFile", sensors: dict[str, Tree]
 ) -> tuple[list[Run], tuple[Diagnostic, ...]]:
-    """Return the runs without impossible measurements, cut at jumps of time, and messages on the repairs."""
+    """Return the runs without impossible measurements, split at jumps of time, and messages on the faults."""
 
     def clean_run(run: Run) -> tuple[list[Run], list[Diagnostic]]:
         segments, messages = timestamps.check_timestamps(run, vehicle_file.rate_hz)
@@ -64,8 +64,9 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 def diagnose(
     end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return messages on a finished search and its data, and the error of each parameter that they cause, by path.
-    `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file."""
+    """Return messages on a finished search and its data, and the errors of parameters (path → error) that the
+    findings cause. `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file.
+    """
     problem, theta, identifiable = (
         end.task.problem,
         end.search.solution.theta,

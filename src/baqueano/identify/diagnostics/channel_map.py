@@ -1,15 +1,15 @@
-"""Test if each channel of a sensor follows its own prediction, and if the IMU is mounted as the model assumes.
+"""Test if each channel of a sensor follows its own prediction, and if the mount of the IMU is as in the model.
 
-The test is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale. The gains of
-a fit adapt to the measurements, so an inverted sensor shows only if another sensor contradicts it; else the file does
-(gain_changes.py). If a channel does not follow the prediction with the numbers of the file, the search is repeated for
-other mounts. Their axes are swapped, turned by a quarter or a half, or one axis is inverted:
+The test is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale. The gains
+of a fit adapt to the measurements. So an inverted sensor is detected only if another sensor contradicts it, or the
+vehicle file (gain_changes.py). If a channel does not follow the prediction with the values of the file, the search is
+repeated for other mounts. Their axes are swapped, turned by a quarter or a half turn, or one axis is inverted:
 
     gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other mount),   n_c readings of the IMU              (1)
 
-A turned mount cannot be detected for a vehicle with any force along x and y. A mirrored one can: the acceleration of a
-turn, ν_x ω, points to the left in a left turn. If four mounts have the same residuals, the signs of the commands in the
-file decide. A mount is reported if its residuals are a tenth smaller, a gain of n/10.
+A turned mount cannot be detected if the vehicle can have any force along x and y. A mirrored mount can be detected:
+the acceleration in a turn, ν_x ω, points to the left in a left turn. If four mounts have the same residuals, the
+signs of the commands in the file decide. A mount is reported if its residuals are a tenth smaller, a gain of n/10.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 
 MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
 CLIP_SIGMA = 4.0
-DIVERGED_PREDICTION = 1e6  # SI units: a larger prediction counts as diverged
+DIVERGED_PREDICTION = 1e6  # SI units: a model with a larger prediction is treated as diverged
 MAX_ROWS = 3000  # rows of each run
 MIN_LOG_GAIN = 0.1  # least gain of the logarithm of σ, per reading of the IMU
-SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts with a larger gain
+SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts whose gain is above it
 AXIS_CODES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 
 
 def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
-    """Return an error for each swapped or inverted channel."""
+    """Return an error message for each inverted channel and for each pair of swapped channels."""
     out = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
         hypotheses = signal_map(*sensor_samples(problem, theta, name), [MappedChannel()] * size)
@@ -53,7 +53,7 @@ def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 
 
 def sensor_samples(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the measurements of the channels of a sensor, and their predictions, (n, m) each."""
+    """Return the measurements (n, m) of the channels of a sensor and their predictions (n, m), thinned and clipped."""
     k = problem.names.index(name)
     span = slice(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
     z, h = measurements(problem)[:, span], predictions(problem, theta)[:, span]
@@ -74,7 +74,7 @@ def predictions(problem: Residuals, theta: np.ndarray) -> np.ndarray:
 
 
 def clip(x: np.ndarray) -> np.ndarray:
-    """Return the columns of x (n, m), clipped at FAR robust standard deviations about the median."""
+    """Return the columns of x (n, m), clipped at CLIP_SIGMA robust standard deviations about the median."""
     x = x.copy()
     for column in x.T:
         if len(finite := column[np.isfinite(column)]):
@@ -87,7 +87,7 @@ def clip(x: np.ndarray) -> np.ndarray:
 
 
 class MountHypothesis(NamedTuple):
-    """A mount of the IMU: corrected readings z are its columns `order`, times `sign`."""
+    """A mount of the IMU. The corrected readings are the columns `order` of the readings, times `sign`."""
 
     order: tuple[int, int, int]
     sign: tuple[float, float, float]
@@ -106,8 +106,11 @@ MOUNTS = (
 
 
 def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnostic]:
-    """Return the `messages` on a finished search. If another mount of an IMU is the reason, begin with a message on
-    it. This message replaces the messages about other axes and signs."""
+    """Return the `messages` on a finished search.
+
+    If another mount of an IMU explains the data better, the first message names this mount. It replaces the other
+    messages about axes and signs.
+    """
     task, blocks = end.task, end.blocks
     if type(task.problem) is not Residuals or all(message.severity == Severity.INFO for message in messages):
         return messages
@@ -136,7 +139,7 @@ def _has_wrong_axes(task: Task, name: str) -> bool:
 
 
 def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagnostic] | None:
-    """Return the mount with smaller residuals whose gains agree with the file, and its diagnostic, or None."""
+    """Return a mount with clearly smaller residuals whose gains agree with the file, and its diagnostic, or None."""
     task, blocks = end.task, end.blocks
     records = [first_rows(record, MAX_ROWS) for record in task.problem.records]
     first_channel = sum(task.problem.sizes[: task.problem.names.index(name)])
@@ -186,7 +189,7 @@ def _remounted(record: FitRecord, name: str, hypothesis: MountHypothesis) -> Fit
 
 
 def _log_sigma(end: Search, channels: slice, n: np.ndarray) -> float:
-    """Return Σ n log σ over the channels of the IMU, which have n (3,) readings.  (1)"""
+    """Return Σ n log σ over the channels of the IMU with n (3,) readings, or infinity if the search diverged.  (1)"""
     log_sigma = float(n @ np.log(end.sigma[channels]))
     return log_sigma if np.isfinite(log_sigma) and np.isfinite(end.solution.evaluation.cost) else np.inf
 

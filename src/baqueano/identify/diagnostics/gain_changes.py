@@ -1,12 +1,12 @@
 """Compare the gains and the noise of a fit with their values in the vehicle file.
 
     G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
-    G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds if the command turns the vehicle    (2)
+    G_y = l_x G_ψ,   G_x = −l_y G_ψ      effect of an IMU at (l_x, l_y) if the command turns the vehicle    (2)
 
-The file may be wrong. But a command of the fit may push backward, sideways or five times as hard. Then the log is the
-more likely reason: a swapped, inverted or differently scaled column. A scale that all commands and readings share does
-not show in the residuals, so only the file can reveal it. Noise is compared with the file too, as it changes with the
-unit and not with the vehicle.
+The file can be wrong. But if a command of the fit pushes backward, sideways or five times as hard, the log is the
+more likely reason: a swapped, inverted or differently scaled column. A scale that all commands and readings share
+does not change the residuals, so only the file can reveal it. The noise is also compared with the file, because it
+depends on the unit and not on the vehicle.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
 
 MAX_GAIN_RATIO = (
-    2.0  # times the file's: the tolerances of data sheet and scale together, or a guess of half or double
+    2.0  # times the value in the file: tolerances of data sheet and scale, or a guess of half or double
 )
-MODEL_TOLERANCE = 0.1  # relative change of a gain by an imperfect model, beyond chance
-IMPLAUSIBLE_RATIO = 20.0  # times the file's: beyond any wrong guess of a vehicle
+MODEL_TOLERANCE = 0.1  # relative change of a gain by an imperfect model, in addition to its standard error
+IMPLAUSIBLE_RATIO = 20.0  # times the value in the file: larger than for any wrong guess of a vehicle
 SIGNIFICANT_SIGMA = 5.0  # standard errors
 QUIET_RATIO, SILENT_RATIO = (
     0.2,
     1e-4,
-)  # times the noise of the file; below SILENT it is a simulation without noise
+)  # times the noise of the file; below SILENT_RATIO the run is a simulation without noise
 UNITS = {
     57.29578: "guess.degrees", 9.80665: "guess.g", 255.0: "guess.pwm", 100.0: "guess.percent", 1000.0: "guess.milli",
 }  # fmt: skip
@@ -116,7 +116,10 @@ def _unit(off: float) -> Diagnostic | str:
 
 
 def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]) -> list[Diagnostic]:
-    """Return findings on the gain matrix by column: the largest entry in the file must stay the largest.  (1)"""
+    """Return findings on each column of the gain matrix: the largest entry in the file must stay the largest, and its
+    value must agree with the file. If a turning command moves the vehicle more along another axis, a lever arm is
+    suggested.  (1), (2)
+    """
     model = blocks.model
     path = next(
         (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
@@ -160,8 +163,10 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
 
 
 def _size(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the size (3,) of the accelerations of a command. The turning entry is multiplied by the ratio of linear
-    to turning gain in the file."""
+    """Return the comparable magnitudes (3,) of the accelerations `fitted` (3,) of a command.
+
+    The turning entry is multiplied by the ratio of linear to turning gain in the file.
+    """
     gains = np.max(np.abs(file_gains) / scale[:, None], axis=1)
     linear = max(gains[0], gains[1])
     ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0

@@ -4,13 +4,13 @@
     mean of a_x, a_y at rest ≈ bias + 9.8 sin(tilt),  both small for an IMU that lies flat                (2)
     ω_w = (v_r − v_l)/b    of two wheels b apart             ω_z = r ω_w                                   (3)
     a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (4)
-    ω_h = h(θ_0)           of the vehicle file's own numbers ω_z = r ω_h                                   (5)
+    ω_h = h(θ_0)           of the values in the vehicle file ω_z = r ω_h                                   (5)
 
 (3) to (5) are signal maps (runs/diagnostics/signal_map.py). (3) and (4) use means over WINDOW_S or four samples, (5)
-uses samples. r is 1 if the units are right, else 180/π or its inverse. A wrong unit is reported if r is within a factor
-NEAR of its value. The factor is large because wheels that skid and a guessed file give an r nearer to 1. A gyro that
-agrees with wheels or model is cleared. (4) cannot separate a gyro from an accelerometer in another unit, and reports
-both.
+uses samples. r is 1 if the units are correct, else 180/π or its inverse. A wrong unit is reported if r is within a
+factor MAX_UNIT_RATIO of that value. The factor is large because r is nearer to 1 if wheels skid, or if values of the
+file are guesses. A gyro that agrees with wheels or model is cleared. (4) cannot separate a gyro from an accelerometer
+in another unit, and reports both.
 """
 
 from typing import TYPE_CHECKING
@@ -38,24 +38,23 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-CURVE_CODE = "gyro.or-accelerometer"  # the code of a message that names two suspects
+CURVE_CODE = "gyro.or-accelerometer"  # the code of a message that names two possible causes
 MAX_UNIT_RATIO = 2.0  # either way: the tolerances of data sheet and scale together
 WINDOW_S, WINDOW_SAMPLES = 0.2, 4.0
 MIN_ROWS = 20  # rows
 UNIT_BY_RATIO = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # r → unit of the gyro
 UNIT_BY_INVERSE_RATIO = {1.0 / r: unit for r, unit in UNIT_BY_RATIO.items()}  # and by 1/r
 MAX_ACCELERATION_M_S2 = 300.0  # the largest acceleration on a small vehicle, apart from shocks
-TILT_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
+TILT_M_S2 = 3.0  # component of gravity in the plane: the mount is tilted by 18°
 LIMIT_TOLERANCE = 1.2  # times the limit: rounding and trims are less
 MIN_REST_TICKS = 20  # ticks at rest
 FULL_SCALES = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
 def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Diagnostic]:
-    """Return a message if the gyro is in another unit than the wheels, or than speed and sideways acceleration.
-
-    Return no message if the wheels of a sensor show the same yaw rate as the gyro. If only a curve shows the fault,
-    the message names gyro or accelerometer.  (3), (4)
+    """Return a list with at most one message: the gyro is in another unit than the wheels, or than speed and sideways
+    acceleration. The list is empty if the wheels of a sensor show the same yaw rate as the gyro. If only (4) shows
+    the fault, the message names gyro or accelerometer.  (3), (4)
     """
     sensors, by_wheels, curves = vehicle_file.sensors._asdict(), [], []
     for sensor_name, channel in run.sensors.items():
@@ -106,10 +105,10 @@ def _curve_message(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic 
 
 
 def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
-    """Return messages on gyros in another unit than the file's predictions, and True if all gyros are cleared.
+    """Return messages on gyros in another unit than the predictions with the file, and True if all gyros are cleared.
 
-    A gyro is cleared if it agrees with the file, with the wheels, or with a converged fit that keeps the file's
-    gains. The start of the search is not evidence, so it is not used.  (3), (5)
+    A gyro is cleared if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
+    file. The start of the search is not evidence, so it is not used.  (3), (5)
     """
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
@@ -133,8 +132,10 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
 
 
 def _keeps_turning_gains(end: "FinishedFit") -> bool:
-    """Return True if a converged fit left the turning gains, and the known numbers on which they act, near their
-    values in the file. A fit in which none of these is identifiable is not evidence."""
+    """Return True if the fit converged, and its turning gains and known measures stayed near their values in the file.
+
+    Return False if the file contains such values, but none of them is identifiable.
+    """
     free = end.free
     fitted, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
     file_values = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]
@@ -158,7 +159,7 @@ def _turns(parameter: Free) -> bool:
 
 
 def _unit_hypothesis(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
-    """Return the signal map from h (N,) to z (N,)."""
+    """Return the signal map from h (N,) to z (N,), with the possible `units` of their ratio."""
     z, h = (channel_map.clip(x[:, None]) for x in (z, h))
     return signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)], MAX_CHANCE_GAIN)[0]
 
@@ -175,8 +176,10 @@ def _wrong_unit(name: str, hypothesis: Hypothesis, r: float, source: Diagnostic)
 
 
 def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the means (W, m) of both logs over the windows in which both have samples, or None if one has fewer
-    than FEW samples."""
+    """Return the means (W, m) of both logs over the windows in which both have samples.
+
+    Return None if one of the logs has fewer than MIN_ROWS samples.
+    """
     if min(len(log.t_ns), len(second_log.t_ns)) < MIN_ROWS:
         return None
     typical_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
@@ -246,7 +249,9 @@ def _gravity_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     for i in range(2):
         x = channel.z[rows, i]
         x = x[np.isfinite(x)]
-        tilted_rows = np.count_nonzero(np.abs(x - expected[i]) > TILT_M_S2)  # fewer than half move no median
+        tilted_rows = np.count_nonzero(
+            np.abs(x - expected[i]) > TILT_M_S2
+        )  # fewer than half do not change the median
         offset = (
             float(np.median(x)) - float(expected[i]) if tilted_rows and 2 * tilted_rows >= len(x) else 0.0
         )

@@ -5,12 +5,13 @@
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
 The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data. The
-parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left or fast. A result needs
-a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU: 1/300). Also, a parameter must move
-by over 2 of its errors and 2 %, or differ between parts by over 5 %. The shift, and half of the difference of parts,
-are added to the error bars. γ(1), the covariance of neighbouring residuals, is motion outside the model. If it is above
-5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %. Outliers during fast
-changes of the prediction (3) mean that the model has a wrong delay or is too simple.
+parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left or fast. A result
+needs a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU: 1/300). Also, a parameter
+must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The shift, and half of
+the difference of parts, are added to the error bars. γ(1), the covariance of neighbouring residuals, is motion
+outside the model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not
+accurate to 5 %. Outliers during fast changes of the prediction (3) mean that the model has a wrong delay or is too
+simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,7 +38,7 @@ from baqueano.identify.parameters.free import DELAY
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
 
-# of Student's t at 1.25e-5 on each side, by degrees of freedom
+# quantiles of Student's t for a probability of 1.25e-5 on each side: (degrees of freedom, t)
 CRITICAL_T = (
     (1, 2.5e4),
     (2, 200.0),
@@ -50,7 +51,9 @@ CRITICAL_T = (
     (29, 5.0),
     (59, 4.6),
 )
-LOW_PASS_Z = 3.0  # standard errors for a low-pass: nearly every IMU has one, so less evidence suffices
+LOW_PASS_Z = (
+    3.0  # standard errors for a low-pass: nearly every IMU has a low-pass, so less evidence is sufficient
+)
 MIN_SHIFT_STD, MIN_RELATIVE_SHIFT = (
     2.0,
     0.02,
@@ -70,7 +73,7 @@ def check_residuals(
     identifiable: np.ndarray,
     std: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), and the error of each parameter that they cause, by path.
+    """Return findings at θ (p,), and the errors of parameters (path → error) that they cause.
 
     The `identifiable` (p,) entries have standard errors `std` (p,); the problem is weighted with the estimated
     noise.
@@ -112,7 +115,7 @@ class _FitEvidence:
         self.names = [path.removeprefix("model.") for path in paths]
 
     def is_significant(self, test: ScoreTest) -> bool:
-        """Return True if the result is significant."""
+        """Return True if |z| of the test is above the critical value for its degrees of freedom."""
         if abs(test.z) <= CRITICAL_T[-1][1]:
             return False
         dof = [-1.0 / d for d, _ in CRITICAL_T]
@@ -124,7 +127,7 @@ class _FitEvidence:
         return tuple((path, float(x)) for path, x in zip(self.paths, errors, strict=True) if x > 0.0)
 
     def most_biased(self, test: ScoreTest) -> int | None:
-        """Return the index of the parameter with the largest shift, in standard errors, or None if all are small."""
+        """Return the index of the parameter with the largest shift in standard errors, or None if all are small."""
         relative_shift = np.abs(test.shift) / np.maximum(self.std, 1e-300)
         is_large = (relative_shift > MIN_SHIFT_STD) & (
             np.abs(test.shift) > MIN_RELATIVE_SHIFT * np.abs(self.theta)
@@ -143,7 +146,7 @@ def _missing_terms(
             continue
         k, is_delay = fit.most_biased(test), code == "delay"
         if is_delay and DELAY in fit.paths:
-            continue  # the delay is in the model: this effect has another shape
+            continue  # the delay is already in the model, so this effect is not a delay
         if k is not None:
             path = f"sensors.{term_note.subject}.low_pass_hz" if is_filter else DELAY
             message = note(
@@ -194,8 +197,10 @@ def _masks(residuals: FitResiduals, motion: FittedMotion | None) -> Iterator[tup
 def _channels(
     problem: Residuals, residuals: Sequence[np.ndarray]
 ) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
-    """Yield for each channel its name, and per segment the residuals r and predictions h (n,) at its measurements,
-    in standard deviations."""
+    """Yield for each channel its name, and for each segment r and h (n,).
+
+    These are the residuals and predictions at the measurements of the channel, in standard deviations.
+    """
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     for c, label in enumerate(labels):
         is_present = [has[:, c] > 0.0 for has in problem.has]

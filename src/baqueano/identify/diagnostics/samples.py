@@ -1,16 +1,16 @@
-"""Find samples that are not measurements: not finite, held, stuck, logged as zero, or at an unknown end of range.
+"""Find samples that are not measurements: not finite, repeated, logged as zero, or at an unknown end of range.
 
     P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)     of white noise σ in steps of q, at most         (1)
     σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6     of the values that changed
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
-Samples that repeat the previous one, and exact zeros, are removed if they are `CHANCE_FACTOR` times more frequent than
-(1). They stay if the signal moves by less than a step. For encoders, the values between two jumps decide
-(runs/diagnostics/repeated_readings.py). Many equal values are their top speed, and a zero counts only between two
-readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the tails of noise
-contain few samples. The samples of (3) are then removed. (3) does not depend on the noise of the sample itself, so the
-fit stays unbiased.
+Samples that repeat the previous one, and exact zeros, are removed if they are `CHANCE_FACTOR` times more frequent
+than (1). They are kept if the signal changes by less than a step. For encoders, the test uses the values between two
+jumps (runs/diagnostics/repeated_readings.py). Many equal values can be the top speed, and a zero is removed only
+between two readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the
+tails of noise contain few samples. The samples of (3) are then removed. (3) does not depend on the noise of the
+sample itself, so the fit stays unbiased.
 """
 
 from dataclasses import replace
@@ -29,10 +29,10 @@ from baqueano.runs.run import Channel
 CHANCE_FACTOR, EXTRA_SAMPLES = (
     3.0,
     5,
-)  # more samples than FACTOR times the expected number plus FEW are significant
+)  # more samples than CHANCE_FACTOR times the expected number plus EXTRA_SAMPLES are significant
 MIN_SAMPLES = 20  # samples for a test
 MIN_END_SAMPLES, MIN_VISITS = 5, 3  # (2)
-MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that may be lost without a warning
+MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that can be lost without a warning
 MEDIAN_SAMPLES, MIN_CONSECUTIVE = 9, 3  # samples, (3)
 ROUNDING = 1e-12  # of the largest value: rounding difference between two ways to compute a reading
 ISOLATED_ZERO_SIGMA = 10.0  # standard deviations between an isolated zero and its neighbours
@@ -93,7 +93,7 @@ def _merge_messages(name: str, m: int, messages: list[Diagnostic]) -> list[Diagn
 
 
 def channel_resolution(x: np.ndarray) -> ChannelResolution:
-    """Return σ and q of finite values x (M,), both 0 if too few values change.  (1)"""
+    """Return σ and q of finite values x (M,); both are 0 if too few values change.  (1)"""
     changed = x[np.concatenate([[True], np.diff(x) != 0.0])]
     levels = np.unique(x)
     if len(changed) < MIN_SAMPLES or len(levels) < 3:
@@ -119,7 +119,7 @@ def _percentage(is_invalid: np.ndarray, is_finite: np.ndarray) -> float:
 def _lost_frames(
     label: str, x: np.ndarray, resolution: ChannelResolution, is_imu: bool
 ) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return the mask of lost frames that were logged as zero, and a message."""
+    """Return the mask (M,) of lost frames that were logged as zero, and a list with at most one message."""
     is_zero, no_samples = x == 0.0, np.zeros(len(x), bool)
     chance = len(x) * resolution.step / (np.sqrt(2.0 * np.pi) * resolution.sigma)
     if is_zero.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES:
@@ -150,7 +150,7 @@ def _lost_frames(
 def _repeated_samples(
     label: str, x: np.ndarray, resolution: ChannelResolution, is_imu: bool
 ) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return the mask of samples that repeat the previous one (held or stuck), and a message."""
+    """Return the mask (M,) of samples that repeat the previous one, and a list with at most one message."""
     is_repeated = np.concatenate([[False], x[1:] == x[:-1]])
     chance = len(x) * resolution.step / (2.0 * np.sqrt(np.pi) * resolution.sigma)
     if (
@@ -171,7 +171,7 @@ def _repeated_samples(
 def _limit_samples(
     label: str, x: np.ndarray, resolution: ChannelResolution
 ) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return the mask of samples at the end of a range, and a message.  (2), (3)"""
+    """Return the mask (M,) of samples at the end of a range, and a list with at most one message.  (2), (3)"""
     finite, is_invalid, ends, end_count = np.isfinite(x), np.zeros(len(x), bool), [], 0
     if finite.sum() < MIN_SAMPLES or resolution.sigma < resolution.step:
         return is_invalid, []  # too coarse: every level has many samples

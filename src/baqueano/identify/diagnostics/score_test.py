@@ -2,16 +2,16 @@
 
     D⊥ = D − d A⁻¹ dᵀ w D,   A = dᵀ w d           the part of D that θ cannot imitate                     (1)
     δ  = D⊥ᵀ ψ / (D⊥ᵀ w D⊥)                       the size of the effect                                  (2)
-    Δθ = A⁻¹ dᵀ w D δ                             the change of θ if it were in the model                 (3)
+    Δθ = A⁻¹ dᵀ w D δ                             the change of θ if the effect were in the model                 (3)
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
 
-r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. ψ(r) is the clipped residual of the Huber cost, and w
-= ψ'(r). −D is the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) estimates the
-scatter of (2) from the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥. z is Student's t with 1/Σ
-h_b² − 1 degrees of freedom. B is 60 if the run is long enough. An effect may be a parameter that differs in a part of
-the run, D = 1_part d_j. Biases and starts are eliminated from d and D first. docs/derivations/robust_covariance.md
-gives the reasons.
-Sources: Rao 1948; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
+r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. ψ(r) is the clipped residual of the Huber cost, and
+w = ψ'(r). −D is the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) estimates the
+scatter of (2) from the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥. z is Student's t with
+1/Σ h_b² − 1 degrees of freedom. B is 60 if the run is long enough. An effect can be a parameter that differs in a
+part of the run, D = 1_part d_j. Biases and starts are eliminated from d and D first.
+docs/derivations/robust_covariance.md gives the reasons. Sources: Rao 1948; Andrews 1993 for parts of a sample; batch
+means as in the analysis of simulations.
 """
 
 from collections.abc import Callable, Sequence
@@ -54,7 +54,7 @@ class FitResiduals(NamedTuple):
     blocks: np.ndarray  # (B,) first row of each block
     inverse: np.ndarray  # A⁻¹ (k, k)
     weighted: np.ndarray  # (k + 1, N m) d w, and ψ
-    power: float  # Σ ψ² / Σ w: sum of ψ², clipped ones too, per residual that is not clipped
+    power: float  # Σ ψ² / Σ w: the sum over all residuals, divided by the number that is not clipped
 
 
 class ScoreTest(NamedTuple):
@@ -76,7 +76,7 @@ class _Sums(NamedTuple):
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
-    """Return the residuals at θ; `identifiable` (p,) bool marks the entries of θ that the data determine."""
+    """Return the residuals at θ. `identifiable` (p,) is a mask of the entries of θ that the data determine."""
     layout, segments = problem.layout, problem.sensitivities(theta, last=True)
     s, m = layout.shared_count, len(problem.sigma)
     has = np.concatenate(problem.has).ravel() > 0.0
@@ -126,7 +126,7 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return x y for x (a, n) and y (n,) or (n, b), over n measurements, in parts that stay in the cache."""
+    """Return x y for x (a, n) and y (n,) or (n, b), computed in parts of the n measurements that fit in the cache."""
     out = np.zeros((len(x), *y.shape[1:]))
     for rows in in_cache(len(y), out.size):
         out += x[:, rows] @ y[rows]
@@ -142,8 +142,10 @@ def _nuisance_derivatives(
     identifiable: np.ndarray,
     other_entries: range,
 ) -> list[NuisanceDerivatives]:
-    """Return the derivatives of the identifiable `entries` of a run or segment; eliminate them from the `other_entries`
-    of `flat` (q, N m)."""
+    """Return the derivatives of the identifiable `entries` of a run or segment, as a list of at most one item.
+
+    Eliminate them from the `other_entries` of `flat` (q, N m), in place.
+    """
     index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
     if not index:
         return []
@@ -164,7 +166,9 @@ def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
 
 def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
     """Return the test of each effect, a column of D (K, N m): the change of the prediction in standard deviations.
-    A column that diverged counts as 0."""
+
+    A column that diverged is treated as 0.
+    """
     sums = _sums(fit, D)
     is_infinite = ~np.isfinite(sums.energy)
     for sums_of_effect in (sums.energy, sums.total, sums.cross, *sums.nuisances) if is_infinite.any() else ():
@@ -189,7 +193,7 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
 
 
 def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
-    """Test if each of the k entries differs in the rows of each mask (N,), by D = 1_part d."""
+    """Return, for each mask (N,), the tests if each of the k entries differs in its rows, with D = 1_part d."""
     k, n = len(fit.d), len(fit.run)
     m, part_masks = len(fit.clipped_residuals) // n, np.array(masks)
     rows = fit.weighted[:-1].T.reshape(n, m, k)
@@ -240,8 +244,11 @@ def _sums_by_part(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks:
 def _score_tests(
     fit: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
 ) -> list[ScoreTest]:
-    """Return the test of each effect: (1) to (3) from the `sums`, and (4) if it may be significant. `column` returns
-    D for the given indices."""
+    """Return the test of each effect.
+
+    (1) to (3) are computed from the `sums`; (4) is added if the effect can be significant. `column` returns D for the
+    given indices.
+    """
     ties = sums.cross @ fit.inverse
     power = sums.energy - np.einsum("ki,ki->k", sums.cross, ties)
     total = sums.total - ties @ fit.score
@@ -252,7 +259,7 @@ def _score_tests(
         total = total - nuisance_ties[-1] @ _product(nuisance.d, fit.clipped_residuals[nuisance.columns])
     is_shown = power > MIN_OWN_FRACTION * np.maximum(
         sums.energy, 1e-300
-    )  # else θ imitates the effect, or no measurement shows it
+    )  # otherwise θ imitates the effect, or it does not change a measurement
     size = np.where(is_shown, total / np.where(is_shown, power, 1.0), 0.0)
     candidates = np.flatnonzero(
         is_shown & (np.abs(total) > PROMISING_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))

@@ -1,14 +1,14 @@
-"""Detect and repair wrong timestamps: jumps, bursts, repeated or reversed stamps, a clock in another unit.
+"""Detect and repair wrong timestamps: jumps, bursts, repeated or reversed timestamps, a clock in another unit.
 
     steps   Δ_k = t_k − t_{k−1},   usual step = median Δ,   regular rate = 1 / mean Δ                     (1)
 
-A step longer than 1 s and 20 usual steps is a pause, or a clock that was set. The run is cut there and never integrated
-across. Parts below 2 s are dropped, and so is the first 0.5 s after a cut, when motors still follow unknown commands.
-If more than a fifth of the steps are shorter than a fifth of the mean, samples were stamped in bursts as they were
-read. They are spread evenly from the end of the previous burst to the end of this burst. For a regular sensor, the
-error is at most one sample. A usual step that is 20 times off the file's rate means a clock in another unit. A sample
-whose delay from stamp to arrival differs by more than 0.25 s from the usual delay is removed. Its stamp is not the time
-of measurement.
+A step longer than 1 s and 20 usual steps is a pause, or a clock that was set. The run is split there and is not
+integrated across the step. Parts below 2 s are dropped. The first 0.5 s after a split is also dropped, because motors
+still follow unknown commands. Samples have their timestamps in bursts if more than a fifth of the steps are shorter
+than a fifth of the mean. They are spread evenly from the end of the previous burst to the end of this burst. For a
+regular sensor, the error is at most one sample. A usual step that is 20 times off the file's rate means a clock in
+another unit. A sample is removed if its delay from timestamp to arrival differs by more than 0.25 s from the usual
+delay. Its timestamp is not the time of measurement.
 """
 
 from dataclasses import replace
@@ -31,7 +31,10 @@ MIN_SAMPLES = 20  # samples
 
 
 def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
-    """Return the repaired run, cut at pauses, and the findings. A run of fewer than FEW ticks is unchanged."""
+    """Return the repaired run, split at pauses, and the findings.
+
+    A run of fewer than MIN_SAMPLES ticks is unchanged.
+    """
     if len(run.t_ns) < MIN_SAMPLES:
         return [run], []
     run, unit_messages = _check_unit(run, rate_hz)
@@ -92,7 +95,7 @@ def _is_burst(t_ns: np.ndarray) -> bool:
 
 
 def spread_bursts(t_ns: np.ndarray) -> np.ndarray:
-    """Return the stamps with bursts spread evenly: each burst ends at the stamp of its last sample."""
+    """Return the timestamps with bursts spread evenly: each burst ends at the timestamp of its last sample."""
     steps = np.diff(t_ns)
     usual_steps = steps[steps <= np.quantile(steps, 0.99)]
     ends = np.flatnonzero(np.concatenate([steps >= 0.5 * np.mean(usual_steps), [True]]))
@@ -130,7 +133,7 @@ def _burst_note(subject: str, moved_s: float) -> Diagnostic:
 
 
 def _shift(timestamps: np.ndarray, old_ticks: np.ndarray, new_ticks: np.ndarray) -> np.ndarray:
-    """Return stamps that refer to the ticks `old_ticks`, moved to the ticks `new_ticks`."""
+    """Return `timestamps`, which refer to the ticks `old_ticks`, moved to the ticks `new_ticks`."""
     origin = int(old_ticks[0])
     shift = np.interp(
         (timestamps - origin).astype(float),
@@ -141,8 +144,10 @@ def _shift(timestamps: np.ndarray, old_ticks: np.ndarray, new_ticks: np.ndarray)
 
 
 def _check_stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
-    """Return the channel without samples whose stamp is far from its arrival or not after the previous stamps, and
-    the findings."""
+    """Return the channel and the findings.
+
+    Samples are removed if their timestamp is far from their arrival, or not after the previous timestamps.
+    """
     if len(c.t_ns) < MIN_SAMPLES:
         return c, []
     late_s = (c.arrival_ns - c.t_ns) / NANOSECONDS
@@ -174,8 +179,10 @@ def _severity(loss: np.ndarray) -> Severity:
 
 
 def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-    """Return the segments of the run between pauses, and a message if it was cut. Segments below PIECE_S are dropped,
-    but the run stays whole, with an error, if none would remain."""
+    """Return the segments of the run between pauses, and a message if the run was split.
+
+    Segments below MIN_PIECE_S are dropped. If all are too short, the whole run is returned with an error message.
+    """
     steps_s = np.diff(run.t_ns) / NANOSECONDS
     pause_s = max(MIN_PAUSE_S, PAUSE_STEPS * float(np.median(steps_s)))
     cuts = np.flatnonzero(steps_s > pause_s)

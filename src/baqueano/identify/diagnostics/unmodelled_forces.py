@@ -8,10 +8,10 @@ relative to their largest value. φ is one of
     ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)       along x                                (3)
     ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)     about ψ                                (4)
 
-(1) are dead zones and backlash, motors that saturate or slip, motors that differ forward and backward, and a fading
-battery. (2) are dry and other friction, and a caster that flips; (3) and (4) are losses in corners. A tyre that slips
-sideways in proportion to its force brakes with the square of the sideways acceleration, the third term of (3). It also
-turns less than it is steered: the third term of (4).
+(1) are dead zones and backlash, motors that saturate or slip, motors that differ forward and backward, and a
+discharging battery. (2) are dry and other friction, and a caster that flips; (3) and (4) are losses in corners. A
+tyre that slips sideways in proportion to its force brakes with the square of the sideways acceleration, the third
+term of (3). It also turns less than it is steered: the third term of (4).
 """
 
 from typing import NamedTuple
@@ -48,8 +48,10 @@ class Force(NamedTuple):
 
 
 def force_terms(axis: int, channel_count: int) -> list[Force]:
-    """Return the forces along `axis`, 0 or 2, and last a sideways force, in the order of `command_features` and
-    `motion_features`."""
+    """Return the forces along `axis` (0 or 2) and then a sideways force.
+
+    The order is that of `command_features` and `motion_features`.
+    """
     command_forces = [
         Force(f"{code} of channel {j}", _term(code), axis, j)
         for code in COMMAND_TERMS
@@ -85,7 +87,7 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
 
 
 def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
-    """Return the channels (N, c) that commands u (N, n) drive."""
+    """Return the channels (N, c) of the drivetrain for the commands u (N, n): the two wheels, or the commands."""
     drivetrain = getattr(model, "drivetrain", None)
     if getattr(drivetrain, "mixing", "none") == "two_wheels":
         return np.column_stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
@@ -93,7 +95,9 @@ def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
 
 
 def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return sign x e^(−s/0.2 s) (N, c), with s the time since the last change of sign; 0 before any."""
+    """Return sign x e^(−s/0.2 s) (N, c), where s is the time since the last change of sign; it is 0 before the first
+    change.
+    """
     decay = np.zeros_like(x)
     for c, sign in enumerate(np.sign(x).T):
         moving_rows = np.flatnonzero(sign != 0.0)

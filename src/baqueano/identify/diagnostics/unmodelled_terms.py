@@ -41,7 +41,7 @@ from baqueano.symbolic.scan import Scan
 
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
-FORCE_AXES = (0, 2)  # of all forces but the last one of each axis, which acts sideways
+FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
 
 LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # code of a term, and its description
 TermColumns: TypeAlias = tuple[
@@ -98,7 +98,7 @@ class FittedMotion(NamedTuple):
 
 
 def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> FittedMotion | None:
-    """Return the motion that the fit predicts, or None for a model that cannot be pushed."""
+    """Return the motion that the fit predicts, or None for a model that does not accept process noise (a push)."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
     kernels = cached_kernel(blocks, problem.shape, problem.scan.backend, _trace)

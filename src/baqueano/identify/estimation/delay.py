@@ -1,16 +1,17 @@
 """Search for the parameters of least cost if the delay of the command is free.
 
-    d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ from the start                                  (1)
-    d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ from d_0                          (2)
+    d_0 = arg min over a grid of GRID_STEP_S of min C(θ; d),  σ from the start                                  (1)
+    d_1 = arg min over a grid of FINE_TICKS about d_0 of min C(θ; d),  σ from d_0                          (2)
     d_2 = arg min C(θ, d)  within a step of d_1, on this side of a whole tick and on the other             (3)
     d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (4)
-    C(θ; u) − C(θ; steps · round(u / steps)) > CLEAR    at the θ that was fitted without them             (5)
+    C(θ; u) − C(θ; round(steps · u) / steps) > MIN_COST_GAIN    at the θ that was fitted without steps             (5)
 
-Without a lag of the motors the cost jumps at delays of whole ticks δ. With a lag, commands in even steps leave valleys
-on both sides of the deepest. If (4) returns to a whole tick from both sides, the least cost is at the tick. The search
-has then converged although the derivative is not 0. The grid (1) is half a period of 20 Hz, the fastest command that a
-small vehicle follows. If a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2). A timer of 8
-bits rounds a duty to 1/255; behind a dead zone this exceeds the noise of a gyro, and (5) finds the steps.
+Without a lag of the motors the cost jumps at delays of whole ticks δ. With a lag, commands in even steps leave
+valleys on both sides of the deepest. If (4) returns to a whole tick from both sides, the least cost is at the tick.
+The search has then converged although the derivative is not 0. The grid (1) is half a period of 20 Hz, the fastest
+command that a small vehicle follows. If a tick is much shorter, the interval about d_0 is halved until MAX_FINE_TICKS
+ticks remain for (2). A timer of 8 bits rounds a duty to 1/255. With a dead zone this exceeds the noise of a gyro, and
+(5) finds the steps.
 """
 
 from collections.abc import Callable
@@ -28,26 +29,28 @@ from baqueano.vehicles.drivetrain import mix, quantise
 
 GRID_STEP_S = 0.025
 COST_TOLERANCE = 1e-2  # of the least cost: tolerance of the searches at the other delays of the grid (1)
-FINE_TICKS = 0.25  # of a tick: the deepest valley is wider on both sides, however large the dead zone
+FINE_TICKS = 0.25  # of a tick: the deepest valley is wider on both sides, for a dead zone of any size
 MAX_FINE_TICKS = 6  # ticks that (2) searches
 MAX_EVALUATIONS = 8  # evaluations at one delay: the next delay begins where they end
 EDGE_TICKS = 1e-6  # of a tick: least distance from a whole tick, where the derivative is one-sided
-MAX_STEPS = 6  # ticks by which (4) may move
+MAX_STEPS = 6  # largest number of ticks by which (4) moves
 DUTY_STEP_PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 MIN_COST_GAIN = 25.0
 
 
 def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
-    """Return the task in whose bounds the search is smooth, and the best search. Without a free delay, the task is
-    `task`."""
+    """Return the task whose bounds contain only one tick of delay, and the best search.
+
+    Without a free delay, `task` is returned unchanged.
+    """
     shared_names = task.problem.shape.shared
     if DELAY not in shared_names:
         return task, best_search(task, begin)
     i = shared_names.index(DELAY)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
     signal, evaluation_count = task.problem.signal(), 0
-    # if the first is not sound, the second begins again from other starts
+    # if the first search is not sound, the second one also uses other starts
     for first in (_rough_search, best_search):
         end, scan_count = _scan(task, begin, i, max(GRID_STEP_S, tick_s), first)
         end, approach_count = _refine(task, end, i, max(GRID_STEP_S, tick_s), tick_s)
@@ -59,7 +62,10 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
 
 
 def bounds_of(task: Task, end: Search) -> Search:
-    """Return `end` with `bound` marking the entries at a bound of `task`, but not a delay at the edge of a tick."""
+    """Return `end` with its `bound` computed from the bounds of `task`.
+
+    So a delay at the edge of a tick is not marked.
+    """
     theta, tolerance = end.solution.theta, 1e-3 * (task.high - task.low)
     tolerance = np.where(np.isfinite(tolerance), np.minimum(tolerance, 1e-6), 0.0)
     bound = np.where(theta <= task.low + tolerance, -1, np.where(theta >= task.high - tolerance, 1, 0))
@@ -181,8 +187,11 @@ def _better_search(task: Task, first: Search, second: Search) -> Search:
 
 
 def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
-    """Move tick by tick, at most STEPS times, to the tick with the least cost. Return its task, its search and the
-    number of evaluations. At a kink, select the side with the larger error.  (4)"""
+    """Move tick by tick, at most MAX_STEPS times, to the tick with the least cost.
+
+    Return the task and the search of this tick, and the number of evaluations. At a kink, select the side with the
+    larger standard error of the delay.  (4)
+    """
     k, evaluation_count, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
     while True:
         bounded_task = _within_tick(task, i, k, tick_s)
@@ -202,7 +211,7 @@ def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Tas
 
 
 def _delay_variance(end: Search, i: int) -> float:
-    """Return the variance of entry i with all others known, or infinity without information."""
+    """Return the variance of entry i of θ if all others are known, or infinity without information."""
     info = information(end.problem, end.solution.theta)
     bread = float(info.bread[i, i])
     return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
@@ -232,14 +241,14 @@ def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
 def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
     """Return the number of steps to which a timer rounds the duties, or None if no steps are visible.  (5)
 
-    Return None also if the file contains the steps, or if the commands are not the duties of two wheels.
+    Also return None if the file contains the steps, or if the commands are not the duties of two wheels.
     """
     drivetrain: Tree = getattr(blocks.model, "drivetrain", None)
     n = blocks.model.commands
     if getattr(drivetrain, "mixing", "none") != "two_wheels" or drivetrain.duty_step > 0.0:
         return None
     if max(float(np.max(np.abs(u[:, 0]) + np.abs(u[:, 2]))) for u in (r.u for r in problem.records)) > 2.0:
-        return None  # no duties
+        return None  # these are not duties
 
     def on_timer(steps: int, rows: np.ndarray) -> np.ndarray:
         duty_left, right = quantise(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)

@@ -7,12 +7,11 @@
     C(θ − h sign(g_i) e_i) > C(θ)   although g_i predicts a fall, h = 10⁻³ standard deviations             (5)
 
 C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w. H overestimates the curvature, so an
-undamped step is too short by E ψ' / E w = 1/1.17 on normal noise; o corrects this. A parameter whose cost rises in both
-directions (5) is at a kink of a delay or a dead zone. It stays there, and the search continues without it. (5) is
-tested if steps no longer gain and (4) is not met. An entry at its bound whose step would cross the bound is removed
-from (1). A step that crosses bounds is solved again with these entries at their bounds. H of many segments is an arrow
-(block_arrow.py).
-Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
+undamped step is too short by E ψ' / E w = 1/1.17 on normal noise; o corrects this. A parameter whose cost rises in
+both directions (5) is at a kink of a delay or a dead zone. It stays there, and the search continues without it. (5)
+is tested if steps no longer reduce the cost and (4) is not met. An entry at its bound whose step would cross the
+bound is removed from (1). A step that crosses bounds is solved again with these entries at their bounds. H of many
+segments is an arrow (block_arrow.py). Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 
 from collections.abc import Callable
@@ -27,7 +26,7 @@ MAX_EVALUATIONS = 80  # evaluations
 MIN_SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
 OVERSTEP = 0.17  # relative lengthening of an undamped step
 DAMPING = 1e-2  # λ at the start
-STALLED_DECREMENT = 1e-2  # decrement below which a search that no longer improves counts as converged
+STALLED_DECREMENT = 1e-2  # decrement below which a search that no longer improves is treated as converged
 STUCK_DAMPING = 1e4  # λ above which the search is stuck
 MIN_KINK_SLOPE, KINK_STEP = 1e-2, 1e-3  # standard deviations: least slope for test (5), and its step h
 
@@ -46,9 +45,9 @@ class Solution(NamedTuple):
 class Minimiser(Protocol):
     """Interface of a custom solver: it returns the θ (p,) of least cost between `low` and `high` (p,), from `theta`.
 
-    `fixed` (p,) bool marks entries that do not move. The solver may stop at a decrement (4) below `tolerance`, or
-    after `most` evaluations. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at` builds
-    the result.
+    `fixed` (p,) is a mask of entries that must not change. The solver can stop at a decrement (4) below `tolerance`,
+    or after `most` evaluations. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at`
+    builds the result.
     """
 
     def __call__(
@@ -77,7 +76,7 @@ def solution_at(
     low, high : ndarray (p,)
         Bounds.
     converged : bool
-        True if no more gain is possible.
+        True if the cost cannot be reduced further.
     evaluations : int
         Calls of `evaluate`.
 
@@ -115,8 +114,10 @@ def minimise(
     damping: float = DAMPING,
     evaluation: Evaluation | None = None,
 ) -> Solution:
-    """Return the solution with the θ (p,) of least cost between `low` and `high` (p,). `fixed` (p,) marks entries
-    that do not move; `evaluation` is the evaluation at the start if known."""
+    """Return the solution with the θ (p,) of least cost between `low` and `high` (p,), searched from `theta`.
+
+    `fixed` (p,) is a mask of entries that do not change. `evaluation` is the evaluation at `theta` if it is known.
+    """
     theta = _clip(theta, low, high)
     may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
     current = evaluate(theta) if evaluation is None else evaluation
@@ -182,7 +183,10 @@ def _at_kinks(
 
 
 def _is_finite(evaluation: Evaluation) -> bool:
-    """Return False if the model diverges: a robust cost may be finite although its derivatives are not."""
+    """Return True if cost and Hessian are finite.
+
+    If a model diverges, a robust cost can be finite although its derivatives are not.
+    """
     H = evaluation.hessian
     return bool(
         np.isfinite(evaluation.cost) and (H.is_finite if isinstance(H, BlockArrow) else np.isfinite(H).all())
@@ -194,12 +198,12 @@ def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _is_leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return a mask (p,) of the entries on a bound that would cross it."""
+    """Return a mask (p,) of the entries at a bound which a step would cross."""
     return ((theta <= low) & (gradient >= 0.0)) | ((theta >= high) & (gradient <= 0.0))
 
 
 def _decrement(current: Evaluation, scale: np.ndarray, movable: np.ndarray) -> float:
-    """Return gᵀH⁻¹g over the entries that may move.  (4)"""
+    """Return gᵀH⁻¹g over the entries `movable` (p,).  (4)"""
     index = np.flatnonzero(movable)
     if not len(index):
         return 0.0
@@ -233,7 +237,7 @@ def _bounded_step(
     low: np.ndarray,
     high: np.ndarray,
 ) -> np.ndarray:
-    """Return the step s (p,) of (1), kept between the bounds."""
+    """Return the step s (p,) of (1), limited so that θ + s is between the bounds."""
     s = np.zeros(len(theta))
     is_free = movable.copy()
     for _ in range(len(theta)):

@@ -1,4 +1,4 @@
-"""Evaluate the second cost of a fit: the likelihood of the innovations of a filter, whose noise is fitted too.
+"""Evaluate the second cost of a fit: the likelihood of the innovations of a filter, whose noise is also fitted.
 
     J(x) = Σ ρ(e) + ½ β log s,   x = (θ, v, ½ log q),   ρ(e) = ½ K² atan(e²/K²),   ψ = ρ' = e/(1 + (e/K)⁴)  (1)
     ∂J = Σ ψ ∂e + ½ β ∂log s,      H = Σ w ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ                                     (2)
@@ -6,11 +6,11 @@
     2 (J(v = 0) − J)/τ  ~  at most χ² with as many degrees as v has axes,   τ = E ψ²/E ψ'                  (4)
 
 The sums are over all measurements, with e and s of innovations.py. Without K and with β = 1, J is the Gaussian
-likelihood. β = E ψ e puts the minimum of J where v and q are the variances of normal noise. A floor makes the error of
-a simulation a random walk. The filter forgets at the rate of v, and its e are white, so that the scores U_t of the
-ticks form a martingale (3). H is the Fisher information. v = 0 is the cost of the simulation: the models are nested
-(4). The limit is "at most χ²" because v = 0 is on the boundary.
-Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987. docs/derivations/one_likelihood.md
+likelihood. β = E ψ e puts the minimum of J where v and q are the variances of normal noise. Because of process noise,
+the error of a simulation is a random walk. The filter discards old information at a rate given by v, and its e are
+white. So the scores U_t of the ticks form a martingale (3). H is the Fisher information. v = 0 is the cost of the
+simulation: the models are nested (4). The limit is "at most χ²" because v = 0 is on the boundary. Sources: Schweppe
+1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987. docs/derivations/one_likelihood.md
 """
 
 from collections.abc import Callable
@@ -34,13 +34,16 @@ from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _
 
-# K of (1): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight
+# K of (1): 97.5 % efficient on normal noise; the weight of an outlier of 20 σ is 1/2000
 ROBUST_SCALE = 3.0
 BETA = 0.8797543464799179  # E ψ e of a normal e
 TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
 MAX_LOG_NOISE = 7.0  # of ½ log q: e⁷ is a thousand times the noise
 TOLERANCE = 1e-7  # decrement at the end
-MAX_EVALUATIONS, EVALUATIONS_AT_ONCE = 60, 15  # evaluations, in all and between two progress messages
+MAX_EVALUATIONS, EVALUATIONS_AT_ONCE = (
+    60,
+    15,
+)  # number of evaluations, in total and between two progress messages
 R = TypeVar("R")
 
 
@@ -80,7 +83,7 @@ class InnovationDerivatives(NamedTuple):
     log_s: np.ndarray  # (N, m)
     e_derivatives: np.ndarray  # (N, m, p_segment) ∂e
     s_derivatives: np.ndarray  # (N, m, p_segment) ∂log s
-    indices: np.ndarray  # (p_segment,) positions of these entries in x
+    indices: np.ndarray  # (p_segment,) indices of these entries in x
 
 
 class Prediction:
@@ -95,12 +98,12 @@ class Prediction:
         self.kernel = cached_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
 
     def x(self, theta: np.ndarray, noise: FloorNoise | None = None) -> np.ndarray:
-        """Return x = (θ, v, ½ log q); without `noise`, v = 0 and the σ of the simulation."""
+        """Return x = (θ, v, ½ log q). Without `noise`, v is 0 and σ is that of the simulation."""
         noise = noise or FloorNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
         return np.concatenate([theta, noise.vector])
 
     def split_vector(self, x: np.ndarray) -> tuple[np.ndarray, FloorNoise]:
-        """Return θ (p,) and the noise of x."""
+        """Return θ (p,) and the noise that x contains."""
         floor, sensors = np.split(x[self.size :], [len(self.axes)])
         return x[: self.size], FloorNoise(floor, sensors)
 
@@ -124,7 +127,7 @@ class Prediction:
         return self._map_segments(x, lambda slopes: slopes)
 
     def _map_segments(self, x: np.ndarray, of_segment: Callable[[InnovationDerivatives], R]) -> list[R]:
-        """Return `part(slopes)` of each segment, computed on all cores."""
+        """Return `of_segment(derivatives)` for each segment, computed on all cores."""
 
         def of_rows(rows: np.ndarray, indices: np.ndarray) -> R:
             return of_segment(self._derivatives(rows, x, indices))
@@ -134,7 +137,7 @@ class Prediction:
         return parallel_map(of_rows, rows, self._indices(), rows=work_rows)
 
     def _indices(self) -> list[np.ndarray]:
-        """Return for each segment the positions of its θ and of the noise in x."""
+        """Return, for each segment, the indices in x of its θ and of the noise."""
         noise = self.size + np.arange(len(self.axes) + self.channels)
         return [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
 
@@ -187,11 +190,12 @@ def maximum_likelihood(
     least: np.ndarray | None = None,
     progress: Callable[[str], object] | None = None,
 ) -> MaximumLikelihood:
-    """Return the x of maximum likelihood, searched from `theta` (p,) of the simulation between the bounds.
+    """Return the x of maximum likelihood. The search starts at `theta` (p,) of the simulation and stays between `low`
+    and `high` (p,).
 
-    `fixed` (p,) marks entries that do not move. σ of a sensor is at least `least` (m,), given by its converter and
-    by rounding. The first search has v = 0, the second one a free v. `progress` receives the progress; if it returns
-    True, a search ends.
+    `fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `least` (m,), given by its
+    converter and by rounding. The first search has v = 0, the second one a free v. `progress` is called with a text;
+    if it returns True, a search ends.
     """
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
     min_factor = np.zeros(m) if least is None else least / prediction.simulation.sigma
@@ -232,7 +236,10 @@ def _search(
     damping: float,
     progress: Callable[[str], object] | None,
 ) -> Solution:
-    """Return the minimum of J from `x`. `progress` receives the progress; if it returns True, the search ends."""
+    """Return the minimum of J, searched from `x`.
+
+    `progress` is called with a text; if it returns True, the search ends.
+    """
     evaluation_count, evaluation = 0, None
     while True:
         solution = minimise(

@@ -1,11 +1,11 @@
 """Search for the parameters of least cost while the noise itself is estimated.
 
-    σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
+    σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ is constant                            (1)
 
 The search begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic. It ends with
-the σ of the noise. If the residuals are autocorrelated and large, or the search got stuck, it begins again until two
-searches end at the same place. The new starts are vehicles without motor force, with less and with more friction. The
-best end is returned.
+the σ of the noise. If the residuals are autocorrelated and large, or the search did not converge, it is repeated. It
+ends when two searches from different starts agree. The new starts are vehicles without motor force, with less and
+with more friction. The best result is returned.
 """
 
 from collections.abc import Callable
@@ -28,8 +28,8 @@ GAIN_NAMES = ("actuator_matrix", "velocity_matrix", "throttle_gain")
 MAX_RESIDUAL_SHARE = (
     0.14  # of a channel's own spread: with larger autocorrelated residuals a search is not sound
 )
-EQUAL_LOG_SIGMA = 1e-3  # of the logarithm of σ: closer ends count as the same
-DROPPED_LOG_SIGMA = 0.7  # of the logarithm of σ: a rough end that is worse by more is dropped
+EQUAL_LOG_SIGMA = 1e-3  # of the logarithm of σ: results that are closer are treated as equal
+DROPPED_LOG_SIGMA = 0.7  # of the logarithm of σ: a rough result that is worse by more is dropped
 RESTART_FACTORS = (1.0, 0.25, 4.0)  # factors on all but the gains, if the search begins again without force
 
 
@@ -42,11 +42,13 @@ class Task(NamedTuple):
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
     fixed_sigma: np.ndarray | None  # (m,) σ, if it is known
-    by_speed: bool = False  # True if the noise may grow with speed: noise_level.py
+    by_speed: bool = False  # True if the noise can grow with speed: noise_level.py
     progress: Callable[[str], object] | None = (
         None  # receives the progress; if it returns True, the search ends
     )
-    prior_sigma: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
+    prior_sigma: np.ndarray | None = (
+        None  # (m,) σ of channels with too few measurements to estimate it, else 0
+    )
     again: bool = True  # True if a search that is not sound begins again; False for refused data
     minimise: Minimiser = minimise  # finds the least cost of one σ
 
@@ -60,7 +62,9 @@ class Search(NamedTuple):
     autocorrelation: np.ndarray  # (m,) `autocorrelation_sums` of the residuals
     evaluations: int
     profile: list[np.ndarray] | None = None  # per segment (N, m), of mean square 1: relative σ if it varies
-    stopped: bool = False  # True if the caller requested to stop; not converged if there was more to do
+    stopped: bool = (
+        False  # True if the caller ended the search; then it is not converged unless it was complete
+    )
 
     def is_sound(self, signal: np.ndarray) -> bool:
         """Return True if the search converged and the residuals are not both autocorrelated and large. `signal` (m,)
@@ -71,14 +75,13 @@ class Search(NamedTuple):
         return self.solution.converged and not is_unexplained.any()
 
     def badness(self, counts: np.ndarray) -> float:
-        """Return the logarithm of the residual spread over all samples, by which searches are compared. It is
-        infinite if the model diverged."""
+        """Return Σ counts log σ, the value by which searches are compared. It is infinite if the model diverged."""
         log_sigma = float(counts @ np.log(self.sigma))
         return log_sigma if np.isfinite(log_sigma) and np.isfinite(self.solution.evaluation.cost) else np.inf
 
 
 def best_search(task: Task, begin: np.ndarray) -> Search:
-    """Return the search from `begin` (p,). If it is not sound, return the best of several searches."""
+    """Return the search from `begin` (p,). If this search is not sound, return the best of several searches."""
     best_end = search(task, begin)
     signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     is_gain = np.array(
@@ -113,10 +116,10 @@ def search(
     previous: Search | None = None,
     rough: bool = False,
 ) -> Search:
-    """Return one search from `theta` (p,). The entries `fixed` (p,) do not move. The search begins with the σ of
-    `previous` if given.  (1)
+    """Return one search from `theta` (p,). The entries in the mask `fixed` (p,) do not change. The search begins with
+    the σ of `previous` if it is given.  (1)
 
-    `rough` ends the search when σ changes little.
+    If `rough`, the search ends when σ changes by less than NEAR_CHANGE.
     """
     problem, sigma_fixed = task.problem, task.fixed_sigma is not None
     damping = 1e-2 if previous is None else 1e-6
@@ -163,8 +166,10 @@ def search(
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
-    """Return σ (m,) of the residuals at θ, and its profile (N, m) per segment or None. If the model diverges, return
-    the spread of the measurements."""
+    """Return σ (m,) of the residuals at θ, and for each segment its profile (N, m), or None if σ is constant.
+
+    If the model diverges, σ is the spread of the measurements.
+    """
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
         sigma = robust_sigma(problem.z, problem.has, task.floor)

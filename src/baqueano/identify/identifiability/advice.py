@@ -1,7 +1,7 @@
-"""Describe unobservable parameters (identifiability/identifiable.py), and the motion that would show them.
+"""Describe unobservable parameters (identifiability/identifiable.py), and the motion that would make them observable.
 
-The texts come from the fields of the blocks (parameter.py). An effect that the vehicle can never show is reported once;
-the run is not at fault.
+The texts come from the fields of the blocks (parameter.py). An effect that this vehicle can never show is reported
+once, because another run would not help.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Di
 
 
 def _names(parameters: Sequence[Free]) -> str:
-    """Return the short names as text, at most MOST."""
+    """Return the short names as text, at most MAX_NAMES."""
     return ", ".join(
         [parameter.short for parameter in parameters[:MAX_NAMES]] + ["…"] * (len(parameters) > MAX_NAMES)
     )

@@ -3,14 +3,14 @@
     C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
     s_i  = √((E_c − 30) / A_ii^c)                the change of θ_i that is as large as a signal itself    (2)
 
-A_ii^c is the information of the channel c with the most information on θ_i; E_c is the energy of its predicted signal.
-Both are in standard deviations of the noise; 30 is the energy that a fit to noise only may have. A direction v with C v
-≈ 0 moves no measurement. Then one of its parameters is fixed, preferably a parameter that scale or tape can measure. Of
-two starts, the start with less information is fixed. Parameters with an error above `BLIND_RATIO` s_i, or half the
-span of their bounds, are fixed too. So is a scale with an error above `SCALE_STD`, the error in its data sheet. A
-parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL` of (2) is weak. Its variance is Σ_j
-v_ij²/λ_j. It may be confused with parameters that have `MEMBER_LOADING` of the largest entry in the direction v_j of C
-with most of this variance. The messages are in identifiability/advice.py.
+A_ii^c is the information of the channel c with the most information on θ_i; E_c is the energy of its predicted
+signal. Both are in standard deviations of the noise; 30 is the largest energy of a fit to noise only. A direction v
+with C v ≈ 0 does not change any measurement. Then one of its parameters is fixed, preferably a parameter that scale
+or tape can measure. Of two starts, the start with less information is fixed. Parameters with an error above
+`BLIND_RATIO` s_i, or half the span of their bounds, are also fixed. A scale is fixed if its error is above
+`SCALE_STD`, the error in its data sheet. A parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL`
+of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It can be confused with parameters that have `MEMBER_LOADING` of the
+largest entry in the direction v_j of C with most of this variance. The messages are in identifiability/advice.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 SINGULAR_EIGENVALUE = 1e-9  # of the largest eigenvalue of C, below which a direction is unobservable
 BLIND_RATIO = 0.5
-NOISE_ENERGY = 30.0  # energy that a model without motion may fit to the noise, 5 σ of one number
+NOISE_ENERGY = 30.0  # largest energy that a model without motion fits to the noise, 5 σ of one value
 SCALE_STD = 0.03 / 3.0**0.5  # σ of a scale with ± 3 % in its data sheet, such as the MPU-6050
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
@@ -60,8 +60,8 @@ def identifiability_of(
 ) -> Identifiability:
     """Return the identifiability of the entries of θ (p,).
 
-    The first entries belong to `shared`, the parameters of the vehicle. `fixed` (p,) bool marks entries that are
-    already fixed; `span` (p,) is the distance between the bounds.
+    The first entries belong to `shared`, the parameters of the vehicle. `energy` (m,) belongs to the channels.
+    `fixed` (p,) is a mask of entries that are already fixed; `span` (p,) is the distance between the bounds.
     """
     is_by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
     is_identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
@@ -139,7 +139,9 @@ def fix_unidentifiable(
     identifiability, and the information. `free` are the first entries of θ."""
     problem = end.problem
     is_uncut = len(problem.layout.runs) == max(problem.layout.runs) + 1
-    count = problem.size if is_uncut else problem.layout.first_start  # starts of segments are of no interest
+    count = (
+        problem.size if is_uncut else problem.layout.first_start
+    )  # the starts of segments are nuisance parameters
     is_fixed, collinear = np.zeros(count, bool), {}
     while True:
         problem, theta = end.problem, end.solution.theta
@@ -149,7 +151,7 @@ def fix_unidentifiable(
             info = info._replace(
                 bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count]
             )
-        if task.prior_sigma is not None:  # a hand measurement is without a signal to compare with
+        if task.prior_sigma is not None:  # a hand measurement does not have a signal to compare with
             info = info._replace(
                 information_by_channel=info.information_by_channel * (task.prior_sigma == 0.0)[:, None]
             )

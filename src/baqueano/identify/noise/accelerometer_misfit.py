@@ -1,7 +1,7 @@
 """Estimate which part of the misfit of the wheels the accelerometer also measures; the remainder is slip of the wheels.
 
-In the innovations of the wheels, slip and an unmodelled push look alike, and a filter that mistakes slip for a push
-follows it. The forward accelerometer separates them. With the residuals r_v of the wheels' speed and r_a of the
+In the innovations of the wheels, slip and an unmodelled force look alike. A filter that treats slip as a force
+follows the slip. The forward accelerometer separates them. With the residuals r_v of the wheels' speed and r_a of the
 accelerometer, over two consecutive windows of τ,
 
     B = (r_v(t + τ) − 2 r_v(t) + r_v(t − τ))/τ,   A = (∫ r_a from t to t + τ − ∫ r_a from t − τ to t)/τ   (1)
@@ -41,7 +41,7 @@ class Series(NamedTuple):
     x: np.ndarray  # (N,)
 
     def interpolate(self, t_s: np.ndarray) -> np.ndarray:
-        """Return the quantity at other times (K,), interpolated."""
+        """Return the quantity at the times `t_s` (K,), by linear interpolation."""
         return np.interp(t_s, *self)
 
     def integral(self) -> "Series":
@@ -62,7 +62,7 @@ def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, i
 
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
-    """Return the upper end of the 95 % interval of φ over all runs, in [LEAST, 1]; 1 with too few data.  (2)"""
+    """Return the upper end of the 95 % interval of φ over all runs, in [MIN_SHARE, 1], or 1 with too few data.  (2)"""
     sums = np.concatenate([np.zeros((0, 2)), *(sums_of(*each) for each in _series(ekf, fit, inertial))])
     if len(sums) < MIN_BLOCKS or not np.sum(sums[:, 1]) > 0.0:
         return 1.0

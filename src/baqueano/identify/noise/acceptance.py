@@ -1,14 +1,14 @@
 """Test the noise of a filter on held-out runs and on a simulation.
 
-    NIS_c = Σ_t y_c² / S_cc / N   over readings of channel c in the held-out runs, 1 if the noise is right (1)
+    NIS_c = Σ_t y_c² / S_cc / N   over readings of channel c in the held-out runs, 1 if the noise is correct (1)
     NEES_s = Σ_t e_s² / P_ss / N  of state s over drives of the fitted vehicle with this noise               (2)
 
-y are the innovations of the filter (augmented_ekf.py) with their covariance S, limited to FAR standard deviations. The
-interval of (1) comes from blocks of BLOCK_S drawn with replacement: innovations of a real vehicle are not white. A
-channel agrees if its interval contains a value from 1/CLOSE to CLOSE. If a channel disagrees, the runs of the fit do
-not show the noise of this vehicle. Then the noise is estimated again over all runs (filter_noise.py), and channels that
-still disagree are reported. simulated_nees.py simulates the drives of (2). A state agrees within CLOSE_ON_DRIVES; each
-drive is one block.
+y are the innovations of the filter (augmented_ekf.py) with their covariance S, limited to ROBUST_SIGMA standard
+deviations. The interval of (1) comes from blocks of BLOCK_S drawn with replacement: innovations of a real vehicle are
+not white. A channel agrees if its interval contains a value from 1/CLOSE_FACTOR to CLOSE_FACTOR. If a channel
+disagrees, the runs of the fit do not show the noise of this vehicle. Then the noise is estimated again over all runs
+(filter_noise.py), and channels that still disagree are reported. simulated_nees.py simulates the drives of (2). A
+state agrees within CLOSE_FACTOR_ON_DRIVES; each drive is one block.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ from baqueano.symbolic.scan import Scan
 
 BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
 CLOSE_FACTOR = 1.2  # factor on a variance: a smaller error does not degrade a filter
-# factor on the variance of a state: larger, as considered scales and slips are partly nonlinear
+# factor on the variance of a state: larger, because consider scales and slips are partly nonlinear
 CLOSE_FACTOR_ON_DRIVES = 1.5
 STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
 
@@ -66,7 +66,7 @@ class NormalisedSquare(NamedTuple):
 
     @property
     def disagrees(self) -> bool:
-        """Return True if the filter is overconfident or too cautious."""
+        """Return True if the filter is overconfident or conservative."""
         return self.verdict in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)
 
 
@@ -181,7 +181,7 @@ def _normalised_square(
 
 
 def _by_belief(squares: Sequence[NormalisedSquare]) -> JsonObject:
-    """Return the channels or states for which the filter is overconfident, and those with a too cautious filter."""
+    """Return the channels or states for which the filter is overconfident, and those for which it is conservative."""
     overconfident, cautious = (
         [square.name for square in squares if square.verdict == belief]
         for belief in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)

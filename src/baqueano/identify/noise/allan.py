@@ -6,10 +6,10 @@ With x the integral of the signal, N samples τ₀ apart, and τ = n τ₀:
     σ²(τ) = W²/τ + (2 ln 2/π) B² + K² τ/3                                                                 (2)
     ν = (3 N / (2 n) − 2 (N − 1)/(N + 1)) · 4 n² / (4 n² + 5),   95 % interval: σ² ν / χ²                  (3)
 
-W is the white noise (angle or velocity random walk), B the instability of the bias, K its random walk. (2) is fitted to
-(1) at octaves of τ. The weights are the degrees of freedom ν of white noise, at most MOST_FREEDOM, as no sensor is as
-simple as (2). A coefficient below twice its error counts as not measurable. Sources: IEEE Std 952-1997, annex C for
-(2); Riley, NIST Special Publication 1065 (2008), 5.2.4 for (1) and 5.3.2 for (3).
+W is the white noise (angle or velocity random walk), B the instability of the bias, K its random walk. (2) is fitted
+to (1) at octaves of τ. The weights are the degrees of freedom ν of white noise, at most MAX_FREEDOM, because real
+sensors are not as simple as (2). A coefficient below twice its error is not measurable. Sources: IEEE Std 952-1997,
+annex C for (2); Riley, NIST Special Publication 1065 (2008), 5.2.4 for (1) and 5.3.2 for (3).
 """
 
 from itertools import combinations
@@ -64,10 +64,10 @@ def degrees_of_freedom(sample_count: int, n: np.ndarray) -> np.ndarray:
 
 
 def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
-    """Return the Allan deviation of a signal y (N,), sampled `rate_hz` times a second.
+    """Return the Allan deviation of a signal y (N,), sampled `rate_hz` times per second.
 
-    Averages are over `n` (K,) samples, by default octaves.  (1) Raise UsageError for fewer than FEWEST samples, a
-    sample that is not finite, or a rate of 0 or below. Raise it also for averages over more than half of the
+    Averages are over `n` (K,) samples, by default octaves.  (1) Raise UsageError for fewer than MIN_SAMPLES samples,
+    a sample that is not finite, or a rate of 0 or below. Raise it also for averages over more than half of the
     samples.
 
     >>> white = np.random.default_rng(0).normal(0.0, 0.1, 10_000)  # 0.1 at 100 Hz: 0.01 per √Hz

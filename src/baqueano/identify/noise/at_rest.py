@@ -5,8 +5,8 @@ deviation of an average of that length, not σ/√N: the bias of a cheap sensor 
 
     z = b + s (T − T̄),   sd of both from block means                                                      (1)
 
-(1) is used if the run contains a temperature. Samples whose stamps come in bursts (a host that reads a full buffer) are
-treated as sampled evenly, at the mean rate.
+(1) is used if the run contains a temperature. Samples whose timestamps come in bursts (a host that reads a full
+buffer) are treated as sampled evenly, at the mean rate.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 MIN_SAMPLES = 200  # samples
 TEMPERATURE_BLOCKS = 12  # means from which the slope over temperature is estimated
 MIN_TEMPERATURE_CHANGE = 0.5  # °C of change, below which no slope is estimated
-BURST_STEPS = 0.5  # of the median step: stamps whose steps scatter by more come in bursts
+BURST_STEPS = 0.5  # of the mean step: timestamps whose steps scatter by more come in bursts
 TEMPERATURE = "temperature"
 
 
@@ -203,7 +203,10 @@ def _rest_channel(
 def _over_temperature(
     t_ns: np.ndarray, y: np.ndarray, temperature: "Channel | None"
 ) -> tuple[float | None, float | None]:
-    """Return the slope per °C and its standard error, from block means; None without a change of temperature.  (1)"""
+    """Return the slope per °C and its standard error, from block means.
+
+    Return (None, None) without a change of temperature.  (1)
+    """
     if temperature is None or len(y) < TEMPERATURE_BLOCKS:
         return None, None
     T = np.interp(t_ns, temperature.t_ns, temperature.z[:, 0])
@@ -244,7 +247,9 @@ def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> lis
 
 
 def _imu_values(path: str, channels: dict[int, ChannelAtRest]) -> "JsonObject":
-    """Return the values of an IMU from its three channels: noise of one sample, bias, and the walk if measurable."""
+    """Return the values of an IMU from its three channels: standard deviation of one sample, bias, and bias random
+    walk. The walk is 0 if it cannot be measured. Both accelerometers get the larger one.
+    """
     walk = [
         float(channels[k].coefficients.value[2]) if channels[k].coefficients.is_measurable[2] else 0.0
         for k in range(3)

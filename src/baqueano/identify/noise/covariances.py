@@ -9,8 +9,8 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
 z − h are the residuals of the fit, clipped at 4 σ. If they are autocorrelated, Q is half the covariance of the
 differences of neighbours, which removes a drift. g is the prediction of the estimator, in its mode; (3) is the
 likelihood of its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: standard
-deviations are at least FLOOR of the signal's size, eigenvalues of the correlation at least `MIN_EIGENVALUE`. `notes`
-lists the raised values. Errata 5: the paper's printed Q and R are not positive definite.
+deviations are at least MIN_RELATIVE_STD of the signal's size, eigenvalues of the correlation at least
+`MIN_EIGENVALUE`. `notes` lists the raised values. Errata 5: the paper's printed Q and R are not positive definite.
 """
 
 from collections.abc import Sequence
@@ -67,7 +67,7 @@ class Noise(Result):
     process : ndarray (6, 6)
         R of (ν, ν̇) per tick; shape (0, 0) for a filter without R.
     rate_hz : float
-        Ticks a second of R.
+        Ticks per second of R.
     source : str
         Source of R: "truth" or "innovations".
     notes : tuple of Diagnostic
@@ -77,7 +77,7 @@ class Noise(Result):
     fields : dict of str to ndarray (k,)
         Noise of the recommended filter (noise/filter_noise.py).
     speed : SpeedChannels, optional
-        Accelerometers that may correct the speed in the recommended filter.
+        Accelerometers that correct the speed in the recommended filter.
     accepted : Acceptance, optional
         Verdict of held-out runs on the recommended filter.
 
@@ -100,7 +100,7 @@ class Noise(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """Return USABLE, or WARN if a value was raised to the floor or held-out runs disagree."""
+        """Return USABLE, or WARN if a value was raised to its lower limit or held-out runs disagree."""
         return Verdict.WARN if self.notes or (self.accepted and self.accepted.disagrees) else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
@@ -146,7 +146,9 @@ class Noise(Result):
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
     def updated_file(self, vehicle_file: "VehicleFile", run: str = "") -> "VehicleFile":
-        """Return the file with Q of each sensor (in motion) and R of the estimator."""
+        """Return the file with Q of each sensor (in motion), and with R, the other noise values and `speed_from` of
+        the estimator.
+        """
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
@@ -183,8 +185,8 @@ def measure_noise(
     source : str
         Source of R: "truth" of a simulation, "innovations", or "auto": the truth if a run has one.
     held_out : sequence of Run
-        Runs that were not used in the fit. They decide which accelerometers may correct the speed (speed_channels.py),
-        and if the noise is true (acceptance.py).
+        Runs that were not used in the fit. They decide which accelerometers are used to correct the speed
+        (speed_channels.py), and if the noise is correct (acceptance.py).
     backend : str
         "auto", "c", "python" or "numpy".
 
@@ -263,9 +265,9 @@ def measure_noise(
 def positive_definite(
     matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]
 ) -> np.ndarray:
-    """Return a symmetric positive definite matrix (n, n) with variances of at least `floor` (n,) and LEAST_SD².
+    """Return a symmetric positive definite matrix (n, n) with variances of at least `floor` (n,) and MIN_STD².
 
-    LEAST_SD is for a vehicle on a rail, which never moves sideways.
+    MIN_STD is for a vehicle on a rail, which never moves sideways. Changes of the matrix are added to `notes`.
     """
     matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
     matrix = np.where(np.isfinite(matrix), matrix, 0.0)

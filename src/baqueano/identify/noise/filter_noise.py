@@ -6,11 +6,11 @@
 
 y and S are the innovations of the filter over the log (augmented_ekf.py), r the residuals of the fit, ρ as in
 most_likely.py. The second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A
-rest with more scatter than this limit is not used. A channel that corrects nothing has the noise of its residuals. A
-sensor with fewer than FEWEST readings keeps the noise of the file. Quantised velocities, for example of a counter, have
-σ² ≥ step²/12. With only an IMU, (3) estimates the misfit of the speed from the forward accelerometer. If wheels measure
-the speed, misfit that the accelerometer does not measure is slip (accelerometer_misfit.py). The least `course_std` is
-the angle between the course and the heading of the model.
+rest with more scatter than this limit is not used. A channel that does not correct the motion has the noise of its
+residuals. A sensor with fewer than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities, for
+example of a counter, have σ² ≥ step²/12. With only an IMU, (3) estimates the misfit of the speed from the forward
+accelerometer. If wheels measure the speed, misfit that the accelerometer does not measure is slip
+(accelerometer_misfit.py). The least `course_std` is the angle between the course and the heading of the model.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -39,7 +39,7 @@ from baqueano.symbolic import get, put, scan
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
-MIN_FADE_S = 0.3  # least T of a misfit; faster changes belong to the walk of ν, the effect of the floor
+MIN_FADE_S = 0.3  # least T of a misfit; faster changes belong to the walk of ν (process noise)
 FORWARD_NOISE = (
     ("disturbance_std[0]", 1e-4, 1e2),
     ("disturbance_fade_s[0]", MIN_FADE_S, 30.0),
@@ -51,17 +51,15 @@ TURNING_NOISE = (
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
 FIELDS = ("disturbance_std", "disturbance_fade_s", "velocity_walk_std", "course_std")
-ROBUST_SIGMA = (
-    6.0  # ρ is a square up to here: the long tails of model errors must not enlarge the noise of a sensor
-)
+ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of model errors do not enlarge σ
 LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
 MIN_RESIDUALS = 30  # residuals for (2), (3), readings for the noise of a sensor
-MIN_READINGS = 6  # readings for the size of a misfit: known to ± 30 %
+MIN_READINGS = 6  # readings for the magnitude of a misfit, with an error of 30 %
 MAX_LEVEL_SHARE = 0.5  # of the readings: with fewer levels they are quantised
 LAGS_S = (0.1, 2.0)  # lags of (3): from LAGS_S[0] seconds, beyond the noise, to LAGS_S[1] times T
 CLIP_SIGMA = 4.0  # σ, of a residual for (3)
 STRAIGHT_S, MIN_SPEED_M_S = 1.0, 0.02  # of the drive that shows a model's course
-TOE_RAD = 0.01  # of wheels mounted by hand
+TOE_RAD = 0.01  # angle error of wheels that are mounted by hand
 
 
 class FreeNoise(NamedTuple):
@@ -81,8 +79,11 @@ def filter_noise(
     backend: str,
     speed_from: tuple[str, ...],
 ) -> AugmentedEkf:
-    """Return the filter of the fitted file, with the noise of the model and of its sensors. `q` and `rest` are the
-    sensors' covariances from the residuals of the fit."""
+    """Return the filter of the fitted file, with the noise of the model and of its sensors.
+
+    `q` (in motion) and `rest` are the sensors' covariances from the residuals of the fit. `speed_from` is the field
+    of the filter.
+    """
     estimator = replace(fit.file.estimator(), speed_from=speed_from)
     filter_layout = layout(estimator)
     inertial = {bias.sensor for bias in filter_layout.biases}
@@ -123,8 +124,9 @@ def filter_noise(
 
 
 def _crab_rad(fit: "Fit") -> float:
-    """Return the angle between course and heading of the fitted model, straight ahead at half its largest command
-    [rad]. Return 0 if the model hardly moves."""
+    """Return the angle between course and heading of the fitted model, driving forward at half its largest command
+    [rad]. Return 0 if its speed is below MIN_SPEED_M_S.
+    """
     vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
     u, state, nu = np.zeros(vehicle.commands), vehicle.init(), np.zeros(3)
     u[0] = 0.5 * fit.file.command.limit[0]
@@ -143,8 +145,10 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
 
 
 def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """Return the filter with the speed misfit from the residuals of the forward accelerometer, or unchanged with too
-    few residuals.  (3)"""
+    """Return the filter with the speed misfit from the residuals of the forward accelerometer.
+
+    With too few residuals the filter is unchanged.  (3)
+    """
     accelerometer = forward_accelerometer(ekf, inertial)
     if accelerometer is None:
         return ekf
@@ -185,8 +189,11 @@ def _free_noise(
     rounding: Mapping[tuple[str, int], tuple[float, float]],
     readings: Mapping[str, int],
 ) -> list[FreeNoise]:
-    """Return the noise parameters that some measurement shows. `rounding` contains the least and greatest variance
-    of some entries, `readings` the number of readings of each sensor."""
+    """Return the noise parameters that the measurements can determine.
+
+    `rounding` contains the least and greatest variance of some entries, `readings` the number of readings of each
+    sensor.
+    """
     filter_layout = layout(ekf)
     reading_counts = np.array([readings[name] for name, _ in _layout_channels(filter_layout)])
     free_noise = []

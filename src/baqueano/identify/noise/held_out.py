@@ -1,12 +1,12 @@
 """Compare noise matrices R of a filter on data that were not used to estimate them.
 
     NIS = mean of yᵀ S⁻¹ y / m,   1 if the filter states its error correctly                              (1)
-    L   = −½ mean of (log |S| + yᵀ S⁻¹ y),   the higher, the better the prediction of the filter          (2)
+    L   = −½ mean of (log |S| + yᵀ S⁻¹ y),   a higher L means a better prediction of the filter          (2)
 
-y are the innovations of the filter with their covariance S over a validation run. Measurements beyond FAR standard
-deviations count as FAR. The interval of (1) is from means over blocks of BLOCK_S. The innovations of a real vehicle are
-not white, and χ² bands are too narrow for them. NIS is a weak test, because the measurement noise is most of S: (2)
-decides.
+y are the innovations of the filter with their covariance S over a validation run. Innovations are limited to
+ROBUST_SIGMA standard deviations. The interval of (1) is from means over blocks of BLOCK_S. The innovations of a real
+vehicle are not white, and χ² bands are too narrow for them. NIS is a weak test, because the measurement noise is most
+of S: (2) decides.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -98,7 +98,8 @@ def compare_noise(
     held_out: Run | Sequence[Run],
     backend: str = "auto",
 ) -> NoiseComparison:
-    """Compare `noises` (name → Q and R) in the filter of the fitted file, on runs that the fit did not use.  (1), (2)
+    """Return the results of `noises` (name → Q and R) in the filter of the fitted file, on runs that the fit did not
+    use.  (1), (2)
 
     Raise UsageError without a noise or a run, for a run of `fit`, or if the estimator of the file is not an `Ekf`.
 
@@ -164,8 +165,10 @@ def _trial(name: str, logs: list[np.ndarray], per_block: int) -> NoiseTrial:
 
 
 def _innovations(ekf: Ekf) -> Callable[..., Tree]:
-    """Return the step of a scan with R and Q as parameters. Its outputs per tick are yᵀ S⁻¹ y, log |S| and the count
-    of measured entries (3,)."""
+    """Return the step of a scan with R and Q as parameters.
+
+    Its outputs (3,) per tick are yᵀ S⁻¹ y, log |S| and the number of measured entries.
+    """
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:

@@ -1,12 +1,12 @@
 """Estimate R of a filter by maximum likelihood of its innovations, or from the truth of a simulation.
 
     J(R) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   R = diag(exp 2q)                                      (1)
-    ρ(d²) = d² up to FAR² m, beyond it 2 FAR √m d − FAR² m: limits the effect of an outlier               (2)
+    ρ(d²) = d² up to K² m, beyond it 2 K √m d − K² m, K = ROBUST_SIGMA: limits the effect of an outlier   (2)
 
-y and S come from the extended Kalman filter while it runs over the log. So R is right for that filter, with its mode,
-gate and rate. The search changes one logarithm after the other, up and down, then pairs in opposite directions. It
-halves its steps when nothing improves, and needs no derivative. With the truth of a simulation, R is the covariance of
-the prediction error of one step of the model, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
+y and S come from the extended Kalman filter while it runs over the log. So R is correct for that filter, with its
+mode, gate and rate. The search changes one logarithm after the other, up and down, then pairs in opposite directions.
+It halves its steps when J does not decrease, and does not use derivatives. With the truth of a simulation, R is the
+covariance of the prediction error of one step of the model, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
 
     g in mode "default":  a_d = ν̇ − f(ν, e₋),  ν̄ = ν ⊕ f(·, e) δ + a_d δ,  ν̇̄ = f(ν̄, e) + e^(−δ/T_d) a_d  (3)
     g in mode "paper":    ν̄ = ν + ν̇ δ,  ν̇̄ = f(ν, e)                                                     (4)
@@ -44,7 +44,7 @@ MIN_RELATIVE_STD = 1e-4  # least standard deviation, relative to the root mean s
 def process_covariance(
     fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return R (6, 6), diagonal, given Q of each sensor, and the size (6,) of (ν, ν̇)."""
+    """Return the diagonal R (6, 6) for the given Q of each sensor, and the root mean square (6,) of (ν, ν̇)."""
     ekf = filter_of(fit, measurement)
     kernel = scan(_likelihood(ekf), ekf.init(), example_of(ekf), np.zeros(6), backend=backend)
     max_ticks = TICKS.get(kernel.backend, 600) // len(runs)
@@ -61,9 +61,11 @@ def process_covariance(
 
 
 def minimise_by_steps(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001. A step
-    changes one entry. A step of TRADED or less may also raise one entry and lower another, as two noises may
-    explain the same error."""
+    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001.
+
+    A step changes one entry. A step of EXCHANGE_STEP or less can also raise one entry and lower another, because two
+    noises can explain the same error.
+    """
     min_cost, axes = cost(q), np.eye(len(q))
     directions = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
@@ -137,7 +139,7 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
 
 
 def example_of(ekf: Tree) -> Tick:
-    """Return a tick with the right shapes for a trace, with every sensor of the filter but without measurements."""
+    """Return a tick with the correct shapes for a trace, with every sensor of the filter but without measurements."""
     slots = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(slots))(**slots))
 
@@ -185,7 +187,7 @@ class PredictionState(NamedTuple):
 
 
 def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (N, 6) of the prediction of (ν, ν̇) over a tick, and the size (6,) of (ν, ν̇)."""
+    """Return errors (N, 6) of the prediction of (ν, ν̇) over a tick, and the root mean square (6,) of (ν, ν̇)."""
     mode, fading_s = prediction_of(fit)
     vehicle = fit.blocks.model
     n = vehicle.commands
@@ -209,7 +211,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
     for run in runs:
         rows, mu = _rows(run)
         g = np.asarray(kernel.run(rows)[1])
-        errors.append((mu[1:] - g)[2:])  # the first ones are without a previous effort
+        errors.append((mu[1:] - g)[2:])  # the first rows do not have a previous effort
         states.append(mu)
     return np.concatenate(errors), np.sqrt(np.mean(np.concatenate(states) ** 2, axis=0))
 
@@ -239,7 +241,7 @@ def predict(
 
 
 def prediction_of(fit: "Fit") -> tuple[str, float]:
-    """Return the mode of the file's estimator, and the time in which an unexplained acceleration fades [s]."""
+    """Return the mode of the file's estimator, and the time constant [s] of unexplained accelerations."""
     estimator = fit.file.estimator(process_noise_cov=np.eye(6))
     return getattr(estimator, "mode", "default"), float(getattr(estimator, "disturbance_time_s", 0.5))
 

@@ -1,11 +1,11 @@
 """Test the covariance of a filter on simulated vehicles with the noise that the filter assumes: NEES per state.
 
-    NEES_s = Σ_t e_s² / P_ss / N   over DRIVES drives of the vehicle, 1 if the filter is right            (1)
+    NEES_s = Σ_t e_s² / P_ss / N   over DRIVES drives of the vehicle, 1 if the filter is correct          (1)
 
 The drives have the commands of a run, without its rests. Each drive draws its start, scales, course and biases. Its
-walks, disturbances and slips are integrated in PARTS of a tick, with half of a walk before and half after each
-(Strang). Its pose follows (1 + K) ν, its readings come from the sensors' own step, with low-pass and delay. Nothing
-here is linearised, and no covariance is propagated, so effects that the filter neglects show in the result.
+walks, disturbances and slips are integrated in TICK_PARTS parts of a tick, with half of a walk before and half after
+each (Strang). Its pose follows (1 + K) ν, its readings come from the sensors' own step, with low-pass and delay.
+Nothing here is linearised, and no covariance is propagated, so effects that the filter neglects show in the result.
 """
 
 from typing import Any, NamedTuple
@@ -46,7 +46,7 @@ class DrawnTick(NamedTuple):
     """Commands and random numbers of one tick."""
 
     u: np.ndarray  # (commands,)
-    walk: np.ndarray  # (PARTS, 2, 3) unit normals, as all that follow
+    walk: np.ndarray  # (TICK_PARTS, 2, 3) standard normal, like all fields below
     d: np.ndarray  # (2,)
     bias: np.ndarray  # (nb,)
     slip: Value
@@ -163,7 +163,7 @@ def _read_sensors(
     ekf: AugmentedEkf, state: SimulatedState, bias: np.ndarray, slip: Value, now: Motion, draws: DrawnTick,
     dt_s: float,
 ) -> tuple[tuple[Tree, ...], Tree]:  # fmt: skip
-    """Return the states of the sensors and their readings, with biases and with wheels that slip."""
+    """Return the states of the sensors and their readings, which contain the biases and the slip of the wheels."""
     names, slip_factors = ekf.sensors._fields, np.array([1.0 + slip, 1.0, 1.0])
     rolling = [motion._replace(nu=slip_factors * motion.nu) for motion in (now, *(now.tick or ()))]
     states, slots = [], []

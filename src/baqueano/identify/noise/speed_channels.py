@@ -1,9 +1,9 @@
-"""Choose the accelerometers that may correct the speed: those that improve it on held-out runs.
+"""Choose the accelerometers that correct the speed: those that improve it on held-out runs.
 
-An accelerometer measures ν̇ and ν_x ν_ψ. A filter that corrects its speed by it is better than the model if both terms
-are right for the vehicle. It is worse if the tilt, the misalignment or the tyres make them wrong; no sensor on board
-shows which case applies. So each channel, and all together, are tested on held-out runs in which a reference shows the
-speed:
+An accelerometer measures ν̇ and ν_x ν_ψ. A filter that corrects its speed by it is better than the model if both
+terms are correct for the vehicle. It is worse if the tilt, the misalignment or the tyres make them wrong. The sensors
+on board do not show which case applies. So each channel, and all channels together, are tested on held-out runs in
+which a reference shows the speed:
 
     r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the channel, ẽ without, b blocks of BLOCK_S                       (1)
 
@@ -34,7 +34,7 @@ FORWARD = 0  # the entry of ν
 
 
 class SpeedChannels(NamedTuple):
-    """The channels that may correct the speed, and the reason."""
+    """The channels that should correct the speed, and the reason."""
 
     names: tuple[str, ...]  # for `speed_from`: "imu[1]"; empty if no channel helps
     message: Diagnostic
@@ -47,7 +47,7 @@ def speed_channels(
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
-    """Return the channels that may correct the speed, or None for a filter without accelerometers.  (1)
+    """Return the channels that should correct the speed, or None for a filter without accelerometers.  (1)
 
     `filters(channels)` returns the filter with `channels` in its field `speed_from`, and with its noise estimated
     again. `file_names` contains the channels in the vehicle file; they are returned if no run shows the speed.
@@ -82,8 +82,11 @@ def speed_channels(
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
-    """Return the ratio of two root mean square errors, and its 95 % interval. `ours` and `reference` (B,) are sums
-    of squares in B blocks. The interval is NaN with fewer blocks than FEWEST.  (1)"""
+    """Return the ratio of two root mean square errors, and its 95 % interval.
+
+    `ours` and `reference` (B,) are sums of squares in B blocks. The interval is NaN with fewer than MIN_BLOCKS
+    blocks.  (1)
+    """
     ratio = float(np.sqrt(ours.sum() / reference.sum()))
     if len(ours) < MIN_BLOCKS:
         return ratio, float("nan"), float("nan")

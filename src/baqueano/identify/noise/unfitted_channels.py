@@ -1,8 +1,8 @@
-"""Choose Q of a sensor with channels that were not fitted and so are without residuals.
+"""Choose Q of a sensor with channels that were not fitted, and which therefore do not have residuals.
 
     σ_i = the value of the file,   if the file has one for every channel;   else the first of these above 0  (1)
     σ_i = the residuals of a channel that was fitted,   else the scatter of its readings at rest,   else
-    σ_i² = ½ mean (z_{k+1} − z_k)²,   if the vehicle was hardly at rest
+    σ_i² = ½ mean (z_{k+1} − z_k)²,   if the vehicle was at rest for fewer than MIN_SAMPLES readings
 
 With a noise of 0 a filter would follow only this sensor. For a channel that never changes, σ is 1 in its unit.
 """
@@ -22,8 +22,11 @@ MIN_SAMPLES = 30  # samples for a variance
 def unfitted_covariance(
     name: str, block: Tree, fitted_variance: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
-    """Return Q (m, m) of a sensor, or None if Q is not in the file and a run lacks the sensor. `fitted_variance` (m,)
-    are the variances of the residuals of its channels, 0 for channels that were not fitted.  (1)"""
+    """Return Q (m, m) of a sensor, or None if Q is not in the file and a run lacks the sensor.
+
+    `fitted_variance` (m,) contains the variances of the residuals of its channels, 0 for channels that were not
+    fitted.  (1)
+    """
     file_variance = np.diagonal(block.cov)
     if np.all(file_variance > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))

@@ -1,12 +1,12 @@
 """Describe the free parameters of a fit: paths of a vehicle file, with bounds and units.
 
-A free parameter has the path of its entry, "model.actuator_matrix[0,2]"; a path without an entry means all entries.
-Unit and bounds come from the field of the block; friction is never negative (errata 6). The role of a field
-(parameter.py) decides if it is free by default. Free by default are numbers that the equations need and that scale and
-tape cannot measure, friction and forces. Dry friction, dead zones and lag are free by default only if the file has
-them. A delay has the value in the file. If the user requests it, it is searched for tick by tick (delay.py). The user
-can free every other number of a block. If it is off in the file (a lag of 0, a limit of infinity), it starts at a value
-with an effect (`enable_parameters`). Columns of a matrix whose command never moved cannot be identified:
+A free parameter has the path of its entry, such as "model.actuator_matrix[0,2]"; a path without an entry means all
+entries. Unit and bounds come from the field of the block; friction is never negative (errata 6). The role of a field
+(parameter.py) decides if it is free by default. By default, values are free that the equations need and that scale
+and tape cannot measure: friction and forces. Dry friction, dead zones and lag are free by default only if the file
+has them. A delay has the value in the file. If the user frees the delay, it is searched tick by tick (delay.py). The
+user can free every other value of a block. If it is off in the file (a lag of 0, a limit of infinity), it starts at a
+value with an effect (`enable_parameters`). Columns of a matrix whose command never moved cannot be identified:
 `frozen_columns` returns them.
 """
 
@@ -26,7 +26,7 @@ from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, rates
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
-FLOOR = "model.process_noise_std"  # process noise of ν by the floor
+FLOOR = "model.process_noise_std"  # process noise of ν
 DELAY = "model.drivetrain.delay_s"
 LAG = "model.drivetrain.lag_s"
 LIMIT = "model.drivetrain.limit"
@@ -37,7 +37,7 @@ FIRST_LAG, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its l
 LOW_PASS, MAX_LOW_PASS_RATIO = (
     ".low_pass_hz",
     5.0,
-)  # times the rate of the ticks: a higher low-pass is without effect
+)  # times the rate of the ticks: a higher low-pass does not have an effect
 FIRST_LIMIT = 0.7  # of the largest command: start of the search for the limit of a motor
 MAX_DECAY_PER_TICK = (
     1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
@@ -46,7 +46,7 @@ ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
 class Free(NamedTuple):
-    """A free parameter of a fit: one number of the vehicle file, with its unit and its bounds."""
+    """A free parameter of a fit: one value of the vehicle file, with its unit and its bounds."""
 
     path: str  # with its entry
     unit: str
@@ -172,12 +172,13 @@ def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[st
 def enable_parameters(
     blocks: FittedBlocks, free: list[Free], rate_hz: float, u: np.ndarray, past_rows: Callable[[float], int]
 ) -> tuple[FittedBlocks, list[Free]]:
-    """Prepare the model so that every free parameter affects the output; return it with the implied bounds.
+    """Return the blocks, changed so that every free parameter affects the output, and the parameters with the implied
+    bounds.
 
     u (N, n) are all commands of the runs. `past_rows` returns the number of rows that a delay needs.
 
-    A delay receives a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor stays
-    below the largest command, else the data cannot determine it. A free effect of the battery uses the logged
+    A delay receives a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor stays below
+    the largest command, because otherwise the data cannot determine it. A free effect of the battery uses the logged
     voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of the
     wheels if the track is 0.
     """
@@ -212,8 +213,10 @@ def enable_parameters(
 
 
 def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
-    """Return the upper bound of each friction, up to which the motion stays integrable. The free frictions of an
-    axis share the remaining range."""
+    """Return, for each free friction (path → value), the upper bound up to which the motion stays integrable.
+
+    The free frictions of an axis share the remaining range.
+    """
     kept_model, bounds = coasting_axes(blocks.model), {}
     slack = np.maximum(MAX_DECAY_PER_TICK * rate_hz - rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
@@ -249,8 +252,11 @@ def _with_lines(blocks: FittedBlocks, delay_s: float, past_rows: Callable[[float
 def _bound_low_pass(
     blocks: FittedBlocks, free: list[Free], rate_hz: float
 ) -> tuple[FittedBlocks, list[Free]]:
-    """Set a low-pass that is off to the rate of the ticks. Limit it to HIGHEST times this rate: a higher low-pass is
-    without effect."""
+    """Return the blocks with each free low-pass at most at the tick rate, and the parameters.
+
+    The upper bound of a low-pass is MAX_LOW_PASS_RATIO times this rate, because a higher low-pass does not have an
+    effect.
+    """
     for parameter in free:
         if parameter.path.endswith(LOW_PASS):
             name = parameter.path.split(".")[1]
@@ -297,7 +303,7 @@ def _with_lower_bound(parameter: Free, low: float) -> Free:
 
 
 def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
-    """Return the blocks with `numbers` at `paths`. The numbers may be traced; their range is not checked."""
+    """Return the blocks with `numbers` at `paths`. The numbers can be traced; their range is not checked."""
     for k, path in enumerate(paths):
         blocks = put(blocks, path, numbers[k])
     return blocks

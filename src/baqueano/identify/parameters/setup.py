@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 BIASES = ("accel_bias", "gyro_bias")
 POSE_SEGMENT_S = 5.0  # length of a segment if a pose is used: a simulated heading drifts away
-LEAD_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state is left
+LEAD_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state remains
 START_NAMES = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 
@@ -54,10 +54,10 @@ class Shape(NamedTuple):
 
     shared: tuple[str, ...]  # paths that all runs share
     per_run: tuple[str, ...]  # paths with one value per run: biases
-    start: tuple[int, ...]  # entries of STARTS that are free
+    start: tuple[int, ...]  # indices of START_NAMES that are free
     sample_fraction: tuple[
         bool, ...
-    ]  # per sensor, True if its stamps lie between ticks, or its clock is free
+    ]  # for each sensor, True if its timestamps are between ticks, or if its clock is free
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
     past_rows: int = 0  # rows before the newest that free clocks need
     has_voltage: bool = False  # True if rows end with the battery's voltage
@@ -138,7 +138,7 @@ def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
 
 
 def layout_of(shape: Shape, records: Sequence[FitRecord]) -> ThetaLayout:
-    """Return the positions of the entries of each segment in θ."""
+    """Return the indices in θ of the entries of each segment."""
     runs = tuple(record.run for record in records)
     return ThetaLayout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
 
@@ -168,8 +168,8 @@ def records_of(
 def _after_unknown_commands(record: FitRecord, delay_s: float) -> FitRecord:
     """Return the record without the measurements before its commands take effect, `delay_s` [s] after it begins.
 
-    Earlier commands are unknown, and the start is estimated from later measurements. `delay_s` is the delay of the
-    file, also if the delay is free: a run from rest shows a delay by its first command. The record stays whole if it
+    Earlier commands are unknown, and the start is estimated from later measurements. `delay_s` is the delay in the
+    file, even if the delay is free: a run from rest shows a delay by its first command. The record is unchanged if it
     begins without a command (not driven before), or is shorter than twice `delay_s`.
     """
     ends = np.cumsum(record.dt_s)
@@ -258,8 +258,10 @@ def first_theta(
 
 
 def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
-    """Return the first measured pose (3,), or 0 without one. If the heading is missing, it is the course of the
-    first half of the path."""
+    """Return the first measured pose (3,), or zeros without one.
+
+    If the heading is not measured, it is the course of the first half of the path.
+    """
     for name, sensor in blocks.sensors._asdict().items():
         readings = record.sensors[name]
         if measures_pose(sensor) and readings.has.any():

@@ -20,12 +20,12 @@ import numpy as np
 
 from baqueano.identify.data.segments import ThetaLayout
 
-MIN_OWN_ENTRIES = 48  # entries of segments, from which on (2) is faster than to solve all at once
+MIN_OWN_ENTRIES = 48  # number of entries of segments above which (2) is faster than one solve of full size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrowLayout:
-    """Positions of the parts of (1) in a vector (p,)."""
+    """Indices of the parts of (1) in a vector (p,)."""
 
     common: np.ndarray  # (s,) entries of x
     own: np.ndarray  # (K, q) entries of y_k
@@ -99,8 +99,9 @@ class BlockArrow:
         return self._join(up, down)
 
     def solve(self, damping: float, scale: np.ndarray, is_free: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Return (H + λ D)⁻¹ g (p,) over the entries `is_free` (p,) bool, D = diag(scale), and 0 for the others.
-        (2)"""
+        """Return (H + λ D)⁻¹ g (p,) over the entries in the mask `is_free` (p,), with D = diag(scale); other entries
+        are 0. (2)
+        """
         root = np.where(is_free, 1.0 / np.sqrt(np.where(is_free, scale, 1.0)), 0.0)
         (r, r_k), (h, h_k) = self._split(root), self._split(root * g)
         extra, extra_k = self._split(np.where(is_free, damping, 1.0))

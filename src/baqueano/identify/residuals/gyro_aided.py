@@ -1,4 +1,4 @@
-"""Compute the residuals of a vehicle with an IMU and no encoder: its gyro leads the simulation.
+"""Compute the residuals of a vehicle with an IMU and without an encoder: its gyro leads the simulation.
 
     ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its derivative                        (1)
     r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
@@ -7,9 +7,9 @@
     ω̂ = h(ν_ψ) + F⁻¹ [ρ P_τ/(1 + ρ P_τ)] F e,   P_τ of an Ornstein-Uhlenbeck process of variance 1         (5)
 
 With (1), an error of the steering does not affect the speed through ν_ψ. A noisy ω_z as a regressor would bias its
-coefficients towards 0, so it leads only the first search. Then ω̂ leads, the mean of the true rate given gyro and model
-("regression calibration"). If the model's rate is right, ρ = 0 and the model leads. Channels are weighted by (4) of
-noise_level.py. Sources: Carroll, Ruppert, Stefanski and Crainiceanu 2006; Whittle 1953; Wiener 1949.
+coefficients towards 0, so it leads only the first search. Then ω̂ leads, the mean of the true rate given gyro and
+model ("regression calibration"). If the model's rate is correct, ρ = 0 and the model leads. Channels are weighted by
+(4) of noise_level.py. Sources: Carroll, Ruppert, Stefanski and Crainiceanu 2006; Whittle 1953; Wiener 1949.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,7 +41,7 @@ RATIOS = np.geomspace(1.0 / 64.0, 1024.0, 33)  # ρ, and τ in ticks
 TIME_CONSTANTS = np.geomspace(0.5, 256.0, 19)
 CLIP_SIGMA = 6.0
 MIN_LOG_GAIN = 2.0
-MIN_ROWS = 64  # rows of a segment, below which the gyro leads alone
+MIN_ROWS = 64  # rows of a segment, below which only the gyro leads
 
 
 class GyroAidedState(NamedTuple):
@@ -94,8 +94,10 @@ class GyroAidedResiduals(Residuals):
     def spread_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return σ (m,) and its profile (N, m) per segment, by which channels are weighted, from the residuals
-        `misfits` at θ."""
+        """Return σ (m,) and, for each segment, its profile (N, m) over the speed.
+
+        Both are computed from the residuals `misfits` at θ, and weight the channels.
+        """
         dt_s = [record.dt_s for record in self.records]
         return profile_with_slow_noise(misfits, self.has, self.speeds(theta), dt_s, floor)
 
@@ -109,9 +111,9 @@ class GyroAidedResiduals(Residuals):
 
 
 def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
-    """Return the record without the first measurements, while unknown earlier commands may still move the vehicle.
+    """Return the record without the first measurements, while unknown earlier commands can still move the vehicle.
 
-    A free delay counts as the longest delay, so that every search has the same rows.
+    A free delay is treated as the longest delay, so that every search has the same rows.
     """
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
     unknown_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)

@@ -5,11 +5,11 @@ a fit.
     y_c = (z_c − h_c(x̄))/σ_c,   H = ∂h/∂x̄ / σ                                                              (2)
     Δ, P, e, s = correct(P̄, y, H, q),   weights w = 1/(1 + (e/G)⁸)                        (3) kalman.py
 
-x = ν; with a sensor of the pose x = (η, ν). v is the variance that the floor adds to ν in one second, along the axes of
-the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0, the state is never corrected, and e is the residual of the
-simulation. The weights are a smooth gate: an outlier has almost no effect on state and covariance. A delayed reading
-(delay of the sensor, or stamp between ticks) is compared with its delayed prediction, but linearised at the present
-state.
+x = ν; with a sensor of the pose x = (η, ν). v is the variance that process noise adds to ν in one second, along the
+axes of the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0, the state is never corrected, and e is the
+residual of the simulation. The weights are a smooth gate: an outlier has almost no effect on state and covariance. A
+delayed reading (delay of the sensor, or timestamp between ticks) is compared with its delayed prediction, but it is
+linearised at the present state.
 """
 
 from typing import Any, NamedTuple
@@ -66,7 +66,10 @@ class PredictedState(NamedTuple):
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:
-    """Return the entries of `process_noise_std` that move ν. Raise UsageError for a vehicle without this field."""
+    """Return the indices of the entries of `process_noise_std` that change ν.
+
+    Raise UsageError for a kinematic vehicle, or one without this field.
+    """
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _kick(model, 1.0)

@@ -5,11 +5,11 @@
     y_b = (Σ_t∈b r_t)² / n_b   over blocks b of BLOCK_S,   E y_b = S(v) = S₀ (1 + (κ v)²)                  (3)
     σ(v)² = max(S(v), variance of the single residuals at v)                                              (4)
 
-(1) uses only rows with motion (`informative_rows`): an encoder at rest reads 0 without noise. The least σ follows from
-the converter's steps and from rounding. With fewer than FEW measurements, σ is the value in the vehicle file. (2) is
-the likelihood of a scale: gears, wheels and floor shake a vehicle more at a higher speed. (4) weights a channel by its
-information on slow motion, which shows friction and force; for white residuals (4) is (2). A profile has mean square 1,
-and stays fixed while the parameters are searched.
+(1) uses only rows with motion (`informative_rows`): an encoder at rest reads 0 without noise. The least σ follows
+from the converter's steps and from rounding. With fewer than MIN_MEASUREMENTS, σ is the value in the vehicle file.
+(2) is the likelihood of a scale: gears, wheels and floor shake a vehicle more at a higher speed. (4) weights a
+channel by its information on slow motion, which shows friction and force; for white residuals (4) is (2). A profile
+has mean square 1, and stays fixed while the parameters are searched.
 """
 
 from collections.abc import Sequence
@@ -50,8 +50,9 @@ def robust_sigma(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], flo
 def informative_rows(
     residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], z: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return `has` (N, m), set to 0 if the measurement z is exactly 0 and the residual is within STILL of the
-    largest measurement. A channel that would keep fewer than FEW rows stays unchanged."""
+    """Return `has` (N, m), set to 0 if the measurement z is exactly 0 and the residual is within STILL_FRACTION of
+    the largest measurement. A channel that would keep fewer than MIN_MEASUREMENTS rows is unchanged.
+    """
     largest = np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
         axis=0,
@@ -68,7 +69,7 @@ def informative_rows(
 
 
 def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the least σ (m,): the larger of 1/√12 of a converter's step and SMALLEST of the largest value."""
+    """Return the least σ (m,): 1/√12 of a converter's step, or MIN_RELATIVE_SIGMA of the largest value, if larger."""
     steps = np.concatenate([_steps(block) for block in blocks])
     largest = np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
@@ -78,7 +79,7 @@ def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.
 
 
 def sigma_of_rare_channels(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
-    """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than FEW measurements, else 0."""
+    """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than MIN_MEASUREMENTS, else 0."""
     count = np.sum([presence.sum(axis=0) for presence in has], axis=0)
     file_sigma = [
         np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))

@@ -3,10 +3,10 @@
     x_k = step(vehicle(θ), x_{k−1}, u_k, dt_k),   x_0 from ν₀                                             (1)
     r_k = W_k (z_k − h_θ(x_k))                                                                            (2)
 
-W is 1/σ of each channel, 0 without a measurement. A row of the kernel's input is (dt, u, z, W). For stamps between
-ticks the row ends with the part of the step; there h = h_k + early (h_{k−1} − h_k). If a sensor's clock is free, h is
-read from a delay line (data/record.py). The model is simulated from its start to the end without a correction by
-measurements. The cost is the simulation error, `equ:cost_function` of Grotz et al.
+W is 1/σ of each channel, 0 without a measurement. A row of the kernel's input is (dt, u, z, W). For timestamps
+between ticks the row ends with `early`, a part of the step; then h = h_k + early (h_{k−1} − h_k). If a sensor's clock
+is free, h is read from a delay line (data/record.py). The model is simulated from its start to the end without a
+correction by measurements. The cost is the simulation error, `equ:cost_function` of Grotz et al.
 docs/derivations/residuals_and_sensitivities.md gives the details.
 """
 
@@ -36,7 +36,7 @@ from baqueano.vehicles.delay import read, with_newest
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 CACHED_KERNELS = 24  # kernels in the cache
-CACHED_RESULTS = 3  # cached results of a problem: several tests need those at its end
+CACHED_RESULTS = 3  # cached results of a problem: several tests need the results at the end of a search
 START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: prior of ν of a start without earlier measurements
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 K = TypeVar("K")
@@ -74,8 +74,7 @@ class Residuals:
     >>> small, u = bq.load("small"), np.full((50, 3), [0.5, 0.0, 0.2])
     >>> parameters = parameters_of(dataset([bq.simulate(small, u)], small), ["model.mass_kg"])
     >>> [r.shape for r in Residuals.of(parameters).residuals(parameters.first)]
-    [(50, 3)]
-    """
+    [(50, 3)]"""
 
     @staticmethod
     def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -195,7 +194,8 @@ class Residuals:
 
     def _start_prior(self) -> np.ndarray:
         """Return the weight (p,) of a prior at 0 for start velocities of segments and of runs that begin without
-        measurements, else 0. Tyres stop a slip at once; without the prior, slip and speed may diverge together."""
+        measurements, else 0. Tyres stop a slip immediately; without the prior, slip and speed can diverge together.
+        """
         prior = np.zeros(self.size)
         is_cut = len(self.records) > max(self.layout.runs) + 1
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
@@ -241,10 +241,10 @@ class Residuals:
     def sensitivities(
         self, theta: np.ndarray, last: bool = False
     ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Return for each segment r (N, m), ∂r (N, m, p_segment), and the positions of these entries in θ.
+        """Return for each segment r (N, m), ∂r (N, m, p_segment), and the indices of these entries in θ.
 
-        The result is cached for the next call and must not be modified. With `last` it is removed from the cache,
-        and the caller may modify it.
+        The result is cached for the next call and must not be modified. With `last` it is removed from the cache, and
+        the caller can modify it.
         """
         key, (last_key, slopes) = theta.tobytes(), self._slopes
         if last_key != key:
@@ -253,7 +253,7 @@ class Residuals:
         return slopes
 
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment h (N, m), also in rows without a measurement. The arrays must not be modified."""
+        """Return for each segment h (N, m), even in rows without a measurement. The arrays must not be modified."""
 
         is_plain = self.difference is Residuals.difference
         kernel = self.scan

@@ -27,7 +27,9 @@ from baqueano.messages.language import translate as _
 if TYPE_CHECKING:
     pass
 
-HELD_SIGMA = 3.0  # standard errors beyond its bound: a parameter that would move less may be there by chance
+HELD_SIGMA = (
+    3.0  # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
+)
 
 
 class VerdictBasis(NamedTuple):
@@ -112,7 +114,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 
 
 def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
-    """Return all diagnostics of the fit, and the errors of parameters that they cause, by path."""
+    """Return all diagnostics of the fit, and the errors of parameters (path → error) that they cause."""
     if (
         not end.score_test
         or end.search.stopped
@@ -162,7 +164,7 @@ def _evidence(
 
 
 def _is_interrupted(end: FinishedFit, text: str) -> bool:
-    """Report the next stage; return True if the caller requested to stop."""
+    """Report the next stage to the caller. Return True if the caller requested to stop."""
     return end.task.progress is not None and end.task.progress(text) is True
 
 
@@ -189,8 +191,10 @@ def _covariance(end: FinishedFit) -> np.ndarray:
 def _run_entries(
     problem: Residuals, theta: np.ndarray, sd: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately. The
-    starts are included if runs are whole."""
+    """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately.
+
+    The starts are included if the runs are not split.
+    """
     layout, shape = problem.layout, problem.shape
     runs, s = max(layout.runs) + 1, layout.shared_count
     by_run = theta[s : layout.first_start].reshape(runs, -1)
@@ -301,8 +305,10 @@ def _weak_reasons(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 
 def _most_moving(end: FinishedFit) -> str:
-    """Return the parameter that an unconverged search would still move most, in standard errors, or "" after
-    convergence."""
+    """Return the path of the parameter that a search without convergence would still move most, in standard errors.
+
+    Return "" after convergence.
+    """
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     free_entries = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
     A, g = end.info.bread[np.ix_(free_entries, free_entries)], solution.evaluation.gradient[free_entries]

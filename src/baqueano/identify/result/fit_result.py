@@ -51,7 +51,8 @@ class ChannelFit(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Fit(Result):
-    """Parameters of a vehicle with their error bars, and a verdict. NaN marks parameters that the data do not show.
+    """Parameters of a vehicle with their error bars, and a verdict. NaN marks parameters that the data do not
+    determine.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ class Fit(Result):
     start : ndarray (p,)
         Start of the search.
     estimate, sd : ndarray (p,)
-        Estimates, and their standard errors; NaN if the start was kept.
+        Estimates, and their standard errors; NaN if the parameter was not identifiable.
     bound : ndarray (p,)
         −1 at the low bound, 1 at the high one, 0 inside.
     weak : ndarray of bool (p,)
@@ -84,9 +85,9 @@ class Fit(Result):
     sigma : dict of str to ndarray (m,)
         Sensor → standard deviation of its noise.
     autocorrelated : bool
-        The residuals are autocorrelated, and the errors were widened for it.
+        True if the residuals are autocorrelated; then the standard errors were widened.
     converged : bool
-        The search ended at a minimum.
+        True if the search ended at a minimum.
     cost : float
         Huber cost at the end.
     evaluations : int
@@ -175,7 +176,7 @@ class Fit(Result):
 
     @property
     def vehicle_file(self) -> "VehicleFile":
-        """Return the file with the estimates and their origin. A REFUSED fit changes nothing."""
+        """Return the file with the estimates and their origin. After a REFUSED fit the file is unchanged."""
         return self.updated_file()
 
     def updated_file(self, on: date | None = None) -> "VehicleFile":
@@ -249,7 +250,7 @@ class Fit(Result):
         return "\n".join(lines)
 
     def run_by_run(self) -> list["TableRow"]:
-        """Return one flat row per run and entry of the run; sd is None if the run does not show it."""
+        """Return one flat row per run and entry of the run; sd is None if the run does not determine the entry."""
         return [
             {
                 "run": run,

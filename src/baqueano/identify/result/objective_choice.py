@@ -5,7 +5,7 @@
     t_i = (θ̂ − θ̃)_i / √((n − 1)/n Σ_b (δ_b − δ̄)_i²),   δ_b = θ̂_b − θ̃_b                                   (3)
 
 C_b is the cost of an open-loop simulation of a held-out block. (3) is Hausman's test: both fits are consistent if the
-model is right. docs/derivations/robust_covariance.md gives the reasons. The choice is
+model is correct. docs/derivations/robust_covariance.md gives the reasons. The choice is
 
     process noise is 0                        the simulation: both agree, and it is the harder test of a model
     noise, one θ, ΣD_b below 0                the innovations: errors of the simulation are a random walk
@@ -65,8 +65,11 @@ class ObjectiveChoice(NamedTuple):
 def choose_objective(
     likely: MaximumLikelihood, axes: Sequence[int], comparison: "LeftOutBlocks | None", times: np.ndarray
 ) -> ObjectiveChoice:
-    """Return the choice of the cost. `times` (m,) is the sensor noise without the floor's part, relative to the
-    noise in the file; 0 if the file does not contain it."""
+    """Return the choice of the cost.
+
+    `times` (m,) is the sensor noise without the process noise, relative to the noise in the file; 0 if the file does
+    not contain it.
+    """
     odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
     if likely.chance >= FLOOR_P_VALUE:
         return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)

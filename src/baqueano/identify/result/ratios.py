@@ -7,7 +7,7 @@ from baqueano.messages.language import translate as _
 
 
 def percent(part: float, digits: int = 1) -> str:
-    """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller figure."""
+    """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller value."""
     if np.isnan(part):
         return "-"
     return f"{number(100.0 * part):.{digits}f} %" if part > -1.0 else _("below -100 %")

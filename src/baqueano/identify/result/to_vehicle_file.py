@@ -2,11 +2,11 @@
 
 The bias b ± s of a run is not written if the bias b₀ ± s₀ of the file is more accurate and not contradicted:
 
-    s > s₀   and   |b − b₀| ≤ FAR √(s² + s₀²)                                                             (1)
+    s > s₀   and   |b − b₀| ≤ K √(s² + s₀²),   K = CONTRADICTION_SIGMA                                    (1)
 
-With a floor that disturbs the vehicle, a run shows the bias of a gyro to a few hundredths of a rad/s. If the run
-contradicts the file, b is written, with s in place of s₀. The envelope is the range of each command and of each channel
-whose h depends on ν. It excludes readings beyond OUTLIER standard deviations from the model.
+With process noise, a run determines the bias of a gyro only to a few hundredths of a rad/s. If the run contradicts
+the file, b is written, with s in place of s₀. The envelope is the range of each command and of each channel whose h
+depends on ν. It excludes readings beyond OUTLIER_SIGMA standard deviations from the model.
 """
 
 from collections.abc import Sequence
@@ -84,7 +84,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
 
 
 def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
-    """Return the biases that the file contains more accurately than the fit, also if the fit contradicts them.  (1)"""
+    """Return the biases that the file contains more accurately than the fit, even if the fit contradicts them.  (1)"""
     out = []
     for path, x, sd in zip(
         fit.own_names, np.mean(fit.own, axis=0), np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True

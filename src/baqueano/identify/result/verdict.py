@@ -3,8 +3,8 @@
 REFUSED   The search did not converge. The model explains nothing, or is far from a channel in use. Most parameters
           are not identifiable, or have a large error. A diagnostic found impossible data.
 WARN      A parameter is at its bound, poorly identified or not identifiable. Residuals are autocorrelated and large, or
-          far above the sensors' noise in the file. Outliers are many, or to one side. A diagnostic found an effect that
-          may have moved a parameter.
+          far above the sensors' noise in the file. Outliers are many, or to one side. A diagnostic found an effect
+          that might have changed a parameter.
 USABLE    None of these. Parameters that the vehicle can never show do not count. Notes report repairs to the data.
 
 Runs are compared by mean squares of residuals and of motion. ḡ and s are mean and standard deviation of g_r = log mean
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
 
 MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
-MAX_UNSEEN_SHARE = 0.5  # largest part of the parameters that may be unidentifiable
-ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
+MAX_UNSEEN_SHARE = 0.5  # largest allowed part of unidentifiable parameters
+ABOVE_NOISE = 3.0  # largest allowed ratio of the residuals to the noise in the file
 OUTLIER_SIGMA, MAX_OUTLIER_SHARE = (
     4.0,
     0.2,
@@ -43,7 +43,7 @@ ONE_SIDED_SIGMA = 5.0  # standard deviations of a fair coin by which outliers ma
 MAX_SQUARE_RATIO = (
     2.0  # times the square about its own mean: a channel with larger residuals does not follow the model
 )
-CLIP_SIGMA = 4.0  # standard deviations, beyond which an error is clipped
+CLIP_SIGMA = 4.0  # standard deviations beyond which an error is clipped
 MAX_NAMED_RUNS = 3  # runs
 FALSE_ALARM_RATE = 0.01  # α, the probability that a normal run is reported as unlike the others
 
@@ -75,7 +75,7 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 
 
 def remarks(e: Evidence) -> list[Diagnostic]:
-    """Return notes that are not a reason to doubt. `e.bound` marks parameters that may be at a bound by chance."""
+    """Return notes that do not change the verdict. `e.bound` marks parameters that can be at a bound by chance."""
     notes = _findings_of(e, Severity.INFO)
     notes += unlike_runs(by_channel(e.channels, e.one_mean), hardly=True)
     notes += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
@@ -125,7 +125,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
             note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
             for label, times in error_ratios.items()
         ]
-        refusals += _findings_of(e, WARNING)  # one of them may be the reason
+        refusals += _findings_of(e, WARNING)  # one of them can be the reason
     return refusals + _identifiability(e)
 
 
@@ -201,8 +201,9 @@ def _single_outlier(e: Evidence, label: str) -> Diagnostic:
 
 
 def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
-    """Return for each channel over all runs the numbers of samples, of samples above OUTLIER, and of samples below
-    −OUTLIER."""
+    """Return for each channel over all runs the numbers of samples, of outliers above the model, and of outliers
+    below it.
+    """
     m = len(e.autocorrelation)
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
@@ -234,7 +235,9 @@ class ChannelOfRun(NamedTuple):
 
     @property
     def is_unlike(self) -> bool:
-        """Return True if the square about the model exceeds FAR times the square about the mean of the channel."""
+        """Return True if the square about the model exceeds MAX_SQUARE_RATIO times the square about the mean of the
+        channel.
+        """
         return self.squares > MAX_SQUARE_RATIO * self.signal_squares
 
     @property
@@ -311,8 +314,10 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
 
 
 def _is_significantly_larger(channel: ChannelOfRun, like_runs: list[ChannelOfRun], count: int) -> bool:
-    """Return True if the residuals of a run are significantly larger than in the `like_runs`, one of `count` runs.  (1)
-    Return True also if `like_runs` contains fewer than two runs, because their scatter is then unknown."""
+    """Return True if the residuals of a run are significantly larger than in the `like_runs`, one of `count` runs.
+
+    (1) Also return True if `like_runs` contains fewer than two runs, because their scatter is then unknown.
+    """
     g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *like_runs)])
     if len(like_runs) < 2:
         return True

@@ -1,4 +1,4 @@
-"""Result of `choose`: the terms of a model and the reasons, with a sentence and figures for each."""
+"""Result of `choose`: the terms of a model, with the reason, a sentence and the values for each."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -72,11 +72,14 @@ class Decision(StrEnum):
 
 
 class TermResult(NamedTuple):
-    """Result for one term: compared with the model of its round, or at the end with the model without it."""
+    """Result for one term.
+
+    It is compared with the model of its round, or at the end with the model without this term.
+    """
 
     term: Term
     verdict: Decision
-    reason: Diagnostic | None  # if not only the figures decided
+    reason: Diagnostic | None  # the reason, if not only the values decided
     channel: ChannelLabel
     without: float  # held-out error of that channel
     with_: float
@@ -91,7 +94,7 @@ class TermResult(NamedTuple):
 
     @property
     def message(self) -> Diagnostic:
-        """Return the decision and its figures as a message."""
+        """Return the decision and its values as a message."""
         details: JsonObject = {"errors": self.errors, "needed": self.needed}
         part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
         name = self.term.name

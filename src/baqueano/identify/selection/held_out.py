@@ -1,17 +1,17 @@
 """Compare models of one vehicle by their simulation error on held-out data.
 
     L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ of the model to beat                    (1)
-    g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
+    g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = MIN_NOISE_SHARE      (2)
     "with" is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
-    pieces = Σ_runs min(1 + turning points, max(1, T / SHORT_S)),   2^−pieces ≤ CHANCE ⟺ pieces ≥ LEAST   (4)
+    pieces = Σ_runs min(1 + turning points, max(1, T / SHORT_BLOCK_S)),  2^−pieces ≤ α ⟺ pieces ≥ MIN_SIGNS     (4)
 
-Fold k holds out every K-th block, and GAP_S on either side is not used. With FOLDS runs or more it holds out whole
-runs, whose biases and starts are estimated on them. Runs that the user holds out are the only fold. A block has 5 s, or
-2 s with few blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired t test on
-logarithms, because gains differ by orders of magnitude between blocks. c limits the effect of errors below a third of
-the noise. A term without effect fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent
-pieces of motion by the turning points of a command, without swings below SWING (Bienaymé 1874). LEAST is what the sign
-test requires.
+Fold k holds out every K-th block, and GAP_S on either side is not used. With FOLDS runs or more it holds out
+whole runs, whose biases and starts are estimated on them. Runs that the user holds out are the only fold. A block has
+5 s, or 2 s with few blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired
+t test on logarithms, because gains differ by orders of magnitude between blocks. c limits the effect of errors below
+a third of the noise. A term without effect fits noise, so that mean g < 0 and the error rate of the test is below α.
+(4) counts independent pieces of motion by the turning points of a command, without swings below MIN_SWING
+(Bienaymé 1874). MIN_SIGNS is what the sign test requires.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ MIN_RUN_BLOCKS = 20  # from which on a run is a block: with fewer, Student's t i
 BLOCK_S, SHORT_BLOCK_S, MIN_BLOCK_COUNT, MAX_BLOCKS = 5.0, 2.0, 40, 60
 MIN_BLOCKS = 6
 MIN_NOISE_SHARE = 0.1  # of the variance of the noise
-GAP_S = 1.0  # on either side of a block that is held out
+GAP_S = 1.0  # on both sides of a held-out block
 FINAL_DECREMENT = 1e-3  # decrement: every parameter moves by less than 3 % of its standard error
 MAX_EVALUATIONS = 25  # evaluations
 MIN_SWING = 0.1
@@ -142,7 +142,9 @@ class HeldOut:
         self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
         max_evaluations: int = MAX_EVALUATIONS,
     ) -> Solution:  # fmt: skip
-        """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; `is_free` (p,) may move."""
+        """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; only the entries `is_free`
+        (p,) change.
+        """
         problem = (self.all_data if problem is None else problem).weight(sigma)
         return minimise(
             problem.evaluate,
@@ -156,9 +158,9 @@ class HeldOut:
         )
 
     def score(self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray) -> Score:
-        """Return the score of a model with the entries `is_free` (p,) of θ on held-out data; folds start at `theta`.
+        """Return the score on held-out data of a model with the entries `is_free` (p,) of θ; folds start at `theta`.
         (1)"""
-        # else each run uses its own core
+        # otherwise each run uses one core
         is_single = len(self.all_data.records) == 1 and self.all_data.scan.backend == "c"
         rows = sum(map(len, self.blocks)) if is_single else 0
         fold_scores = parallel_map(
@@ -177,7 +179,9 @@ class HeldOut:
         """Return loss, samples, one-step errors and pairs of one fold, and its shared parameters."""
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
         one_step_errors, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
-        movable = is_free if self.whole_runs else is_free & ~self.starts  # a start may be held out itself
+        movable = (
+            is_free if self.whole_runs else is_free & ~self.starts
+        )  # a start can belong to held-out data
         theta_ = self.fit(theta, movable, sigma, fold.train).theta
         shared_theta = theta_[self.shared]
         if self.whole_runs:
@@ -202,7 +206,7 @@ def check_only_held_out(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
 
 
 def paired_comparison(without: Score, with_: Score) -> PairedComparison:
-    """Compare two models block by block.  (2), (3)"""
+    """Return the comparison of two models, block by block.  (2), (3)"""
     has_samples = without.samples.sum(axis=1) > 0.0
     loss_before, loss_after = without.loss[has_samples], with_.loss[has_samples]
     floor = MIN_NOISE_SHARE * without.samples[has_samples].sum(axis=1)
@@ -218,8 +222,10 @@ def paired_comparison(without: Score, with_: Score) -> PairedComparison:
 
 
 def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
-    """Return the standard errors (q,) of shared parameters by leaving folds out, valid also for autocorrelated
-    residuals; NaN with a single fold."""
+    """Return the standard errors (q,) of shared parameters by leaving folds out.
+
+    They are also valid for autocorrelated residuals, and NaN with a single fold.
+    """
     if len(score.estimates) < 2:
         return np.full(len(entries), np.nan)
     x = score.estimates[:, list(entries)]

@@ -6,7 +6,7 @@
     until no term is good; then backward: a term stays if M without it is worse, t > t_{1 − α}            (3);
     if a term was dropped, forward and backward again without it
 
-held_out.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is refused.
+held_out.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is rejected.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -102,8 +102,7 @@ def choose(
 
     `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free` and `use` are as
     in `identify`; so are the `options` fixed, bounds, at_rest and backend. If given, the runs `held_out` decide the
-    terms. Raise UsageError for an unknown name, for other options, or without a command.
-    """
+    terms. Raise UsageError for an unknown name, for other options, or without a command."""
     option_names = [name for name in options.non_defaults if name not in ACCEPTED_OPTIONS]
     if option_names:
         raise UsageError(fault("choose.options", options=option_names))
@@ -158,7 +157,7 @@ class _ModelSelection:
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = setup
         self.how, self.least_paths, self.terms, self.progress = setup, least_paths, terms, progress
-        self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
+        self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the result of the last trial of each term
         base_file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
         blocks, runs, only = sensors_of(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
@@ -179,7 +178,7 @@ class _ModelSelection:
         held_out = HeldOut(blocks, shape, records, at_rest, len(validation_runs), setup.options.backend)
         theta, held_out.low, held_out.high = first_theta(blocks, candidates, shape, records, FitOptions())
         floor = min_sigma(blocks.sensors, held_out.all_data.z, held_out.all_data.has)
-        self.small = np.zeros(len(theta))  # differences from neutral that count as 0
+        self.small = np.zeros(len(theta))  # differences from neutral that are treated as 0
         if LAG in self.paths:
             lag = self.paths.index(LAG)
             held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
@@ -240,7 +239,7 @@ class _ModelSelection:
         return model, [results[term.name] for term in (*model.terms, *others) if term.name in results]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
-        """Return the fit of a model with its error bars, from its θ. A delay, with many minima, stays near."""
+        """Return the fit of a model with its error bars, from its θ. The bounds of a delay are close to its value."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
         vehicle_file = with_terms(bare, self.terms, {path: values[path] for path in paths})
@@ -300,7 +299,7 @@ class _ModelSelection:
         return TermTrial(result, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, is_free: np.ndarray) -> Solution:
-        """Return the best fit with a term, from the best of its starts, or of its last end, after a few steps."""
+        """Return the best fit with a term. A few steps from each start, and from the last result, select the start."""
         ends = []
         for start in self.ended.get(term.name, term.starts):
             theta = model.theta.copy()
@@ -357,7 +356,7 @@ class _ModelSelection:
         self, term: Term, verdict: Decision, reason: Diagnostic | None, model: Model, pair: tuple[Score, PairedComparison] | None,  # noqa: E501
         theta: np.ndarray, limit: float,
     ) -> TermResult:  # fmt: skip
-        """Return the figures of a term compared with `model`; `pair` is the score with the term, and its test."""
+        """Return the result of a term compared with `model`. `pair` is the score with the term, and its comparison."""
         entries = self._entries(term)
         score, test = pair or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
         c = test.channel

@@ -1,16 +1,17 @@
 """Define the optional terms of a vehicle model, each with its neutral value and its starts.
 
 The least model of a kind contains the forces (or velocities) of the commands and viscous friction; for a car also the
-steering. Everything else is a term: dry friction, dead zones, drag, lag and delay, cross-talk, unequal motors, battery,
-centre of mass. At its neutral value a term has no effect. Its largest possible size gives the starts of a search:
+steering. All other effects are terms: dry friction, dead zones, drag, lag and delay, cross-talk, unequal motors,
+battery, centre of mass. At its neutral value a term does not have an effect. The starts of a search are fractions of
+its largest possible value:
 
     friction, drag     0.1 and 0.3 of the value that would balance the largest command                     (1)
     dead zone          0.05 and 0.25 of the largest command                                                (2)
     lag, delay         0.05 s; a delay, whose cost has a kink at every whole tick, every 0.025 s            (3)
 
-or the field's `start`. For (1) the largest commands drive the model for REACH_S, one channel at a time and all
-together. The change of ν̇ by a unit of the parameter is divided by the largest ν̇. A parameter without a change is not
-a term. Names, neutral values and starts are defined with the fields of the class (parameter.py); their order is
+or the field's `start`. For (1) the model drives for TRIAL_S with the largest commands, one channel at a time and all
+together. The change of ν̇ by a unit of the parameter is divided by the largest ν̇. A parameter without a change is
+not a term. Names, neutral values and starts are defined with the fields of the class (parameter.py); their order is
 explained in docs/derivations/d_optimal_design.md.
 """
 
@@ -60,7 +61,7 @@ class Term(NamedTuple):
 
     name: str  # in words
     paths: tuple[str, ...]  # (q,) with entries
-    neutral: tuple[float, ...]  # (q,) values at which it is without effect
+    neutral: tuple[float, ...]  # (q,) values at which the term does not have an effect
     starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
 
 
@@ -156,7 +157,7 @@ class _TermMotion(NamedTuple):
 
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
-    state: "Tree"  # after REACH_S
+    state: "Tree"  # after TRIAL_S
     max_nu: np.ndarray  # (3,) largest |ν̇| during the motion
 
 
@@ -202,7 +203,7 @@ def _field_terms(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[T
 def _search_starts(
     blocks: FittedBlocks, path: str, neutral: float, motions: Sequence[_TermMotion]
 ) -> tuple[float, ...]:
-    """Return the starts of the search for a parameter; () for a parameter without effect.  (1)"""
+    """Return the starts of the search for a parameter, or () for a parameter without an effect.  (1)"""
     max_nu = np.max([m.max_nu for m in motions], axis=0, initial=1e-9)
     with_, without = (put(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
     sensitivity = 0.0
@@ -236,7 +237,9 @@ def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
 
 
 def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
-    moving_motions = [m for m in motions if np.any(m.max_nu > 0.0)]  # a servo without a motor moves nothing
+    moving_motions = [
+        m for m in motions if np.any(m.max_nu > 0.0)
+    ]  # a servo without a motor does not move the vehicle
     single_channel, terms = [m for m in moving_motions if np.count_nonzero(m.w) == 1], []
     for direction, field, sign in zip(("forward", "backward"), DEAD_ZONE_PATHS, (1.0, -1.0), strict=True):
         commands = [(k, abs(float(m.w[k]))) for m in single_channel for k in np.flatnonzero(sign * m.w > 0.0)]

@@ -1,4 +1,4 @@
-"""English sentences of a fit: its verdict, parameters it did not identify, the choice of the cost, unseen runs."""
+"""English sentences about a fit: verdict, parameters that were not identified, choice of the cost, held-out runs."""
 
 HELD = "the parameter is fixed at {at:.4g}"
 

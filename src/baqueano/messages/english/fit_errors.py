@@ -1,4 +1,4 @@
-"""English error messages of fits, of their noise and of experiments."""
+"""English error messages about fits, their noise, and experiments."""
 
 ASK = (
     "Leave the vehicle on its mark for 3 s. Turn it by hand on the floor, two whole turns, and put it back on the "

@@ -1,4 +1,4 @@
-"""English sentences of the Python functions: blocks of the user, results that are shown, notebooks."""
+"""English sentences of the Python functions, about blocks of the user, displayed results and notebooks."""
 
 TEMPLATES: dict[str, str] = {
     "block.not-a-block": (

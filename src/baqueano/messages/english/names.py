@@ -1,4 +1,4 @@
-"""English sentences of messages about messages: unknown names, and several messages of the same kind."""
+"""English sentences that complete other messages: unknown names, and several messages of the same kind."""
 
 TEMPLATES: dict[str, str] = {
     "name.near": "Did you mean {meant}? The names are {known}",

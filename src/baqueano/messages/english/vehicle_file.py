@@ -1,4 +1,4 @@
-"""English sentences of vehicle files and of the blocks that they name."""
+"""English sentences about vehicle files and the blocks that they name."""
 
 TEMPLATES: dict[str, str] = {
     "vehicle.commands-differ": (

@@ -1,4 +1,4 @@
-"""Words that are keys in the code and are shown in tables and figures: verdicts, levels, kinds of runs, columns."""
+"""English words that are keys in the code and are shown in tables and figures: verdicts, levels, kinds, columns."""
 
 from baqueano.messages.language import mark as N_
 

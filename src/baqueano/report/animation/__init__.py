@@ -1,4 +1,7 @@
-"""Show a run as an animation: one SVG file without a script. It stays still for a reader who prefers no motion."""
+"""Show a run as an animation: one SVG file without a script.
+
+It does not move for a reader who has switched off animations.
+"""
 
 from pathlib import Path
 
@@ -7,7 +10,7 @@ from baqueano.errors import UsageError
 
 
 def picture_file(path: str | Path) -> Path:
-    """Return the path of the picture to write. Raise UsageError if its ending is not .svg."""
+    """Return the path of the picture to write. Raise UsageError if its file extension is not .svg."""
     path = Path(path)
     if path.suffix.lower() != ".svg":
         fix = str(path.with_suffix(".svg"))

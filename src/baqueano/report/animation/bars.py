@@ -19,7 +19,7 @@ class PartialFit(NamedTuple):
     seconds: float
     verdict: Verdict
     relative_error: np.ndarray  # (p,) estimate over the truth, minus 1; NaN without an estimate
-    half_width: np.ndarray  # (p,) half-width of the 95 % interval, in parts of the truth
+    half_width: np.ndarray  # (p,) half-width of the 95 % interval, relative to the truth
 
 
 def bars(

@@ -1,6 +1,7 @@
 """Draw a scene and the stages of a fit as SVG, animated by CSS keyframes, so that the SVG also moves in an <img>.
 
-A reader who prefers no motion sees the last instant, which is the state of each element without its keyframes.
+A reader who has switched off animations sees the last instant, which is the state of each element without its
+keyframes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,7 +17,7 @@ from baqueano.report.animation.scene import Scene
 
 WIDE, HIGH, LEFT, MARGIN = 860, 430, 440, 26  # of the picture; of the part with the path
 FIT_S, LAP_S, LONGEST_S, REST_S = 4.0, 3.4, 11.0, 2.6  # the fit, a lap, all laps, the end
-# the largest error shown, in parts of the truth; half an axis and a row in px
+# the largest error that is drawn, relative to the truth; half an axis and a row in px
 BAR, AXIS, ROW = 0.2, 96.0, 29.0
 STYLE = """
 svg{font:14px system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;--paper:#fff;--ink:#1d2128;
@@ -55,7 +56,7 @@ def animation(scene: Scene, partial_fits: Sequence[PartialFit] = (), labels: Seq
 
 
 class _Clock:
-    """The time axis of the animation: fit and teaching, the laps, a rest; then it repeats."""
+    """The time axis of the animation: fit and teaching, the laps, a pause. Then it repeats."""
 
     def __init__(self, scene: Scene, teaches: bool) -> None:
         self.begin_s = FIT_S if teaches else 0.6
@@ -121,7 +122,7 @@ def _path(scene: Scene, clock: _Clock) -> list[str]:
     if scene.route is not None:
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in to_picture(scene.route))
         drawing_style = ""
-        if clock.begin_s >= FIT_S:  # it is taught while the fit narrows
+        if clock.begin_s >= FIT_S:  # the route is taught while the intervals of the fit narrow
             steps = [(0.0, "stroke-dashoffset:1"), (clock.begin_s - 0.3, "stroke-dashoffset:0")]
             drawing_style = f' pathLength="1" stroke-dasharray="1" style="{clock.animate("r", steps)}"'
         elements.append(f'<polyline class="route" points="{points}"{drawing_style}/>')

@@ -24,7 +24,7 @@ class Scene:
     t_s: np.ndarray  # (M,) since the first tick
     estimated: np.ndarray | None  # (M, 3)
     true: np.ndarray | None  # (M, 3)
-    half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN if the vehicle is lost
+    half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN if the position is too uncertain
     route: np.ndarray | None  # (K, 2) one lap of the reference path
     laps: int
     radius_m: float

@@ -3,14 +3,14 @@
     at most nine times, until SDA is high:  SCL low, SCL released, with SDA released                    (1)
     STOP:  SCL low, SDA low, SCL released, SDA released                                                 (2)
 
-UM10204 (the I2C specification) 3.1.16. SDA is also high if the chip sends a 1: then (2) fails and (1) continues. At the
-ninth clock the host does not acknowledge, because SDA is released. That ends a read for every chip.
+Source: UM10204 (the I2C specification) 3.1.16. SDA is also high if the chip sends a 1: then (2) fails and (1)
+continues. At the ninth clock the host does not acknowledge, because SDA is released. That ends a read of every chip.
 
 The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. The command `pinctrl` of Raspberry Pi OS (package
-raspi-utils) can do it, and the group gpio may use this command. The lines are open drain: each is driven low or
-released, never driven high. (`pinctrl` makes a pin an output before it sets the level. The old level therefore stays
-for less than a microsecond.) A recovery puts both pins back into I2C mode; if that fails, the next
-recovery does. It needs some tenths of a second, so it may run only at rest.
+raspi-utils) can do it, and the group gpio is allowed to use this command. The lines are open drain: each is driven low
+or released, never driven high. (`pinctrl` makes a pin an output before it sets the level. The old level therefore stays
+for less than a microsecond.) A recovery puts both pins back into I2C mode; if that fails, the next recovery repeats it.
+A recovery takes some tenths of a second, so it must run only while the vehicle is at rest.
 """
 
 import os
@@ -66,7 +66,7 @@ class Recovery:
 
     @property
     def is_running(self) -> bool:
-        """Return True while a recovery runs: the pins may then not be in I2C mode, and no transfer may begin."""
+        """Return True while a recovery runs. The pins might then not be in I2C mode, so a transfer must not begin."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
@@ -91,7 +91,7 @@ class Recovery:
     def _work(self) -> None:
         with suppress(
             AttributeError, OSError
-        ):  # this thread alone loses the real-time priority, which the service's ticks need
+        ):  # only this thread loses the real-time priority, which the service's ticks need
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         self._outcome = recover_bus(self._path)
 
@@ -125,7 +125,7 @@ def recover_bus(path: str) -> RecoveryOutcome:
 def check_bus_recovery(path: str, model: Path) -> tuple[str, str, str]:
     """Check if this machine could clock the bus at `path` free; the file `model` contains the name of the machine.
 
-    Return a verdict, a figure and a remedy as in doctor.py.
+    Return a verdict, a result and a remedy as text, as in doctor.py.
     """
     if not model.exists() or "Raspberry Pi" not in model.read_text(encoding="utf-8"):
         return "unknown", _("this machine is not a Raspberry Pi"), ""
@@ -153,7 +153,7 @@ def check_bus_recovery(path: str, model: Path) -> tuple[str, str, str]:
 class _Pins:
     """The pins of SDA and SCL, set and read by calls of `program`.
 
-    Raise RobotUnreachable if a call fails or the time limit of the whole recovery has passed.
+    All methods raise RobotUnreachable if a call fails, or if the time limit of the whole recovery has passed.
     """
 
     def __init__(self, program: str) -> None:
@@ -171,10 +171,10 @@ class _Pins:
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:
-        """Set function, pull and level of a pin. Raise RobotUnreachable if `pinctrl` refuses."""
+        """Set function, pull and level of a pin. Raise RobotUnreachable if `pinctrl` refuses the options."""
         if refusal := self._call(
             "set", pin, *options
-        ):  # if it refuses, it writes a message and still exits with 0
+        ):  # `pinctrl` reports a refusal as a message, and still exits with 0
             raise RobotUnreachable(
                 fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=refusal)
             )
@@ -196,7 +196,7 @@ class _Pins:
         raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=cause_text))
 
     def _call(self, *words: str) -> str:
-        import subprocess  # loaded late, for a fast start of the service: a bus is rarely held
+        import subprocess  # imported here for a fast start of the service: a bus is rarely held
 
         command = " ".join(("pinctrl", *words))
         if time.monotonic() > self._end_s:
@@ -223,7 +223,7 @@ class _Pins:
 def _pins(path: str) -> _Pins:
     """Return the pins of the bus at `path`.
 
-    Raise RobotUnreachable for another bus, without `pinctrl`, or if the pins have another function.
+    Raise RobotUnreachable for another bus, if `pinctrl` is not installed, or if the pins have another function.
     """
     if Path(path).name != BUS_NAME:
         raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS_NAME))

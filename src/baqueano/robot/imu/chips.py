@@ -4,13 +4,13 @@
     ω [rad/s] = raw · (π/180) / s,  s = 131, 65.5, 32.8, 16.4 for ±250, 500, 1000, 2000 °/s     (2)
     T [°C] = raw / lsb_per_c + offset_c                                                                   (3)
 
-There are two families. The 6050's filter (CONFIG, 0x1A) serves both sensors. The 6500 has a separate filter for the
-accelerometer (ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves at its widest. Its temperature scale and its
-self-test registers differ. After a reset the FIFO has 1024 bytes in the 6050, and 512 bytes in the other chips.
+There are two families. The 6050's filter (CONFIG, 0x1A) applies to both sensors. The 6500 has a separate filter for the
+accelerometer (ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves at its widest setting. The 6500 also has another
+temperature scale and other self-test registers. After a reset the FIFO has 1024 bytes in the 6050, 512 in other chips.
 
 Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1, RM-MPU-9250A 1.6; Linux, inv_mpu6050. The widths and delays
 of the filters are in sensors/imu_filter.py. The register maps do not list chips that answer 0x72 or 0x75. These chips
-are driven as a 6500, without a temperature, like all chips with an unknown id.
+are used as a 6500, without a temperature, like all chips with an unknown id.
 """
 
 import math
@@ -36,7 +36,7 @@ class Chip(NamedTuple):
 
     @property
     def bands(self) -> dict[int, FilterBand]:
-        """Return the band of each filter setting, limited to the settings that leave the gyro at 1 kHz."""
+        """Return filter setting → bandwidth and delay, for the settings that leave the gyro at 1 kHz."""
         return MPU6500_BANDS if self.own_accel_filter else MPU6050_BANDS
 
     def celsius(self, raw: int) -> float:

@@ -1,12 +1,12 @@
 """Open the IMU, report the chip that was found, and check that its values at rest are plausible.
 
-An unlisted chip is driven as an MPU-6500, with a warning, if its values at rest are possible. They are possible if |a|
-is within 0.15 g of 1 g, and no rate exceeds 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A listed chip may be in
-motion: its findings are only warnings.
+An unlisted chip is used as an MPU-6500, with a warning, if its values at rest are plausible. They are plausible if |a|
+is within 0.15 g of 1 g, and no rate exceeds 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A listed chip might be
+in motion: implausible values are only warnings.
 
 One burst of 14 bytes takes 156 bit times on the bus. It has 4 bytes of address and register and 14 of data, 9 bits
-each, and also start and stop. Its duration therefore shows the real clock of the bus. On a Raspberry Pi that clock
-follows the clock of the core.
+each, and also start and stop. The duration of a burst therefore shows the real clock of the bus. On a Raspberry Pi that
+clock follows the clock of the core.
 
 `open` shadows the built-in on purpose: `imu.open(...)` returns an IMU, and `imu.read()` reads it.
 """

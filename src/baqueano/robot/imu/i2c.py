@@ -8,8 +8,8 @@ The kernel's default timeout of a transfer on a stuck bus is one second. `TIMEOU
 for 16 samples of 14 bytes at 62.5 kHz. That is the slowest clock of a Pi 3 that was set to 100 kHz. The timeout applies
 to the whole bus.
 
-A device that was cut off in the middle of a byte may hold SDA low. A request through /dev/i2c-N does not free it. Nine
-clocks on SCL by GPIO free it (bus_recovery.py), and so does a power cycle of the device.
+A device that was cut off in the middle of a byte can hold SDA low. A request through /dev/i2c-N does not free the bus.
+Nine clocks on SCL by GPIO free it (bus_recovery.py), and so does a power cycle of the device.
 """
 
 import errno
@@ -27,7 +27,7 @@ HELD_ERRNOS = (errno.ETIMEDOUT, errno.EAGAIN)  # a line that stays low; arbitrat
 
 @dataclass
 class Device:
-    """A device with registers at `address` of the bus `path`, as "/dev/i2c-1". A failed transfer raises OSError."""
+    """A device with registers at `address` of the bus `path` ("/dev/i2c-1"). A failed transfer raises OSError."""
 
     path: str
     address: int
@@ -37,7 +37,7 @@ class Device:
     def open(self) -> None:
         """Open the bus.
 
-        Raise UsageError without smbus2. Raise RobotUnreachable if the bus is missing or may not be opened.
+        Raise UsageError without smbus2. Raise RobotUnreachable if the bus is missing or cannot be opened.
         """
         message, bus_class = _smbus2()
         self.close()
@@ -72,7 +72,7 @@ class Device:
         self._bus.i2c_rdwr(*messages)
 
     def _set_timeout(self) -> None:
-        """Set the kernel's timeout for a transfer; adapters that do not support this keep their timeout."""
+        """Set the kernel's timeout for a transfer. An adapter that does not support this keeps its timeout."""
         import fcntl
 
         for request, value in ((I2C_RETRIES, 0), (I2C_TIMEOUT, TIMEOUT_10MS)):

@@ -3,7 +3,7 @@
     failure                    reaction                                            event
     transfer fails             repeated once, at once; not after a timeout         (counted)
     three calls fail           bus opened again, chip started again                restart
-    chip lost its registers    noticed within 1 s; started again                   forgot
+    chip lost its registers    detected within 1 s; started again                  forgot
     no data for 0.5 s          chip started again, then each second; one event     silent, back
     words repeat for 0.1 s     withheld, chip started again                        frozen
     axis saturated for 0.1 s   event                                               saturated
@@ -37,7 +37,7 @@ RESET, PLL_X, ALL_SENSORS, FIFO_ON, FIFO_RESET = 0x80, 0x01, 0xF8, 0x40, 0x04
 RESET_MS, START_MS, AGAIN_MS = 100, 60, 100
 SAMPLE_BYTES = 14  # bytes of a sample: accelerometer, temperature, gyro
 MAX_SAMPLES_PER_TRANSFER = 16  # samples in one transfer: 5 ms at 400 kHz
-FIFO_MARGIN = 3  # samples; a FIFO with less free space than this may have lost samples
+FIFO_MARGIN = 3  # samples; a FIFO with less free space than this might have lost samples
 MAX_FAILURES = 3
 MAX_MISSING_SAMPLES = 5  # missing samples after which the registers of the chip are checked
 Batch = tuple[list[Row], list[int]]  # raw words and their times
@@ -48,9 +48,9 @@ SAMPLE_LAYOUT = struct.Struct(">7h")
 class Mpu6050:
     """A running IMU, made by `imu.open`. `now_ns` is the host's clock, which all timestamps use.
 
-    `read()` returns the samples since the last call at once. It makes a few short transfers, each within the timeout of
-    i2c.py, and stops after a transfer that timed out. The chip is started step by step: a step that must wait is
-    continued at a later call.
+    `read()` returns the samples since the last call without waiting. It makes a few short transfers, each within the
+    timeout of i2c.py, and returns after a transfer that timed out. The chip is started step by step: a step that must
+    wait is continued at a later call.
 
     There are two modes. In "fifo" the chip stores the samples, and their timestamps follow the chip's period
     (sample_clock.py). In "burst" one read of 15 bytes returns only the newest sample, with a flag that is set if the
@@ -59,8 +59,8 @@ class Mpu6050:
     INT pin is not needed; it pulses for each sample, for an oscilloscope.
 
     A timestamp is the time at which the chip sampled the output of its filter; the motion is older by `delay_s`. The
-    chip's right-handed axes are turned by `ImuSettings.axes` to the vehicle's (x ahead, y left, z up). The
-    accelerometer measures the specific force: at rest and level +g on z.
+    samples are rotated by `ImuSettings.axes` from the chip's axes to body axes (x forward, y left, z up). The
+    accelerometer measures the specific force: at rest on a level floor +g on z.
     """
 
     def __init__(
@@ -131,9 +131,9 @@ class Mpu6050:
         return self._watch.take()
 
     def free_bus(self) -> RecoveryOutcome | None:
-        """Begin a recovery if the bus is stuck and data are missing. Return the last outcome once.
+        """Begin a recovery if the bus is stuck and data are missing. Return the outcome of the last recovery once.
 
-        The vehicle must be at rest. A second thread makes the recovery: `read` then returns an empty list, and
+        The vehicle must be at rest. A second thread executes the recovery. `read` returns an empty list meanwhile, and
         afterwards starts the chip.
         """
         if self.silent and self.bus_stuck:
@@ -184,7 +184,7 @@ class Mpu6050:
         ]
 
     def _new_batch(self, now_ns: int) -> Batch:
-        """Return the new samples; try a second time after an error, but not if the bus is stuck."""
+        """Return the new samples; try once more after an error, but not if the bus is stuck."""
         try:
             return self._check_and_read(now_ns)
         except OSError as error:
@@ -194,7 +194,7 @@ class Mpu6050:
             return self._check_and_read(now_ns)
 
     def _check_and_read(self, now_ns: int) -> Batch:
-        """Return the new samples; once a second, check the registers of the chip first."""
+        """Return the new samples; once per second, check the registers of the chip first."""
         if now_ns >= self._check_at:
             if not self._keeps_settings(now_ns):
                 return EMPTY_BATCH
@@ -349,7 +349,7 @@ class Mpu6050:
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
     """Return the device that answers WHO_AM_I, its answer, and a sentence about the recovery of a stuck bus, if any.
 
-    Raise RobotUnreachable if no device answers, also after a recovery.
+    Raise RobotUnreachable if no device answers, even after a recovery.
     """
     outcome: RecoveryOutcome | None = None
     device, stuck = _first_answer(path, addresses)

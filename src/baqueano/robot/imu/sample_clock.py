@@ -1,6 +1,6 @@
 """Estimate when a chip took its samples, from readings of its sample count. Sample k is taken at T(k) = a + P k.
 
-    T(k) ≤ after        of a reading from `before` to `after` that found k as the newest    (1)
+    T(k) ≤ after        for a reading from `before` to `after` that found k as the newest   (1)
     T(k + 1) > before                                                                       (2)
     P · (k_i − k_j − 1) ≤ after_i − before_j    for two readings i and j                    (3)
 
@@ -15,12 +15,12 @@ from collections import deque
 
 import numpy as np
 
-PERIOD_TOLERANCE = 0.06  # Linux allows these chips 4 %; clones may be worse
+PERIOD_TOLERANCE = 0.06  # Linux allows these chips 4 %; clones can be worse
 PERIOD_STD = 0.02  # relative prior standard deviation of P; after some readings it is of little weight
 BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
 FINE_NS = 2_000_000_000  # during this first time the buckets are short, because the estimate improves fastest
 MAX_BUCKETS = 25
-EACH_READING_NS = 1_000_000_000  # until then each reading updates the estimate, later only each bucket
+EACH_READING_NS = 1_000_000_000  # during this first time each reading updates the estimate, later each bucket
 MAX_SLEW = 0.1  # largest correction of an interval, in periods
 GRID_POINTS = 17  # number of periods at which the polygon is evaluated
 PERIOD_DRIFT = 0.001  # relative drift of the period between two counts of samples
@@ -58,7 +58,7 @@ class SampleClock:
         self._bucket_ns = self._began = -1
         self._this: list[int] = []  # the last reading, as a bucket
         self._last_index: int | None = None  # index of the last stamp
-        self._newest = 0  # index that `_phase` belongs to
+        self._newest = 0  # index of the sample to which `_phase` belongs
         self._phase = 0.0
         self.phase_error_ns = self.period_ns / 2.0
 

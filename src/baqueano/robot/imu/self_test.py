@@ -8,8 +8,8 @@ With STR = (reading with the test bit) − (reading without) and the factory's r
     MPU-6500    FT = 2620 · 1.01ⁿ⁻¹ LSB, at ±250 °/s and ±2 g                                             (4)
                 passed: STR/FT > 0.5, and < 1.5 for the accelerometer                                     (5)
 
-n = 0 means that the factory did not write a code: the axis is then not judged. The vehicle must be at
-rest: the test ends if the readings scatter ten times as much as the sensor's noise.
+n = 0 means that the factory did not write a code: the axis is then not evaluated. The vehicle must be at
+rest: the test fails if the standard deviation of the readings exceeds ten times the sensor's noise.
 Sources: RM-MPU-6000A 4.2, registers 13 to 16, and the data sheet's ±14 %; the MPU-6500's application note.
 """
 
@@ -59,7 +59,7 @@ class SelfTest(NamedTuple):
 
     @property
     def has_passed(self) -> bool:
-        """Return True if no axis failed; an axis without a factory code does not count."""
+        """Return True if no axis failed. An axis without a factory code cannot fail."""
         return all(axis.passed is not False for axis in self.axes)
 
     def table(self) -> str:

@@ -70,8 +70,8 @@ class ImuSettings:
     are ±2, 4, 8, 16 g and ±250, 500, 1000, 2000 °/s. The default is ±4 g because motors shake: clipped vibration looks
     like a bias after the filter. The resolution is still a thirtieth of the noise. The gyro's default is ±1000 °/s
     because a car of this size spins at 660 °/s. The `mode` is "fifo" or "burst". The `axes` are the chip's axes that
-    point ahead, left and up, as ("-y", "x", "z"). The driver turns its samples by them, and worlds/robot.py uses the
-    result as body axes.
+    point forward, left and up, such as ("-y", "x", "z"). The driver rotates its samples to these axes, and
+    worlds/robot.py uses the result as body axes.
     """
 
     rate_hz: int = 200

@@ -1,8 +1,7 @@
 """Monitor an IMU by its samples and errors, and report each event once, when it begins.
 
-The last bits of a sensor always change: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal words in a row
-can be chance at the narrowest filter (5 Hz: about one row in a thousand). Twenty equal words in a row cannot be chance
-(10⁻⁶⁰).
+The last bits of a sensor always change: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal consecutive
+words can occur by chance at the narrowest filter (5 Hz: about one time in a thousand). Twenty cannot (10⁻⁶⁰).
 """
 
 import errno
@@ -39,7 +38,7 @@ NAMES = {
 
 
 class ImuWatch:
-    """A monitor that judges the samples of each call; `last_ns` is the time of the last good sample."""
+    """A monitor that evaluates the samples of each call; `last_ns` is the time of the last good sample."""
 
     def __init__(self, settings: ImuSettings, counts: Counts, now_ns: int) -> None:
         self.silent = False
@@ -59,7 +58,7 @@ class ImuWatch:
         self._events: list[ImuEvent] = []
 
     def record_event(self, now_ns: int, code: str, **figures: Any) -> None:
-        """Record an event with this code and these figures."""
+        """Record an event with this code and these values."""
         self._events.append(ImuEvent(now_ns, note(code, Severity.WARNING, **figures)))
 
     def take(self) -> list[ImuEvent]:
@@ -92,7 +91,7 @@ class ImuWatch:
     def _listen(self, now_ns: int, has_answered: bool) -> bool:
         """Measure the time without good samples; return True if the chip must be started again.
 
-        The time since the last call counts as 0.1 s at most.
+        Of the time since the last call, at most 0.1 s is added.
         """
         span_ns = min(now_ns - self._called_ns, MAX_CALL_NS)
         self._called_ns = now_ns
@@ -114,9 +113,9 @@ class ImuWatch:
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
-        """Return (same, fault): `is_same` is True for a row that equals the last row or is all zero.
+        """Return two flags; the first is True for a row that equals the last row or is all zero.
 
-        `fault` is True once: for the row with which so many such rows have arrived that the chip is faulty.
+        The second flag is True once: for the row with which so many such rows have arrived that the chip is faulty.
         """
         is_same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (
             any(row[:3]) or any(row[4:])

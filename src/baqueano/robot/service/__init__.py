@@ -1,1 +1,1 @@
-"""Run the service of a vehicle: it watches the hardware, drives missions, and stops the vehicle at any fault."""
+"""Run the service of a vehicle: it monitors the hardware, executes missions, and stops the vehicle at any fault."""

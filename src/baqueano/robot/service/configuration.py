@@ -1,4 +1,4 @@
-"""Derive the firmware's configuration, and the body that the world reads, from a vehicle file."""
+"""Derive, from a vehicle file, the configuration of the firmware and the `Body` for the world."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def body_of(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
-    """Configure the Uno for a drive, read the settings of its motors, and return the body of the vehicle file."""
+    """Configure the Uno for a drive, read the settings of its motors, and return the `Body` of the vehicle.
+    `wait` receives the times [s] to wait for answers.
+    """
     config = config_of(vehicle_file.robot, uno.info)
     uno.configure(config, wait)
     applied_ways = [

@@ -8,7 +8,7 @@ from baqueano.robot.imu.settings import Counts
 from baqueano.robot.uno.statistics import Statistics
 
 LINE_COUNTS = ("sent", "unsent", "received", "lost", "late", "damaged", "resets")
-FIGURE_NAMES = {"received": "heard"}  # names in the figures of a run, if they differ
+FIGURE_NAMES = {"received": "heard"}  # names in the events of a run, if they differ
 HARMFUL_COUNTS = ("unsent", "lost", "late", "damaged", "resets")
 Line = tuple[str, Diagnostic]  # level, message
 
@@ -31,8 +31,7 @@ class Lateness:
 
 
 def line_losses(previous: Statistics, current: Statistics, trouble: Diagnostic | None = None) -> Line:
-    """Return the losses on the serial line since `previous`; a warning if there are any, or for `trouble` of
-    the Uno."""
+    """Return the losses on the serial line since `previous`; a warning for any loss, or for `trouble` of the Uno."""
     counts = current.since(previous, *LINE_COUNTS)
     n = {FIGURE_NAMES.get(name, name): count for name, count in zip(LINE_COUNTS, counts, strict=True)}
     if trouble is not None:

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 TEMPERATURE_FILE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, in thousandths of a °C
 READ_PERIOD_S = 1.0  # between two readings of the temperature file
-MIN_LOW_S = 2.0  # least duration of a low voltage that counts: the start of motors lowers it for a moment
+MIN_LOW_S = 2.0  # least duration of a low voltage that is reported: starting motors lower it for a moment
 
 
 class ComputerHealth:
-    """A monitor of tilt, battery, temperature and disk space; `limits` is [robot] of the vehicle file."""
+    """A monitor of tilt, battery, temperature and disk space; `limits` is the table [robot] of the vehicle file."""
 
     def __init__(
         self,
@@ -33,14 +33,14 @@ class ComputerHealth:
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
     def before(self, world: "Robot") -> Diagnostic | None:
-        """Return the reason why a drive may not begin, such as a full disk; None if it may begin."""
+        """Return the reason why a drive is not allowed to begin, such as a full disk; None if it is allowed."""
         free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
             return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
         return self.during(world)
 
     def during(self, world: "Robot") -> Diagnostic | None:
-        """Return the reason why a drive must end; None if it may continue."""
+        """Return the reason why a drive must end, or None to continue."""
         now_ns = self._now_ns()
         if now_ns - self._looked_ns >= READ_PERIOD_S * 1e9:
             self._looked_ns, self.temperature_c = now_ns, self._read()

@@ -1,9 +1,9 @@
-"""Keep a file while a mission is driven: if a service finds it at its start, the previous service ended in a drive.
+"""Keep a file during a mission: if a service finds the file at its start, the previous service ended in a drive.
 
 A block can end the process of the service by os._exit or by a crash in C. It can also catch every alarm in a loop,
 until systemd's watchdog ends the process. Then the process can no longer report the cause. The firmware's dead man
 stops the motors, systemd starts the service again, and the new service reads from this file which mission was driven.
-Python also writes a traceback into the file if the process ends by a signal that permits a traceback (a crash, the
+Python also writes a traceback into the file if the process ends by a signal that allows a traceback (a crash, the
 watchdog).
 """
 
@@ -31,7 +31,7 @@ class Journal:
         self._traces: Any = None  # the same file, open for the tracebacks of Python
 
     def begin(self, mission: Mission, run: str) -> None:
-        """Write the mission and the run that begin; do nothing if the disk refuses the file."""
+        """Write the mission and the run that begin; do nothing if the file cannot be written."""
         kinds = dict.fromkeys([*mission.blocks.values(), *USER_BLOCK.findall(mission.vehicle)])
         block_names = (
             ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"

@@ -30,9 +30,10 @@ def serve(
 ) -> None:
     """Run the service for the vehicle of `vehicle_file` at the socket `path`, with runs in `folder`, until SIGTERM.
 
-    Raise RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service runs all the same and
-    reports why the vehicle does not drive. Once the IMU answers, the vehicle is READY. A vehicle whose file does not
-    name an IMU drives without one. `give_back` is called when the line of the Uno is open (serial_port.opened_early).
+    Raise RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service still runs, and reports
+    why the vehicle does not drive. Once the IMU answers, the vehicle is READY. A vehicle whose file does not name an
+    IMU drives without one. `log` receives lines for the system's log. `give_back` is called when the serial line of the
+    Uno is open (serial_port.opened_early).
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)
@@ -79,9 +80,9 @@ def serve(
 
 
 def _signs_of_life(systemd: Any) -> tuple[Callable[[], object], Callable[[float], object]]:
-    """Return a function that feeds systemd's watchdog, and a function that sets the watchdog's timeout [s].
+    """Return a function that notifies systemd's watchdog, and a function that sets the watchdog's timeout [s].
 
-    If a thread has ended, the watchdog is no longer fed, and systemd starts the service again.
+    If a thread has ended, the watchdog is no longer notified, and systemd starts the service again.
     """
     threads = threading.enumerate()
 

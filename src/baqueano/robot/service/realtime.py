@@ -2,8 +2,7 @@
 
 SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on your machine). Each page of memory is locked
 when it is first used, so that no tick waits for the disk. Locking all mapped memory would also make unused buffers and
-stacks resident. Objects made at the start are excluded from the rounds of the garbage collector. docs/benchmarks.md has
-the figures.
+stacks resident. Objects made at the start are excluded from garbage collection. docs/benchmarks.md gives the results.
 """
 
 import ctypes
@@ -43,7 +42,7 @@ def request_realtime(priority: int = PRIORITY) -> list[str]:
 
 
 class Systemd:
-    """A sender of notifications to systemd; if systemd did not request any, the calls do nothing."""
+    """A sender of notifications to systemd. If systemd did not request notifications, the calls do nothing."""
 
     def __init__(self, address: str | None = None) -> None:
         socket_path = os.environ.get("NOTIFY_SOCKET") if address is None else address
@@ -54,7 +53,7 @@ class Systemd:
             self._address = "\0" + socket_path[1:] if socket_path.startswith("@") else socket_path
 
     def notify(self, state: str) -> None:
-        """Send a notification such as READY=1, WATCHDOG=1 or STATUS=…; it is lost if systemd cannot receive it now."""
+        """Send a notification such as READY=1, WATCHDOG=1 or STATUS=…; it is lost if systemd is not ready."""
         if self._line is not None:
             with suppress(OSError):
                 self._line.sendto(state.encode(), self._address)

@@ -1,10 +1,10 @@
-"""Run the service on the vehicle: it watches the hardware, drives missions, and stops the vehicle at any fault.
+"""Run the service on the vehicle: it monitors the hardware, executes missions, and stops the vehicle at any fault.
 
     idle    telemetry, IMU and health are checked at IDLE_HZ; a waiting mission begins when the vehicle is READY
-    mission the loop of loop.py at the rate of the vehicle file, by a steady clock, recorded in a run on disk
+    mission the loop of loop.py at the rate of the vehicle file, by a monotonic clock, recorded in a run on disk
     watch   at each tick: the link and the firmware, health, the operator, systemd's watchdog
 
-One thread drives. Other threads read the Uno, serve the clients and write the run, and cannot delay a tick. After a
+One thread runs the loop. Other threads read the Uno, serve the clients and write the run, and cannot delay it. After a
 power cut at most the last second of the run is missing. A full disk ends the recording, but the drive continues.
 """
 
@@ -66,7 +66,7 @@ class Service:
     operator: Operator = field(default_factory=Operator)
     broadcast: Broadcast = lambda message: None
     frames: Frames = field(default_factory=Frames)
-    healthy: Callable[[], object] = lambda: None  # systemd's watchdog
+    healthy: Callable[[], object] = lambda: None  # notifies systemd's watchdog
     patience: Callable[[float], object] = lambda seconds: None  # sets the timeout of systemd's watchdog
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], object] = time.sleep
@@ -134,7 +134,7 @@ class Service:
         """Return True if the operator has cleared the stop and the Uno is no longer latched.
 
         After a request each call sends the Uno a frame that clears its latch, until telemetry shows that the latch is
-        cleared. One frame is not enough, because it may be lost.
+        cleared. One frame is not enough, because it can be lost.
         """
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         trouble = self.uno.trouble
@@ -145,7 +145,7 @@ class Service:
         return latch_gone
 
     def _give_back(self) -> None:
-        """Send the limits in the vehicle file to an Uno with other limits, as after a mission or a reset."""
+        """Send the configuration of the vehicle file to an Uno with another one, as after a mission or a reset."""
         info = self.uno.info
         if info is not None and info.config != (own_config := config_of(self.hardware, info)):
             self.uno.send_config(own_config)
@@ -186,7 +186,7 @@ class Service:
             self._bus = None
 
     def take(self, request: Mission | str, attended: bool, name: str = "") -> None:
-        """Drive a mission, given as an object or in JSON, and report the outcome to the request of this name.
+        """Execute a mission, given as an object or in JSON, and report the outcome under the name of the request.
 
         A faulty mission does not end the service.
         """
@@ -225,12 +225,12 @@ class Service:
         self.broadcast({"is": "done", "id": name, "run": run, "why": reason, "code": code})
 
     def _drive_with_journal(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
-        """Write the journal file, and drive a mission as `drive` does; the caller deletes the file."""
+        """Write the journal file, and execute a mission as `drive` does; the caller deletes the file."""
         self.journal.begin(mission, path.name)
         return self.drive(mission, attended, path)
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
-        """Drive a mission into the run `path`; return why the vehicle was stopped, None if it was not stopped.
+        """Execute a mission, record it at `path`, and return why the vehicle was stopped, None if it was not stopped.
 
         If the disk is full, the missing rest of the run is reported, and the drive continues.
         """
@@ -240,7 +240,7 @@ class Service:
             body = body_of(vehicle_file, self.uno, self.sleep)
             world, lateness = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
             self._mission, self._rate_hz = mission, vehicle_file.rate_hz
-            self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # of before this drive
+            self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # marks before the drive
             self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes
             watching = _ServiceObserver(self, world, lateness, attended, mission, vehicle_file)
@@ -290,7 +290,7 @@ class Service:
         self.broadcast({"is": "event", "level": level, "said": diagnostic})
 
     def _not_ready(self) -> Diagnostic | None:
-        """Return the reason why a drive may not begin; None if it may begin."""
+        """Return the reason why a drive is not allowed to begin; None if it is allowed."""
         if self.uno.info is None:
             return stop(StopReason.UNO_ABSENT)
         if self._no_imu is not None:
@@ -395,6 +395,6 @@ class _ServiceObserver(Observer):
             last_lines.append((IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts)))
         for _, level, message in last_lines:
             s._event(level, message)
-        s.uno.disarm()  # closing the run may take longer than the dead-man time, as a card may stall
+        s.uno.disarm()  # closing the run can take longer than the dead-man time, because a card can stall
         s.patience(CLOSE_TIMEOUT_S)
         return last_lines

@@ -4,10 +4,10 @@ One script makes all settings, and a screen is not needed (files/firstrun.sh). T
 started:
 
     no user-data on the boot partition (Bookworm)        systemd.run=… in cmdline.txt, then the Pi reboots     (1)
-    user-data there, an image with cloud-init (Trixie)   runcmd of user-data                                  (2)
+    user-data present, an image with cloud-init (Trixie) runcmd of user-data                                  (2)
 
 The user logs in only by key, without a password; sudo does not request a password either. In a network that the robot
-opens, its address is 10.42.0.1. Campus networks separate their clients, so that a laptop does not reach the robot. Use
+opens, its address is 10.42.0.1. A campus network separates its clients, so that a laptop does not reach the robot. Use
 the robot's network, which serves about four clients, or a router of the class.
 
 (1) and (2) were not tested on a real card: the script was run in a folder that represents the Pi. Raspberry Pi Imager
@@ -38,7 +38,7 @@ runcmd:
 """
 BOOT_FOLDERS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
 WIFI_CHANNELS = (1, 6, 11)  # channels that do not overlap; the robots of a class are distributed over them
-NAME_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # without letters that look alike on a label
+NAME_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # without characters that look alike on a label
 
 
 class Network(NamedTuple):
@@ -106,7 +106,7 @@ def connection_file(network: Network, name: str) -> str:
         channel = WIFI_CHANNELS[zlib.crc32(name.encode()) % len(WIFI_CHANNELS)]
         lines += ["mode=ap", "band=bg", f"channel={channel}"]
     else:
-        lines += ["mode=infrastructure", "powersave=2"]  # 2: never; saving power costs 100 ms a packet
+        lines += ["mode=infrastructure", "powersave=2"]  # 2: never; saving power costs 100 ms per packet
     lines += ["", "[wifi-security]", "key-mgmt=wpa-psk", f"psk={_escape(network.password)}"]
     if network.own:
         lines += [

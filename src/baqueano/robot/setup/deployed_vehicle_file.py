@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 CALIBRATION_RUN = "calibrate imu"  # the `run` in the provenance of calibrated values
-MAX_SHOWN_LETTERS = 60  # most letters of a value that are shown
+MAX_SHOWN_LETTERS = 60  # most characters of a value that are shown
 
 
 class RenewedFile(NamedTuple):

@@ -1,4 +1,4 @@
-"""Install baqueano on a Raspberry Pi over ssh: a bundle of wheels made here, and the steps of steps.py run there.
+"""Install baqueano on a Raspberry Pi over ssh: make a bundle of wheels here, and run the steps of steps.py there.
 
 The robot does not need the internet: this computer downloads the wheels for the robot's Python and processor, once,
 into its cache. The bundle is sent to /tmp on the robot, its steps run as root, and the bundle is deleted. The terminal
@@ -48,7 +48,7 @@ TARGET_FOLDER = "/tmp/baqueano-setup"
 BASE_FILE = "vehicle.toml.seen"
 IMPORT_LINE = re.compile(
     r"^from baqueano\.robot\.setup\.machine import .*\n", re.MULTILINE
-)  # of what stands before it
+)  # unnecessary once the texts are joined
 NO_WORDS = "WORDS: dict[str, str] = {}"
 PROBE_COMMAND = (
     'python3 -c "import sys, os, pwd; '
@@ -158,7 +158,7 @@ def steps_in_this_language() -> str:
 
 
 def _write_locks(folder: Path, packages: dict[str, str]) -> None:
-    """Write the lock files with the hashes of all wheels, also of the wheel just built; pip has a separate lock."""
+    """Write the lock files with the hashes of all wheels, including the wheel just built; pip has a separate lock."""
     pip_lock = "".join(
         f"baqueano=={path.name.split('-')[1]} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
         for path in folder.glob("baqueano-*.whl")
@@ -182,8 +182,8 @@ def setup(
     """Send `folder` to HOST and run the steps there; their output appears in the terminal.
 
     A vehicle file `vehicle` replaces the file at HOST, but the calibrations of that file stay; `notify` receives the
-    changes. Without `vehicle`, the file at HOST stays. `is_dry_run` only plans the steps. Raise RobotUnreachable if
-    `folder` cannot be sent.
+    changes. Without `vehicle`, the file at HOST stays. With `is_dry_run` the steps are only planned. Raise
+    RobotUnreachable if `folder` cannot be sent, or if the steps fail; other errors are as in `renew_file`.
     """
     (folder / BASE_FILE).unlink(missing_ok=True)
     if vehicle is not None:
@@ -217,7 +217,7 @@ def setup(
 
 
 def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
-    """Undo the changes of `setup` at HOST."""
+    """Undo the changes of `setup` at HOST. Raise RobotUnreachable if the steps cannot be sent, or fail."""
     text = steps_in_this_language()
     command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && cat >{TARGET_FOLDER}/steps.py"
     if run(ssh(host, command), text.encode())[1]:

@@ -28,7 +28,7 @@ class Step(NamedTuple):
 
 
 class Pi:
-    """The machine below `root`, and the record of what was changed on it."""
+    """The machine below `root`, and the record of its changes. Raise SystemExit if the record is damaged."""
 
     def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
         self.root, self.bundle, self.user = root, bundle, user
@@ -51,7 +51,7 @@ class Pi:
     def note(self, name: str, value: object) -> None:
         """Record the former state `value` under `name`, unless it is recorded already.
 
-        A list extends the recorded list by new entries; None deletes the record.
+        New entries of a list are appended to the recorded list. None deletes the record.
         """
         if value is None:
             self.noted.pop(name, None)
@@ -104,7 +104,7 @@ def _(words: str, /, **figures: object) -> str:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write the text to a new file, then replace the old file by it, so that a power cut leaves a complete file."""
+    """Write the text to a new file, which then replaces the old file, so that a power cut leaves a complete file."""
     target = path.resolve()
     part = target.with_name(f"{target.name}.part")
     with part.open("w", encoding="utf-8") as file:

@@ -64,7 +64,9 @@ def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
 
 
 def clock_step(pi: Pi, now_s: float | None) -> Step:
-    """Return the step that sets a Pi's clock to the laptop's time `now_s`; without a network the clock is wrong."""
+    """Return the step that sets a Pi's clock to the laptop's time `now_s` [s]; a Pi without a network has a wrong time.
+    If `now_s` is None, the clock is not changed.
+    """
     return Step(
         _("clock: the laptop's time") if now_s is not None else _("clock: as it is"),
         lambda: now_s is None or abs(time.time() - now_s) < MAX_CLOCK_ERROR_S,
@@ -74,7 +76,7 @@ def clock_step(pi: Pi, now_s: float | None) -> Step:
 
 
 def boot_block_step(pi: Pi) -> Step:
-    """Return the step that sets I2C to 400 kHz and fixes the core clock, in config.txt."""
+    """Return the step that sets, in config.txt, I2C to 400 kHz and a fixed core clock."""
 
     def without() -> str:
         text = pi.config.read_text(encoding="utf-8")
@@ -193,7 +195,7 @@ def groups_step(pi: Pi) -> Step:
 
 
 def environment_step(pi: Pi) -> Step:
-    """Return the step that makes the venv of the service from the wheels of the bundle, without internet.
+    """Return the step that makes the venv of the service from the wheels of the bundle, without internet access.
 
     The step uses pip from the bundle. The old venv stays until the new one is complete, and is restored if
     the installation fails.
@@ -284,7 +286,7 @@ def vehicle_step(pi: Pi) -> Step:
 
 
 def home_step(pi: Pi) -> Step:
-    """Return the step that gives runs and vehicle file to the service's account; its group may change both."""
+    """Return the step that gives runs and vehicle file to the service's account; its group can change both."""
     place = pi.path_on_target(HOME)
 
     def is_done() -> bool:

@@ -1,1 +1,1 @@
-"""Drive the motors through the Uno: the frames sent to it, its serial line, and the settings that it stores."""
+"""Command the motors through the Uno: its frames, its serial line, and the settings that it stores."""

@@ -14,7 +14,7 @@ def snake_case(name: str) -> str:
 
 
 def c_struct(layout: type[Any]) -> list[str]:
-    """Return a layout as lines of C: its packed structure, its length, and the ranges of its numbers."""
+    """Return a layout as lines of C: its packed structure, its length, and the ranges of its fields."""
     name, lines, ranges = snake_case(layout.__name__), [], []
     for field, hint in get_type_hints(layout, include_extras=True).items():
         code, *annotations = hint.__metadata__

@@ -4,8 +4,8 @@
     h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each SECTION_S of a window       (2)
 
 A ceramic resonator is wrong by up to 0.5 %, 3 s in ten minutes. A delay over USB affects only one direction, so the
-quickest answers are the most accurate (as in NTP). Until three parts have an answer, ε is 0, and h₀ is the middle time
-of the quickest answer.
+quickest answers are the most accurate (as in NTP). Until three sections have an answer, ε is 0, and h₀ is the middle
+time of the quickest answer.
 """
 
 from collections import deque
@@ -31,7 +31,7 @@ class UnoClock:
     """A converter of device times to host times, refined with every answer."""
 
     def __init__(self) -> None:
-        self.skew = 0.0  # ε: relative excess of a second of the device over a second of the host
+        self.skew = 0.0  # ε: one second of the device lasts 1 + ε seconds of the host
         self._answers: deque[PongTimes] = deque()
         self._reference = (0, 0)  # (d₀ [µs], h₀ [ns])
         self._last_us = -1

@@ -1,10 +1,10 @@
 """Convert frames to bytes and back: COBS (Cheshire & Baker 1999) and CRC-16/CCITT-FALSE, see frames.py (1), (2).
 
-COBS    replaces each zero by the distance to the next zero. A zero then only means the end of a frame;
+COBS    replaces each zero by the distance to the next zero, so that a zero only marks the end of a frame;
         a body of n < 254 bytes becomes n + 1 bytes
 lead    a zero is also sent before each frame. Noise before it then does not damage the frame
 loss    a damaged body passes the CRC with probability 2⁻¹⁶. It must also have a known kind, the right
-        length, and, towards the Uno, the nonce, a newer sequence and numbers in range
+        length, and, towards the Uno, the nonce, a newer sequence and values in range
 """
 
 from binascii import crc_hqx

@@ -1,4 +1,4 @@
-"""Write the firmware into the Uno by avrdude through its boot-loader, then request its identity.
+"""Write the firmware into the Uno with avrdude through its boot-loader, then request the firmware's identity.
 
 The package contains the firmware as the compiler of Debian 12 makes it (avr-gcc 5.4.0). A build of firmware/uno in any
 folder has the same bytes, which a test checks. The settings of the vehicle are in EEPROM and are kept.
@@ -92,7 +92,8 @@ def flash(
 ) -> FlashResult:
     """Write `hex_file`, or the package's firmware if None, and return the identity of the new firmware.
 
-    Raise UsageError without avrdude. Raise RobotUnreachable if the boot-loader or the new firmware does not answer.
+    Raise UsageError if avrdude is not installed, and FileError for a damaged file. Raise RobotUnreachable if the
+    boot-loader or the new firmware does not answer.
     """
     path = hex_file or packaged_firmware()
     byte_count = len(program_bytes(path))

@@ -1,4 +1,4 @@
-"""Define the frames between the host and the Uno: the only source of their layout, also for the C header.
+"""Define the frames between the host and the Uno. This is the only source of their layout, even for the C header.
 
     wire    0x00 | COBS( kind u8 | sequence u8 | payload 0…40 bytes | CRC-16 big-endian ) | 0x00             (1)
     CRC     CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected, over kind … payload      (2)
@@ -69,7 +69,7 @@ class StateFlag(IntFlag):
 
 
 class ResetCause(IntFlag):
-    """The causes of a reset. Bits 0…3 are as in the register MCUSR, which a boot-loader may have cleared.
+    """The causes of a reset. Bits 0…3 are as in the register MCUSR, which a boot-loader might have cleared.
 
     Bits 6 and 7 come from RAM that survived the reset.
     """
@@ -119,7 +119,7 @@ class Wiring(IntFlag):
 
 
 class Drive(NamedTuple):
-    """A command. `ttl_10ms` can shorten the dead-man time of this command, not lengthen it; 0 leaves it unchanged."""
+    """A command. `ttl_10ms` can only shorten the dead-man time of this command; 0 leaves it unchanged."""
 
     nonce: U8
     left_permille: Duty
@@ -129,7 +129,7 @@ class Drive(NamedTuple):
 
 
 class Config(NamedTuple):
-    """The configuration until the next reset, answered by INFO. If one value is out of range, all are refused.
+    """The configuration until the next reset; INFO answers it. If one value is out of range, all are refused.
 
     1000 as `slew_permille_per_ms` does not limit the duty; 0 as `least_battery_mv` does not check the battery. `pwm_hz`
     must also be at most MOST_PWM_HZ of the bridge.
@@ -157,7 +157,7 @@ class AskInfo(NamedTuple):
 
 
 class Way(NamedTuple):
-    """The characteristic of a wheel in one direction; all values in permille.
+    """The characteristic of a wheel in one direction; all values are in permille.
 
     duty = dead_zone + slope·|request| / 1000. While the wheel starts, for `Settings.kick_ms`, the duty is at least
     `kick_permille`.
@@ -260,7 +260,7 @@ KINDS: dict[int, type[Frame]] = {
 
 
 class Field(NamedTuple):
-    """A number of a flattened layout; `within` is the range of its width, or a narrower range."""
+    """A field of a flattened layout; `within` is the range of its integer type, or a narrower range."""
 
     path: str
     code: str
@@ -268,7 +268,7 @@ class Field(NamedTuple):
 
 
 def width(code: str) -> Within:
-    """Return the range of an integer on the wire with this format code of `struct`."""
+    """Return the range of an integer that is encoded with this format code of `struct`."""
     bits = 8 * struct.calcsize(code)
     return Within(-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else Within(0, (1 << bits) - 1)
 
@@ -298,7 +298,7 @@ LENGTHS = {kind: STRUCTS[layout].size + 2 * (kind in SEALED) for kind, layout in
 
 
 def flat_values(frame: tuple[Any, ...]) -> list[int]:
-    """Return the numbers of a frame in one list; nested frames are flattened."""
+    """Return the values of a frame in one list; nested frames are flattened."""
     values: list[int] = []
     for value in frame:
         values += flat_values(value) if isinstance(value, tuple) else [int(value)]
@@ -306,9 +306,9 @@ def flat_values(frame: tuple[Any, ...]) -> list[int]:
 
 
 def unflatten(layout: type[Any], numbers: list[int]) -> Any:
-    """Return the frame built from flattened numbers, the inverse of `flat_values`.
+    """Return the frame built from flattened values, the inverse of `flat_values`.
 
-    Remove the used numbers from the list.
+    Remove the used values from the list.
     """
     values: list[Any] = []
     for hint in get_type_hints(layout, include_extras=True).values():
@@ -323,7 +323,7 @@ def unflatten(layout: type[Any], numbers: list[int]) -> Any:
 
 
 def pack(frame: Frame) -> bytes:
-    """Return the payload of a frame. Raise struct.error if a number does not fit its width."""
+    """Return the payload of a frame. Raise struct.error if a value does not fit its integer type."""
     return STRUCTS[type(frame)].pack(*(flat_values(frame) if type(frame) in NESTED else frame))
 
 
@@ -334,7 +334,7 @@ def unpack(layout: type[Frame], payload: bytes) -> Frame:
 
 
 def first_out_of_range(frame: Frame) -> tuple[str, int, Within] | None:
-    """Return the first number out of its range as (name, number, range); None if all numbers are in range."""
+    """Return the first value out of its range as (name, value, range); None if all values are in range."""
     values: list[Any] = flat_values(frame) if type(frame) in NESTED else list(frame)
     for field, value in zip(FIELDS[type(frame)], values, strict=True):
         if not field.within.least <= value <= field.within.most:

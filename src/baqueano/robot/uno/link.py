@@ -1,9 +1,9 @@
 """Connect the host with the Uno: send commands and receive telemetry, with calls that do not wait for the line.
 
     Uno          the messages in both directions, over any port, without waiting and without a thread     (this file)
-    serial_port  a real line, with a thread that reads it, and opens it again after a disconnection
+    serial_port  a real line, with a thread that reads the line, and opens it again after a disconnection
 
-No set-point is sent twice: each DRIVE was computed by the present step of the control loop. If the loop hangs, no
+A command is never sent twice: each DRIVE was computed by the present step of the control loop. If the loop hangs, no
 command is sent, and the firmware's dead man stops the motors. The loop then does not continue without the operator
 (standstill.py). A reset of the Uno, by a brown-out or a disconnected cable, changes its nonce: the Uno then ignores
 commands until it is armed again.
@@ -76,7 +76,7 @@ class Uno:
     """The link to the firmware at the other end of `port`; `now_ns` is the clock of the host.
 
     Telemetry arrives each `Config.telemetry_ms` and is kept until `receive` returns it. `trouble` is the reason why the
-    Uno does not drive, None if it may drive.
+    motors do not run, None if they can run.
 
     >>> from baqueano.robot.uno.serial_port import open_uno
     >>> with open_uno() as uno:  # an Uno on a real line, whose thread calls pump()
@@ -89,7 +89,7 @@ class Uno:
     def __init__(self, port: Port, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.statistics, self.clock = Statistics(), UnoClock()
         self.info: Info | None = None
-        self.trouble: Diagnostic | None = None  # why the Uno does not drive although it was armed
+        self.trouble: Diagnostic | None = None  # why the motors do not run although the Uno was armed
         self.noise_ns = -(1 << 62)  # time of the last damaged frame
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
         self._standstill = Standstill(now_ns)
@@ -101,11 +101,11 @@ class Uno:
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged_count = False, False, 0
         self._armed_ns = 0  # time of `arm`
-        self._unarmed_ns: int | None = None  # time since which telemetry shows it as not armed
+        self._unarmed_ns: int | None = None  # time since which telemetry shows the Uno as not armed
         self._lock = threading.RLock()  # a listening thread and the loop share the line
 
     def drive(self, left: float, right: float) -> None:
-        """Send duties in [-1, 1] once, if the Uno is armed; after a standstill of the computer disarm instead."""
+        """Send duties in [-1, 1] once, if the Uno is armed. After a standstill of the computer, disarm it instead."""
         self.stood_still()
         self._standstill.record_command()
         if self.info is None or not self._armed:
@@ -118,7 +118,7 @@ class Uno:
         self.statistics.unsent += not ok
 
     def arm(self) -> None:
-        """Arm, so that the following commands drive; the first one requests zero duty.
+        """Arm the Uno, so that it obeys the following commands; the first command requests zero duty.
 
         The zero request is repeated before each command until telemetry shows that the Uno is armed. `trouble` is set
         if this takes longer than ARMING_TIMEOUT_S.
@@ -145,8 +145,8 @@ class Uno:
     def clear_stop(self) -> None:
         """Clear the latch of `stop` and earlier values of `trouble`. The vehicle drives only after it is armed again.
 
-        `trouble` stays UNO_LATCHED until telemetry shows that the latch is cleared, because the line may lose this
-        frame.
+        `trouble` stays UNO_LATCHED until telemetry shows that the latch is cleared, because this frame can be lost on
+        the line.
         """
         with self._lock:
             self._clear_trouble()
@@ -216,7 +216,7 @@ class Uno:
         wait: Callable[[float], object] = time.sleep,
         accepts: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
-        """Send a request until a reply satisfies `accepts`, and return that reply; an older reply may arrive first.
+        """Send a request until a reply satisfies `accepts`, and return that reply; an older reply can arrive first.
         Raise RobotUnreachable if no such reply arrives within ANSWER_S."""
         received_reply: Any = None
         self._replies.pop(answer, None)
@@ -245,7 +245,7 @@ class Uno:
         )
 
     def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:
-        """Set the configuration until the next reset; return the INFO that confirms it."""
+        """Set the configuration until the next reset, and return the INFO that confirms it. Errors as in `request`."""
         return self.request(config, Info, wait, lambda info: info.config == config)
 
     def send_config(self, config: Config) -> None:
@@ -253,11 +253,11 @@ class Uno:
         self._send(config)
 
     def settings(self, wait: Callable[[float], object] = time.sleep) -> Settings:
-        """Return the settings that the Uno stores in its EEPROM."""
+        """Return the settings that the Uno stores in its EEPROM. Errors as in `request`."""
         return self.request(AskSettings(), Settings, wait)
 
     def keep(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
-        """Write `settings` into the Uno's EEPROM, which must be disarmed."""
+        """Write `settings` into the EEPROM of the Uno, which must be disarmed. Errors as in `request`."""
         self.request(settings, Settings, wait, lambda reply: reply == settings)
 
     # received frames
@@ -299,7 +299,7 @@ class Uno:
                 self._replies[type(frame)] = frame
 
     def _is_in_sequence(self, received_frame: ReceivedFrame) -> bool:
-        """Return True if this frame is the newest so far, and count the lost frames before. After a long silence
+        """Return True if this frame is the newest so far, and count the frames lost before it. After a long silence
         the sequence is ambiguous, so the time of the telemetry decides."""
         steps_ahead = (received_frame.seq - self._seq_received) & 0xFF
         if (
@@ -330,7 +330,7 @@ class Uno:
         self._nonce = frame.nonce
 
     def _on_restart(self, cause: int) -> None:
-        """Reset the state after a restart of the firmware, which is disarmed and begins its clock and counts at 0."""
+        """Reset the state after a restart of the firmware, which is disarmed and starts its clock and counts at 0."""
         self.statistics.resets += 1
         self.clock, self._previous, self._seq_received = UnoClock(), None, -1
         if self._armed:
@@ -386,12 +386,12 @@ class Uno:
 
 
 def permille(duty: float) -> int:
-    """Return a duty, clipped to [-1, 1], in permille; 0 for a number that is not finite."""
+    """Return a duty, clipped to [-1, 1], in permille; 0 for a duty that is not finite."""
     return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
 
 
 def mean_duty(state: State, previous: EarlierFrame | None, t_us: int) -> tuple[float, float]:
-    """Return the mean duty (left, right) since the previous telemetry, or the present duty without a previous one."""
+    """Return the mean duty (left, right) since the previous telemetry, or the present duty if `previous` is None."""
     if previous is None or t_us <= previous.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille
     ms = max(1, round(1e-3 * (t_us - previous.t_us)))  # the sums count whole milliseconds

@@ -1,8 +1,8 @@
 """Provide a serial line for the link: found by its stable name, non-blocking, reopened after a disconnection.
 
-Opening the line resets an Uno (its DTR does), so it is opened once and kept open. Then the boot-loader waits a second
-or two, and the firmware sends INFO without a request. A service that starts opens the line first (`open_early`) and
-loads the rest of its code during that time. For that reason this module does not import numpy.
+Opening the line resets an Uno by its signal DTR, so the line is opened once and kept open. Then the boot-loader waits a
+second or two, and the firmware sends INFO without a request. A service that starts opens the line first (`open_early`)
+and loads the rest of its code during that time. For that reason this module does not import numpy.
 """
 
 import errno
@@ -61,7 +61,7 @@ class SerialPort:
                 line.close()
 
     def write(self, data: bytes) -> None:
-        """Send the bytes within WRITE_TIMEOUT_S; the receiver discards an incomplete frame by its CRC."""
+        """Send the bytes within WRITE_TIMEOUT_S. The receiver discards an incomplete frame because of its CRC."""
         if self._serial is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF), self.path)
         self._serial.write(data)
@@ -77,7 +77,7 @@ class SerialPort:
             raise
 
     def wait(self, seconds: float) -> None:
-        """Wait until bytes arrive, at most for this time."""
+        """Wait until bytes arrive, at most for this time [s]."""
         serial = self._serial
         if serial is None:
             time.sleep(seconds)
@@ -91,7 +91,7 @@ class SerialPort:
 def open_early(path: Path) -> Callable[[], object]:
     """Open the line that a vehicle file names, which resets its Uno, and return the function that closes it.
 
-    Open the line a second time before you call that function. Otherwise the close drops DTR, and the next opening
+    Open the line again before you call that function. Otherwise the close drops DTR, and the next opening
     resets the Uno again. If the file or the line is not found, nothing is opened; their later use reports the error.
     """
     try:
@@ -107,8 +107,7 @@ def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     """Yield the Uno at a port, which a separate thread reads, and disarm it at the end. "auto" finds the only line.
 
     Raise RobotUnreachable without a line, or if no firmware with this protocol answers within BOOT_TIMEOUT_S. Raise
-    UsageError
-    if there are several lines.
+    UsageError for "auto" if there are several lines.
 
     >>> from baqueano.robot.uno.frames import Driver
     >>> with open_uno() as uno:
@@ -154,7 +153,7 @@ def listen(port: SerialPort, uno: "Uno", done: threading.Event) -> None:
 def introduce(uno: "Uno", path: str) -> Info:
     """Return the firmware's INFO.
 
-    Raise RobotUnreachable if none arrives within BOOT_TIMEOUT_S, or for another protocol.
+    Raise RobotUnreachable if INFO does not arrive within BOOT_TIMEOUT_S, or for another protocol.
     """
     end_s = time.monotonic() + BOOT_TIMEOUT_S
     while True:
@@ -174,7 +173,7 @@ def introduce(uno: "Uno", path: str) -> Info:
 def find_port(port: str) -> str:
     """Return the path of the serial line; "auto" finds the only line of this computer.
 
-    For "auto", raise RobotUnreachable without a line, UsageError if there are several.
+    For "auto", raise RobotUnreachable without a line, and UsageError if there are several lines.
     """
     if port != "auto":
         return port

@@ -37,7 +37,7 @@ PLUG_FLAGS = {  # the flag of a reversed plug, and the names of both states
     "encoder-plugs": (Wiring.ENCODERS_SWAPPED, ("straight", "swapped")),
     "mark": (Wiring.MARK_ACTIVE_LOW, ("high", "low")),
 }
-NUMBER_OPTIONS = {  # field, and the number of units of the wire in one unit of the option
+NUMBER_OPTIONS = {  # field, and the number of encoded units in one unit of the option
     "battery-ratio": ("battery_permille", 1000),
     "kick-ms": ("kick_ms", 1),
     "dither": ("dither_permille", 1000),
@@ -78,7 +78,7 @@ class StoredSettings:
 
     @classmethod
     def of(cls, rows: list["TableRow"]) -> "StoredSettings":
-        """Return the settings from rows in JSON: the inverse of `rows`."""
+        """Return the settings from rows in JSON, the inverse of `rows`."""
         return cls(apply_changes(Settings(), _as_text(rows)))
 
     def table(self) -> str:
@@ -165,7 +165,7 @@ def _checked_word(name: str, text: str, known_words: list[str]) -> str:
 
 
 def _checked_number(name: str, text: str, number_text: str, layout: type, field: str, unit: int) -> int:
-    """Return a typed number in units of the wire. Raise UsageError outside the range of the firmware."""
+    """Return a typed number in encoded units. Raise UsageError if it is outside the range of the firmware."""
     (low, high), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
     try:
         value = float(number_text)
@@ -179,9 +179,9 @@ def _checked_number(name: str, text: str, number_text: str, layout: type, field:
 
 
 def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
-    """Change the settings stored in the Uno by `change`, and return the settings read back from it.
+    """Replace the settings stored in the Uno by the result of `change`, and return the settings read back.
 
-    Raise AnswerNo while a motor runs.
+    Raise AnswerNo while a motor runs, and RobotUnreachable if the Uno does not answer.
     """
     previous = uno.settings(wait)
     settings = change(previous)
@@ -203,7 +203,7 @@ def _check_at_rest(uno: "Uno", wait: Wait) -> None:
 
 
 def watch(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
-    """Report battery, encoder counts and marks by `notify` when the counts or marks change, for `seconds` [s]."""
+    """Pass battery, encoder counts and marks to `notify` whenever counts or marks change, for `seconds` [s]."""
     previous = None
     for _look in range(round(seconds / POLL_PERIOD_S)):
         wait(POLL_PERIOD_S)

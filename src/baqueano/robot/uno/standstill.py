@@ -1,9 +1,9 @@
 """Detect a standstill of the computer during a drive, after which the motors must stay off.
 
-    gap = now − last command > dead man's time, on the clock of the host                                  (1)
+    gap = now − last command > dead-man time, on the clock of the host                                    (1)
 
 A process can be stopped and continued, a virtual machine paused, a laptop closed. If (1) is true, the firmware's dead
-man has stopped the motors. Telemetry of that time may be lost or delayed, so the host uses only its clock.
+man has stopped the motors. Telemetry of that time can be lost or delayed, so the host uses only its clock.
 CLOCK_BOOTTIME includes the time of a suspended computer, CLOCK_MONOTONIC does not.
 """
 
@@ -14,7 +14,7 @@ from baqueano.diagnostics import Diagnostic, StopReason, stop
 
 
 def boot_ns() -> int:
-    """Return the time since the computer was started [ns], with its suspended time if the system has such a clock."""
+    """Return the time [ns] since the computer was started, including suspended time if the system has such a clock."""
     return (
         time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
     )
@@ -23,7 +23,7 @@ def boot_ns() -> int:
 class Standstill:
     """A monitor of the time of the last command, on the clock `now_ns` of the host.
 
-    `reason` states why a further command may not be sent; None if it may be sent.
+    `reason` states why a further command must not be sent; None if it is allowed.
     """
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
@@ -32,7 +32,7 @@ class Standstill:
         self.reason: Diagnostic | None = None
 
     def forget(self) -> None:
-        """Clear the reason and the time of the last command, as no drive is under way."""
+        """Clear the reason and the time of the last command, because no drive is under way."""
         self._last_ns, self.reason = -1, None
 
     def record_command(self) -> None:

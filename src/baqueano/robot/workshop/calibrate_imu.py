@@ -1,8 +1,8 @@
-"""Find the axes of the IMU on the vehicle, and its biases: from gravity, a lift of the front, and half a turn.
+"""Find the axes of the IMU on the vehicle, and its biases, from gravity, a lift of the front, and half a turn.
 
     level     the mean force f̄₁ at rest: the chip's axis nearest to it points up                            (1)
-    lifted    the front is lifted and kept up: specific force grows along the axis that points ahead,
-              f_ahead ≈ g sin(lift); left = up × ahead                                                      (2)
+    lifted    the front is lifted and kept up: specific force grows along the axis that points forward,
+              f_forward ≈ g sin(lift); left = up × forward                                                  (2)
     turned    half a turn to the left by hand, put down: θ = ∫ (ω − ω̄₁) dt must be positive                (3)
     biases    from both positions, (a_x, a_y): f̄₁ = b + s, f̄₂ = b + R(−θ) s  ⇒  s, b                       (4)
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 REST_S = 8.0  # the mean of the gyro, with noise 0.04 °/s at 200 Hz and 44 Hz, is then known to 0.002 °/s
 REST_WINDOW_S = 0.5
 TIMEOUT_S = 60.0
-HAND_FACTOR = 5.0  # times the scatter at rest: a hand moves more than a floor
+HAND_FACTOR = 5.0  # factor on the scatter at rest: a hand moves more than a floor
 MIN_UPRIGHT_COS = np.cos(np.radians(25.0))
 MIN_LIFT = np.sin(np.radians(8.0))  # more than the slope of any floor
 MAX_OBLIQUE_TAN = np.tan(np.radians(30.0))  # limit between a lift of the front and a lift of a corner
@@ -45,7 +45,7 @@ Notify = Callable[[str], object]
 
 @dataclass
 class ImuReader:
-    """A reader of the IMU in the chip's axes, which integrates the rates; with a function to wait and a clock."""
+    """A reader of the IMU in the chip's axes, which integrates the rates. It has a function to wait, and a clock."""
 
     imu: Any
     wait: Callable[[float], object] = time.sleep
@@ -57,9 +57,9 @@ class ImuReader:
         self._last_ns = 0
 
     def samples(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return specific forces (n, 3) [m/s²] and rates (n, 3) [rad/s] of this duration.
+        """Return specific forces (n, 3) [m/s²] and rates (n, 3) [rad/s] that are measured in this time [s].
 
-        Raise AnswerNo without a sample.
+        Raise AnswerNo if no sample arrives.
         """
         end_ns, read = self.now_ns() + round(seconds * 1e9), []
         while self.now_ns() < end_ns:
@@ -76,7 +76,7 @@ class ImuReader:
         return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
     def wait_for_rest(self, seconds: float, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-        """Wait for rest, and return the means of force (3,) and rate (3,) over this duration of rest.
+        """Wait for rest, and return the means of force (3,) [m/s²] and rate (3,) [rad/s] over this time [s] at rest.
 
         Raise AnswerNo after a minute without rest.
         """
@@ -116,7 +116,7 @@ class MountedImu:
     Biases (a_x, a_y) [m/s²] and ω [rad/s] are the sensor's means at rest; `slope_rad` is the slope of the floor.
     """
 
-    axes: tuple[str, str, str]  # the chip's axes that point ahead, left, up
+    axes: tuple[str, str, str]  # the chip's axes that point forward, left, up
     accel: np.ndarray
     gyro: float
     slope_rad: float
@@ -132,7 +132,7 @@ class MountedImu:
 
     @classmethod
     def of(cls, row: "TableRow") -> "MountedImu":
-        """Return the result from a row in JSON: the inverse of `rows`."""
+        """Return the result from a row in JSON, the inverse of `rows`."""
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
     def table(self) -> str:
@@ -152,7 +152,7 @@ class MountedImu:
         )
 
     def values(self, vehicle_file: "VehicleFile") -> "JsonObject":
-        """Return the changes of a vehicle file: the axes, and biases that fit the means with its tilt and scales."""
+        """Return the changes of a vehicle file: the axes, and biases that agree with the file's tilt and scales."""
         values: JsonObject = {"robot.imu_axes": list(self.axes)}
         if "imu" in vehicle_file.sensors._fields:
             imu = vehicle_file.sensors.imu
@@ -164,7 +164,9 @@ class MountedImu:
 
 
 def calibrate(reader: ImuReader, notify: Notify) -> MountedImu:
-    """Guide the operator through rest, lift and turn, and return axes and biases. The IMU must use its chip's axes."""
+    """Guide the operator through rest, lift and turn, and return axes and biases. The IMU must use its chip's axes.
+    Raise AnswerNo if a step is not executed within a minute, or if the axes cannot be determined.
+    """
     notify(
         _(
             "put the vehicle on the floor, wheels down, and do not touch it for {steady_s:g} s",
@@ -200,7 +202,7 @@ def calibrate(reader: ImuReader, notify: Notify) -> MountedImu:
 def _is_turned(reader: ImuReader, turned_before: np.ndarray, up: np.ndarray) -> bool:
     """Return True if the vehicle was turned to the left. Raise AnswerNo if it was turned to the right.  (3)
 
-    Turns of at most 90° in either direction do not count.
+    Return False for a turn of at most 90° in either direction.
     """
     turn = float(up @ (reader.turned - turned_before))
     if turn < -MIN_TURN_RAD:
@@ -220,7 +222,7 @@ def up_axis_of(force: np.ndarray) -> np.ndarray:
 
 
 def axes_from_lift(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the axes (3, 3), rows ahead, left, up in the chip's axes, and the lift [rad].  (2)
+    """Return the axes (3, 3), with the rows forward, left, up in the chip's axes, and the lift [rad].  (2)
 
     Raise AnswerNo if the vehicle was lifted over a corner.
     """
@@ -243,7 +245,7 @@ def axes_from_lift(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, floa
 
 
 def biases(first_xy: np.ndarray, second_xy: np.ndarray, turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bias b (2,) and the slope s (2,) [m/s²] of (4), from the mean forces of both positions."""
+    """Return the bias b (2,) and the slope s (2,) [m/s²] of (4), from the mean forces (2,) at both positions."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     slope_xy = np.linalg.solve(np.array([[c, s], [-s, c]]) - np.eye(2), second_xy - first_xy)
     return first_xy - slope_xy, slope_xy
@@ -258,5 +260,5 @@ def axis_names(axes: np.ndarray) -> tuple[str, str, str]:
 
 
 def _horizontal_part(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return `vector` (3,) with a zero in place of its component along the axis `up`."""
+    """Return `vector` (3,) with 0 in place of its component along the axis `up`."""
     return vector * (1.0 - np.abs(up))

@@ -1,7 +1,7 @@
 """Find side, direction and dead zone of each motor, by gyro and accelerometer, without encoders.
 
     ramp      only one motor, until the vehicle turns: the sign of ω shows its side or its plug             (1)
-    push      both, so that the turns cancel: ∫ a dt shows ahead or back, and so side or plug               (2)
+    push      both, so that the turns cancel: ∫ a dt shows forward or backward, and so side or plug         (2)
     sweep     the other motor keeps the vehicle turning; this one steps down from far above its ramp:
               d = d₀ + a Δω + b Δω²,   with Δω its share of the turn                                        (3)
     store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
@@ -10,8 +10,8 @@
 
 A left motor that runs backwards and a right motor that runs forwards look alike in (1). In (3) the other motor
 overcomes caster and bearings, so d₀ belongs only to this motor and its gears. With (4) a request r has the same effect
-on both wheels, ahead and back. Each duty is kept for SETTLE_S before ω is measured. This is five times the slowest lag
-of these vehicles (0.17 s, mechanical).
+on both wheels, forward and backward. Each duty is kept for SETTLE_S before ω is measured. This is five times the
+slowest lag of these vehicles (0.17 s, mechanical).
 """
 
 from collections.abc import Callable
@@ -42,10 +42,10 @@ RAMP_PER_S = 0.25
 EXTRA_DUTY = 0.25  # added to the duty of the ramp, so that a motor runs with certainty
 LEVEL_COUNT = 7
 SETTLE_S, MEAN_S, PAUSE_S = 0.8, 0.3, 0.4
-PUSH_S, PUSHED_M_S = 0.4, 0.1  # a tenth of a metre a second: 3 times what 0.05 m/s² of vibration adds up to
+PUSH_S, PUSHED_M_S = 0.4, 0.1  # 0.1 m/s: 3 times the integral of a vibration of 0.05 m/s²
 STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
-MAX_DIFFERENCE = 0.05  # with a smaller difference of the wheels any controller can drive straight
-HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors', the wire's and 10 ms
+MAX_DIFFERENCE = 0.05  # with a smaller difference of the wheels, any controller can keep straight
+HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): slowest lag, and dead time of motors and wire
 MAX_TRIES = 3  # attempts to restore the former settings
 WAY_NAMES = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
 TURN_SIGNS = (-1.0, 1.0)  # turn by a wheel that runs forwards: the left wheel turns the vehicle right
@@ -55,7 +55,7 @@ Notify = Callable[[str], object]
 class Sweep(NamedTuple):
     """The result of a sweep of one wheel in one direction."""
 
-    started: float  # duty at which the vehicle began to move, alone and from rest
+    started: float  # duty at which only this wheel moved the vehicle from rest
     dead_zone: float
     gain: float  # turn per duty beyond the dead zone [rad/s]
     rms: float  # residual of the fit (3), in duty
@@ -78,7 +78,7 @@ class Motors:
 
     @property
     def verdict(self) -> str:
-        """Return MAX_DIFFERENCE if the wheels differ little in both directions, else CROOKED."""
+        """Return STRAIGHT if the wheels differ by at most MAX_DIFFERENCE in both directions, else CROOKED."""
         return "STRAIGHT" if max(map(abs, self.left_over)) <= MAX_DIFFERENCE else "CROOKED"
 
     def rows(self) -> list["TableRow"]:
@@ -154,7 +154,7 @@ def calibrate(rig: "FloorTests", notify: Notify = lambda text: None) -> Motors:
     """Find and store the settings of both motors; keep other settings. The vehicle turns, and drives to and fro 0.5 m.
 
     Raise AnswerNo if a motor does not turn the vehicle, or if the measurements do not allow a result. After any error
-    the former settings are stored again, also in an Uno that is stopped; `notify` reports if the Uno accepted them.
+    the former settings are stored again, even in an Uno that is stopped; `notify` reports if the Uno accepted them.
     """
     previous = rig.uno.settings(rig.wait)
     motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
@@ -209,7 +209,7 @@ def _wheel_duties(wheel: int, duty: float, other_duty: float = 0.0) -> tuple[flo
 
 
 def _ramp(rig: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
-    """Raise the duty of one motor until the vehicle turns; return that duty and the sign of the turn. (1) Raise
+    """Increase the duty of one motor until the vehicle turns; return that duty and the sign of the turn.  (1) Raise
     AnswerNo if the vehicle does not turn."""
     bias = rig.rest(0.3).gyro[:, 2].mean()
     levels: list[float] = []
@@ -235,7 +235,7 @@ def _ramp(rig: "FloorTests", wheel: int, direction: float) -> tuple[float, float
 
 
 def _wiring(rig: "FloorTests", notify: Notify) -> Wiring:
-    """Return the flags of motors' plugs that are reversed or swapped.  (1), (2)
+    """Return the flags of motor plugs that are reversed or swapped.  (1), (2)
 
     Raise AnswerNo if a motor does not turn the vehicle, or if the push is too weak.
     """
@@ -258,7 +258,7 @@ def _wiring(rig: "FloorTests", notify: Notify) -> Wiring:
     if push_m_s > 0.0:
         wiring |= Wiring.LEFT_MOTOR_REVERSED if turn_l > 0 else Wiring(0)
         wiring |= Wiring.RIGHT_MOTOR_REVERSED if turn_r < 0 else Wiring(0)
-    else:  # the command for the left drives the right wheel
+    else:  # the command for the left wheel turns the right wheel
         wiring |= Wiring.MOTORS_SWAPPED
         wiring |= Wiring.RIGHT_MOTOR_REVERSED if turn_l < 0 else Wiring(0)
         wiring |= Wiring.LEFT_MOTOR_REVERSED if turn_r > 0 else Wiring(0)
@@ -267,7 +267,7 @@ def _wiring(rig: "FloorTests", notify: Notify) -> Wiring:
 
 
 def _push(rig: "FloorTests", duties: list[float]) -> float:
-    """Drive both motors by `duties`, and return ∫ a dt along the axis ahead [m/s].  (2)"""
+    """Run both motors with `duties`; return the integral of the forward acceleration [m/s] without its bias.  (2)"""
     bias = rig.rest(0.3).accel[:, 0].mean()
     samples = rig.hold(duties[0], duties[1], PUSH_S)
     rig.hold(0.0, 0.0, PAUSE_S)
@@ -305,7 +305,7 @@ def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) 
     """Return the fit (3) of `duties` (n,) to `added` (n,), the Δω of each duty [rad/s].
 
     Only points with Δω over 0.1 rad/s and over a fifth of the largest Δω are used. Raise AnswerNo for fewer than four
-    such points, or for a dead zone above 0.7.
+    of these points, or for a dead zone above 0.7.
     """
     runs = added > max(0.2 * added.max(), 0.1)
     if runs.sum() < 4:

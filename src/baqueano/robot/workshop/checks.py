@@ -1,9 +1,9 @@
-"""Represent the checks of a vehicle: each has a figure, a verdict and a remedy. The verdicts are:
+"""Represent the checks of a vehicle: each has a result, a verdict and a remedy. The verdicts are:
 
-ok        as it should be
-warn      it drives, but worse than it could
-bad       it does not drive, or not safely
-unknown   cannot be checked on this machine; the figure states why
+ok        the result is as expected
+warn      the vehicle drives, but worse than it could
+bad       the vehicle does not drive, or not safely
+unknown   this machine cannot make the check; the result states why
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Check(NamedTuple):
-    """A check of the vehicle: its name, its verdict, the measured figure as text, and a remedy."""
+    """A check of the vehicle: its name, its verdict, the measured result as text, and a remedy."""
 
     name: str
     verdict: str
@@ -33,7 +33,7 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """Return the most severe verdict; "unknown" counts as "ok"."""
+        """Return the most severe verdict: "bad", "warn" or "ok". "unknown" has the weight of "ok"."""
         verdicts = {check.verdict for check in self.checks}
         return "bad" if "bad" in verdicts else "warn" if "warn" in verdicts else "ok"
 

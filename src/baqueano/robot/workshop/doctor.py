@@ -1,6 +1,6 @@
-"""Examine the state of a vehicle: each check with its figure, a verdict, and a remedy (checks.py).
+"""Examine the state of a vehicle. Each check has a result, a verdict and a remedy (checks.py).
 
-Files are read below `root`, so that the files of another machine can be judged as well.
+Files are read below `root`, so that the files of another machine can be examined as well.
 """
 
 import os
@@ -38,7 +38,7 @@ THROTTLE_BITS = {
 }
 MODEL_FILE = "proc/device-tree/model"
 MAX_TEMPERATURE_C = 75.0  # the Pi slows down at 80
-MIN_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
+MIN_YEAR = 2025  # without a clock battery and a network, the date of a Pi is in the past
 JITTER_HZ = 100.0
 POSIX, LINUX = sys.platform != "win32", sys.platform == "linux"
 Notify = Callable[[str], object]
@@ -188,7 +188,7 @@ def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:
 
 
 def check_noise(samples: "list[Sample]") -> Iterator[Check]:
-    """Yield the check of the IMU's scatter at rest; and if the measured gravity is wrong by over 10 %, that check."""
+    """Yield the check of the IMU's scatter at rest, and a check of its scale if gravity is wrong by over 10 %."""
     import numpy as np
 
     from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
@@ -221,7 +221,7 @@ def check_noise(samples: "list[Sample]") -> Iterator[Check]:
 
 
 def check_groups(root: Path) -> Iterator[Check]:
-    """Yield a check for each group that may open devices of the vehicle: is this user a member?"""
+    """Yield a check of this user's membership for each group that is allowed to open devices of the vehicle."""
     names: dict[int, str] = {}
     with suppress(OSError):
         for line in (root / "etc/group").read_text(encoding="utf-8").splitlines():
@@ -296,7 +296,7 @@ def check_governor(root: Path) -> Iterator[Check]:
 
 
 def check_disk(runs: Path, min_mb: float) -> Iterator[Check]:
-    """Check the free disk space for runs: a run at 100 Hz needs about 4 MB a minute."""
+    """Check the free disk space for runs: a run at 100 Hz needs about 4 MB per minute."""
     folder = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
     free_mb = shutil.disk_usage(folder).free / 1e6
     yield Check(
@@ -328,7 +328,7 @@ def check_clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
 
 
 def check_realtime() -> Iterator[Check]:
-    """Check if this user may use the real-time priority that a control loop needs."""
+    """Check if this user is allowed to use the real-time priority that a control loop needs."""
     from baqueano.robot.service.realtime import PRIORITY
 
     if not LINUX:
@@ -353,7 +353,7 @@ def check_realtime() -> Iterator[Check]:
 
 
 def check_jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator[Check]:
-    """Check the wake-up delays of a loop of 100 Hz, with real-time priority if this user may use it."""
+    """Check the wake-up delays of a loop of 100 Hz, with real-time priority if this user is allowed to use it."""
     import numpy as np
 
     from baqueano.robot.service.realtime import PRIORITY

@@ -1,4 +1,4 @@
-"""Reserve the hardware for one command: on this machine, while the service is stopped, or over ssh on another."""
+"""Reserve the hardware for one command: on this machine, while the service is stopped, or on another over ssh."""
 
 import json
 import shlex
@@ -31,7 +31,7 @@ Notify = Callable[[str], object]
 def stopped_service(notify: Notify) -> Iterator[None]:
     """Stop the service if it runs, and start it again after the body.
 
-    Raise AnswerNo while it drives, UsageError if it may not be stopped.
+    Raise AnswerNo during a drive, and UsageError if this user is not allowed to stop the service.
     """
     if (
         not shutil.which("systemctl")
@@ -66,7 +66,7 @@ def stopped_service(notify: Notify) -> Iterator[None]:
 def open_hardware(
     hardware: "Hardware", notify: Notify, in_chip_axes: bool = False, motors: bool = True
 ) -> Iterator[FloorTests]:
-    """Yield Uno and IMU of [robot], while the service is stopped.
+    """Yield the Uno and the IMU of [robot], while the service is stopped.
 
     Without `motors` the Uno is not opened. Raise KeyboardInterrupt in the body if the operator disconnects.
     """
@@ -82,7 +82,7 @@ def open_hardware(
 
 
 def _check_not_driving() -> None:
-    """Raise AnswerNo if the service drives.
+    """Raise AnswerNo if the service executes a drive.
 
     A service that does not answer is not driving, or its watchdog will end it.
     """

@@ -1,4 +1,4 @@
-"""Drive the vehicle on the floor by given duties, and record its IMU for a calibration."""
+"""Drive the vehicle on the floor with given duties, and record its IMU for a calibration."""
 
 import time
 from collections.abc import Callable
@@ -22,7 +22,7 @@ STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of 
 
 
 class ImuSamples(NamedTuple):
-    """Samples of the IMU in the axes ahead, left, up."""
+    """Samples of the IMU in the axes forward, left, up."""
 
     t_s: np.ndarray  # (n,) from the first command on
     accel: np.ndarray  # (n, 3) specific force [m/s²]
@@ -43,7 +43,7 @@ class ImuSamples(NamedTuple):
 
 @dataclass
 class FloorTests:
-    """Uno and IMU (axes ahead, left, up), with a function to wait and a clock."""
+    """Uno and IMU (axes forward, left, up), with a function to wait and a clock."""
 
     uno: Any
     imu: Any
@@ -98,7 +98,7 @@ class FloorTests:
         raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
 
     def upright(self) -> None:
-        """Raise AnswerNo unless the IMU's up axis points up, within 26°."""
+        """Raise AnswerNo if the IMU's up axis deviates from the vertical by more than 26°, or if the vehicle moves."""
         accel = self.rest(0.3).accel.mean(axis=0)
         if accel[2] < MIN_TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel

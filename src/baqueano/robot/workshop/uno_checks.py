@@ -1,7 +1,7 @@
 """Check the Uno for `baqueano robot doctor`: the firmware on its line, and the losses in both directions.
 
-Only the receiver of a frame can count it as damaged or lost. The Uno reports the number of frames that it missed in its
-telemetry. The checks send as many commands as a drive, all with motors off, so that there are enough frames to count.
+Only the receiver of a frame can count it as damaged or lost. The telemetry of the Uno reports how many frames it
+missed. The checks send as many commands as a drive, all with the motors off, so that there are enough frames to count.
 """
 
 import time
@@ -36,10 +36,10 @@ def check_uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterat
         with open_uno(device_path) as link:
             yield Check(N_("serial line"), "ok", device_path)
             time.sleep(FIRST_ANSWER_S)
-            before = copy(link.statistics)  # not counted: a first frame received without its beginning
+            before = copy(link.statistics)  # excludes a first frame that was received without its beginning
             send_commands(link, seconds, time.sleep)
             yield from check_answers(link, least_battery_v, before)
-            yield memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older than this figure
+            yield memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older
     except BaqueanoError as error:
         yield Check(N_("serial line"), "bad", _("an Uno with our firmware was not found"), str(error))
 
@@ -54,7 +54,7 @@ def send_commands(link: "Uno", seconds: float, wait: Callable[[float], object]) 
 def check_answers(
     link: "Uno", least_battery_v: float, previous: "Statistics", wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
-    """Yield the checks of a link; losses count from the statistics `previous` on."""
+    """Yield the checks of a link, with the losses since the statistics `previous`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
 
     info, telemetry = link.info, link.receive()
@@ -128,7 +128,7 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
 
 
 def at_uno(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
-    """Return the check of the frames sent to the Uno, as the Uno counted them; `info` is its INFO."""
+    """Return the check of the frames sent to the Uno, from the counts of the Uno; `info` is its INFO."""
     frames, spoilt, ignored_frames, overrun = now.since(previous, "written", "spoilt", "ignored", "overrun")
     share = spoilt / max(1, frames)
     return Check(
@@ -173,7 +173,7 @@ def start(info: "Info") -> Check:
 
 
 def memory(info: "Info") -> Check:
-    """Return the check of the RAM that the Uno's stack has never used; too large a stack overwrites variables."""
+    """Return the check of the RAM that the Uno's stack has never used. Too large a stack overwrites variables."""
     free = info.least_free_ram
     return Check(
         N_("Uno's memory"),
@@ -189,7 +189,7 @@ def of_share(lost: float) -> str:
 
 
 def battery(volts: float, least_v: float) -> Check:
-    """Return the check of the voltage of the motors' battery, unknown if `least_v` is 0."""
+    """Return the check of the voltage of the motors' battery. The verdict is "unknown" if `least_v` is 0."""
     if least_v <= 0.0:
         return Check(
             N_("battery"),

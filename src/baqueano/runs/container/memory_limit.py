@@ -7,7 +7,7 @@ MIN_BYTES, BYTES_PER_FILE_BYTE, MAX_EXTRA_BYTES = 64 * 2**20, 20, 2**30
 
 
 def limit_bytes(size: int) -> int:
-    """Return the number of bytes of memory that may be used for a file of `size` bytes."""
+    """Return the largest number of bytes of memory for a file of `size` bytes."""
     return min(max(MIN_BYTES, BYTES_PER_FILE_BYTE * size), MAX_EXTRA_BYTES)
 
 

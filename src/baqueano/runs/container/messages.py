@@ -1,8 +1,8 @@
-"""Pack and unpack the messages of a run: ROS 2 messages in CDR, little-endian (XCDR1), with `struct` only.
+"""Pack and unpack the messages of a run: ROS 2 messages in CDR, little-endian (XCDR1), only with `struct`.
 
 A message is `00 01 00 00`, then the fields. Each field is aligned to its size, counted from the end of these four
 bytes. Every channel has one frame name and one size, so all its messages have the same layout. One format string packs
-them, and one NumPy record type unpacks all of them at once. Doubles are exact. The MCAP times of the message are exact
+them, and one NumPy record type unpacks all of them at once. Doubles are exact. The MCAP times of a message are exact
 too: `log_time` is the arrival at the loop, `publish_time` the instant of measurement.
 
 IMU, poses and events are standard types, so that viewers can draw them.
@@ -109,7 +109,7 @@ class MessageField(NamedTuple):
 
 
 class MessageLayout:
-    """The byte layout of a message that starts with a Header: it packs and unpacks such messages."""
+    """The byte layout of a message that starts with a Header. The layout packs and unpacks such messages."""
 
     def __init__(self, frame: str, fields: tuple[MessageField, ...]) -> None:
         name = frame.encode() + b"\0"
@@ -121,7 +121,7 @@ class MessageLayout:
                 entries.append((field if number_kind == "uint32" else f"{field}/count", "<u4", offset + pad))
                 text, offset = text + f"{pad}xI", offset + pad + 4
             if number_kind != "uint32" and count:
-                pad = (4 - offset) % 8  # the four bytes of CDR do not count for the alignment
+                pad = (4 - offset) % 8  # the alignment begins after the four bytes of CDR
                 entries.append((field, ("<f8", (count,)), offset + pad))
                 text, offset = text + f"{pad}x{count}d", offset + pad + 8 * count
         self._struct = struct.Struct(text)
@@ -138,7 +138,7 @@ class MessageLayout:
         )
 
     def pack(self, t_ns: int, *values: float) -> bytes:
-        """Return a message with the timestamp `t_ns` and the field `values`; a sequence follows its length."""
+        """Return a message with the timestamp `t_ns` and the field `values`; the length precedes each sequence."""
         return self._struct.pack(CDR, t_ns // NANOSECONDS, t_ns % NANOSECONDS, *self._head, *values)
 
     def unpack(self, data: bytearray, sizes: Sequence[int]) -> dict[str, np.ndarray]:
@@ -166,7 +166,7 @@ def measurement_layout(size: int, frame: str) -> MessageLayout:
 
 
 def imu_layout(frame: str) -> MessageLayout:
-    """Return the layout of sensor_msgs/msg/Imu; its first covariance −1 marks an unknown orientation (REP 145)."""
+    """Return the layout of sensor_msgs/msg/Imu. A first covariance of −1 marks an unknown orientation (REP 145)."""
     blocks = ("orientation", 4), ("oc", 9), ("omega", 3), ("omega_cov", 9), ("accel", 3), ("accel_cov", 9)
     return MessageLayout(frame, tuple(MessageField(name, "array", count) for name, count in blocks))
 
@@ -212,7 +212,7 @@ def motion_layout(frame: str = "map") -> MessageLayout:
 
 
 def pose_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of geometry_msgs/msg/PoseStamped, only for viewers; packed by pack(t_ns, *pose_values(eta))."""
+    """Return the layout of geometry_msgs/msg/PoseStamped, for viewers; packed by pack(t_ns, *pose_values(eta))."""
     return MessageLayout(
         frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4))
     )
@@ -227,7 +227,7 @@ def pose_values(eta: list[float]) -> tuple[float, ...]:
 
 
 def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data: str = "") -> bytes:
-    """Pack a rcl_interfaces/msg/Log: `function` contains the code of the message, `file` its data in JSON."""
+    """Return a packed rcl_interfaces/msg/Log: `function` contains the code of the message, `file` its data in JSON."""
     body = struct.pack("<iIB", t_ns // NANOSECONDS, t_ns % NANOSECONDS, level)
     for words in (source, text, data, code):
         content = words.replace("\0", "").encode("utf-8", "replace") + b"\0"

@@ -21,13 +21,13 @@ Put = Callable[[int, int, bytes, int, bool], None]
 
 
 class Packing:
-    """The packer of recorded signals: packs each one for a file and passes it to `put`."""
+    """A packer of recorded signals. It packs each signal for a file, and passes it to `put`."""
 
     def __init__(self, run_file: "RunFile", put: Put) -> None:
         self.file, self.put = run_file, put
 
     def command(self, stage: str, t_ns: int, u: object) -> None:
-        """Pack the command `u` (n,). An "applied" command was in force in the interval that ends at `t_ns`; a
+        """Pack the command `u` (n,). An "applied" command was used in the interval that ends at `t_ns`; a
         "requested" or "sent" command belongs to the time `t_ns`.
         """
         values = np.asarray(u, dtype=float).tolist()
@@ -50,7 +50,7 @@ class Packing:
         innovation: ArrayLike,
         innovation_cov: ArrayLike,
     ) -> None:
-        """Pack pose, velocity and covariance; `innovation` is None if the estimator does not report it."""
+        """Pack pose (3,), velocity (3,) and covariance (6, 6); `innovation` is None if it is not reported."""
         pose = np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), *np.ravel(cov).tolist()]
         if innovation is None:

@@ -1,7 +1,7 @@
 """Read a run: verify every checksum, recover the readable part of a cut or damaged file, and report the rest.
 
-`read_run(path)` returns the run. `run.notes` is empty for a complete file, else it contains a sentence per loss. A
-foreign file, or a file without readable data, raises a FileError that names the kind of file.
+`read_run(path)` returns the run. `run.notes` is empty for a complete file; otherwise it contains a message per loss.
+For a foreign file, or a file without readable data, FileError is raised, which names the kind of file.
 """
 
 import json
@@ -23,10 +23,10 @@ from baqueano.runs.run import Run
 
 VIEWER_SCHEMAS = frozenset({"geometry_msgs/msg/PoseStamped"})  # the run has these poses elsewhere
 NO_MESSAGES = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
-MAX_TOPICS = 1000  # of a run
+MAX_TOPICS = 1000  # most topics of a run
 EVENT_BYTES = 256  # bytes of memory of an event, in addition to its text
 IMPORT_COMMAND = "baqueano runs import MAP.toml FILE"
-FOREIGN_SIGNATURES = {  # first bytes → what it is
+FOREIGN_SIGNATURES = {  # first bytes → kind of file
     b"#ROSBAG": "ros-1",
     b"SQLite format 3": "sqlite",
     b"\x89HDF": "hdf5",
@@ -48,12 +48,12 @@ def read_run(path: Path | str) -> Run:
     Returns
     -------
     Run
-        Equal, bit by bit, to the run that was written.
+        The run; it is equal, bit for bit, to the run that was written.
 
     Raises
     ------
     FileError
-        If the file is not a run, or if it is unreadable. The message names the kind of file.
+        If the file is not a run, or is unreadable. The message names the kind of file.
 
     Examples
     --------
@@ -302,7 +302,7 @@ class _RunAssembly:
         self, topic: str, layout: messages.MessageLayout, key: int
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Return times and arrival times (N,) [ns] of a channel's messages, and their fields.
-        Removes the messages from `contents`.
+        Remove the messages from `contents`. Raise FileError for malformed messages.
         """
         messages_of_key = self.contents.messages.pop(key, NO_MESSAGES)
         try:
@@ -315,7 +315,7 @@ class _RunAssembly:
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
     def number_count(self, topic: str, text: str) -> int:
-        """Return the count of numbers per message, which a channel declares as `text`.
+        """Return the number of values per message, which a channel declares as `text`.
         Raise FileError if `text` is not a decimal number of at most 4 digits.
         """
         if not text.isascii() or not text.isdecimal() or len(text) > 4:
@@ -323,11 +323,11 @@ class _RunAssembly:
         return int(text)
 
     def fill(self, topic: str, row_count: int, column_count: int) -> None:
-        """Count the memory of rows that are not in the file and become NaN."""
+        """Add the memory of rows that are not in the file and become NaN. Raise FileError as `reserve` does."""
         self.reserve(topic, 8 * max(row_count, 0) * column_count)
 
     def reserve(self, topic: str, size: int) -> None:
-        """Count `size` bytes of additional memory. Raise FileError if the sum exceeds half of the file's limit."""
+        """Add `size` bytes of additional memory. Raise FileError if the sum exceeds half of the file's limit."""
         self.taken += size
         if self.taken > memory_limit.limit_bytes(self.contents.size) // 2:
             raise self.damage_error(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
@@ -380,8 +380,8 @@ def _concatenate(pieces: list[Any], tuple_class: Any) -> Any:
 
 
 def _joined_column(columns: tuple[Any, ...], positions: np.ndarray) -> np.ndarray | None:
-    """Return the columns `columns` joined into one, with row k moved to position place[k]. The data are copied only
-    once, because they may be large.
+    """Return `columns` joined into one, with row k moved to positions[k]. The data are copied only once, because they
+    can be large.
     """
     if columns[0] is None:
         return None

@@ -3,8 +3,8 @@
 All data before a cut or around a damaged place are returned, and every lost place is reported. A message is returned
 only from a chunk whose checksum is right, so wrong data never pass silently. If a record is damaged, the reader
 searches for the next chunk and continues there. The search reads each byte at most once. The repeated reading inside
-damaged records is limited to SEARCH_FACTOR times the size of the file. The sum of unpacked and stored bytes may not
-exceed `memory_limit.limit_bytes`.
+damaged records is limited to SEARCH_FACTOR times the size of the file. The sum of unpacked and stored bytes is limited
+to `memory_limit.limit_bytes`.
 """
 
 import re
@@ -26,7 +26,7 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, DATA_END 
 MIN_BYTES = {
     HEADER: 8, FOOTER: 20, SCHEMA: 14, CHANNEL: 16, CHUNK: 40, ATTACHMENT: 36, METADATA: 8, DATA_END: 4,
 }  # fmt: skip
-LAST_KNOWN_OPCODE, MAX_PAIRS = 15, 10_000  # of one map from string to string
+LAST_KNOWN_OPCODE, MAX_PAIRS = 15, 10_000  # the second: most entries of a map from string to string
 NAME_MEMORY_FACTOR = 10  # memory of a name or a map, as a multiple of its bytes
 SEARCH_FACTOR = 16  # limit of the search for chunks inside damaged ones, as a multiple of the file's size
 MAX_REPORTED_DAMAGES = 8  # damaged places that are described
@@ -76,8 +76,8 @@ class Contents:
     problems: list[Diagnostic | str] = field(
         default_factory=list
     )  # damage, one line for each of the first places
-    damage_count: int = 0  # that are damaged
-    kept_bytes: int = 0  # bytes of memory that all this takes
+    damage_count: int = 0  # number of damaged places
+    kept_bytes: int = 0  # bytes of memory of the contents
 
 
 class TooLarge(Invalid):
@@ -89,7 +89,7 @@ class Damage(Invalid):
 
 
 class Cursor:
-    """A reader of strings, numbers and maps from a part of the file, never beyond its end."""
+    """A reader of strings, integers and maps from a part of the file. Its methods raise Damage beyond its end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self.data, self.at = memoryview(data), 0
@@ -106,14 +106,14 @@ class Cursor:
         return int.from_bytes(self.read(size), "little")
 
     def text(self) -> str:
-        """Return a string that is preceded by its length."""
+        """Return a string, which is preceded by its length. Raise Damage if it is not UTF-8."""
         try:
             return str(self.read(self.integer(4)), "utf-8")
         except UnicodeDecodeError as error:
             raise Damage(fault("damage.not-utf8")) from error
 
     def pairs(self) -> dict[str, str]:
-        """Return a map from string to string."""
+        """Return a map from string to string. Raise Damage for more than MAX_PAIRS entries."""
         cursor, pairs = Cursor(self.read(self.integer(4))), {}
         while cursor.at < len(cursor.data):
             key = cursor.text()
@@ -124,9 +124,9 @@ class Cursor:
 
 
 def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
-    """Return the verified records of a file, `data`, which begins with MAGIC. Skip the messages of the schemas
-    `unread`.
-    Raise TooLarge if the file needs more memory than `memory_limit.limit_bytes`.
+    """Return the verified records of the file with the bytes `data`, which begin with MAGIC.
+    Skip the messages of the schemas `unread`. Raise TooLarge if the file needs more memory than
+    `memory_limit.limit_bytes`.
     """
     walk = _Walk(data, unread)
     walk.run()
@@ -144,7 +144,7 @@ class _Walk:
         self.repeated: dict[int, McapChannel] = {}  # channels as the summary after the messages repeats them
         self.sign = -1  # position of the next chunk, as far as the search went
         self.lost_to = -1  # end of the last damaged place
-        self.walked_twice = 0  # bytes of damaged records that are walked a second time
+        self.walked_twice = 0  # bytes of damaged records that are read again
         self.unpacked = 0  # bytes of all chunks
 
     def run(self) -> None:
@@ -161,7 +161,7 @@ class _Walk:
         self.afford(self.contents.kept_bytes + max(topics.values(), default=0))
 
     def record(self, offset: int) -> int | None:
-        """Read the record at `offset`; return the position of the next record, or None if no more can be read."""
+        """Read the record at `offset`; return the position of the next record, or None if it cannot be read."""
         if len(self.data) - offset < 9:
             return None
         opcode, size = _RECORD_HEAD.unpack_from(self.data, offset)
@@ -214,8 +214,8 @@ class _Walk:
         self.lost_to = to
 
     def next_chunk(self, offset: int) -> int:
-        """Return the position of the first chunk at or after `offset`, by its signature.
-        Return the file size without a chunk.
+        """Return the position of the first chunk at or after `offset`, found by its signature.
+        Return the size of the file if no chunk follows.
         """
         if offset > self.sign:
             sign = self.data.find(_SIGNATURE, offset + _SIGNATURE_AT)
@@ -314,20 +314,18 @@ class _Walk:
         name, _ = cursor.text(), cursor.text()
         data = cursor.read(cursor.integer(8))
         checksum = cursor.integer(4)
-        if checksum != zlib.crc32(
-            content[: len(content) - 4]
-        ):  # 0, too: MCAP lets a writer leave it out, and we do not
+        if checksum != zlib.crc32(content[: len(content) - 4]):  # 0, which MCAP allows, is refused too
             raise Damage(fault("damage.attachment-checksum", name=name[:80]))
         self.contents.attachments[name] = bytes(data)
         self.reserve(NAME_MEMORY_FACTOR * len(name) + 4 * len(data))
 
     def reserve(self, size: int) -> None:
-        """Count `size` bytes of memory, and raise TooLarge if the sum exceeds the limit."""
+        """Add `size` bytes of memory, and raise TooLarge if the sum exceeds the limit."""
         self.contents.kept_bytes += size
         self.afford(len(self.data) + self.contents.kept_bytes)
 
     def afford(self, need: int) -> None:
-        """Raise TooLarge if `need` more bytes of memory would exceed the limit of the file."""
+        """Raise TooLarge if `need` bytes of memory exceed the limit of the file."""
         if need > memory_limit.limit_bytes(len(self.data)):
             raise TooLarge(
                 fault(
@@ -339,7 +337,7 @@ class _Walk:
             )
 
     def unpack_chunk(self, content: memoryview) -> bytes | memoryview:
-        """Return the records in a chunk. Raise Damage if its checksum is wrong, TooLarge if it is too large."""
+        """Return the records in a chunk. Raise Damage if the chunk is damaged, and TooLarge if it is too large."""
         _, _, size, checksum = _CHUNK_HEAD.unpack_from(content)
         cursor = Cursor(content)
         cursor.read(_CHUNK_HEAD.size)
@@ -379,7 +377,9 @@ def _check_size(compression: str, payload: memoryview, size: int) -> None:
 
 
 def decompress(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
-    """Return the unpacked data, at most `size` + 1 bytes: the extra byte shows that they are longer than `size`."""
+    """Return the unpacked data, at most `size` + 1 bytes. The extra byte shows that they are longer than `size`.
+    Raise Damage for data that cannot be unpacked.
+    """
     if compression == "":
         return packed
     if compression == "zstd":

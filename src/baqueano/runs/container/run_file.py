@@ -1,6 +1,6 @@
-"""Write the MCAP file of a run: topics, chunks and attachments. It does not use threads, queues or clocks.
+"""Write the MCAP file of a run: topics, chunks and attachments, without threads, queues or clocks.
 
-Profile `ros2`, messages in CDR, definitions in the file, so that Foxglove, PlotJuggler, rerun, rosbags and
+The file has the profile `ros2`, messages in CDR, and all definitions, so that Foxglove, PlotJuggler, rerun, rosbags and
 `ros2 bag` can open it. The topics:
 
     /command/applied | requested | sent    baqueano_msgs/Command       the ticks are the times of `applied`
@@ -24,7 +24,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import messages
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
-CHUNK_BYTES = 2**18  # bytes before compression, when time does not close a chunk first
+CHUNK_BYTES = 2**18  # largest size of a chunk before compression
 ATTACHMENT_NAME = "vehicle.toml"  # name of the attachment
 METADATA_NAME = "baqueano"  # name of the metadata record
 FORMAT_VERSION = "1"
@@ -38,8 +38,8 @@ class Topic(NamedTuple):
 
 
 def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
-    """Return a test for IMU sensors: 3 numbers, and a kind in the vehicle file that begins with imu.
-    The name of a sensor that is not in the vehicle file counts as its kind.
+    """Return a test for IMU sensors: 3 values, and a kind in the vehicle file that begins with imu.
+    For a sensor that is not in the vehicle file, its name is used as its kind.
     """
     try:
         tables = parse_toml(vehicle_text, "vehicle.toml").get("sensors", {})
@@ -104,7 +104,7 @@ class RunFile:
         return self._topics[key], imu
 
     def estimate(self, size: int | None, with_cov: bool) -> Topic:
-        """Return the topic /estimate with an innovation of this size."""
+        """Return the topic /estimate with an innovation of this size, None for an estimate without innovation."""
         size_text = "none" if size is None else f"{size}" if with_cov else f"{size} without covariance"
         key = ("/estimate", size_text)
         return self._topics.get(key) or self.topic(

@@ -1,9 +1,9 @@
-"""Write a run during a drive, or a complete one at once.
+"""Write a run during a drive, or a complete run at once.
 
-The loop packs its messages and puts them in a queue; a separate thread of the writer moves them to the file. Twice a
-second it closes a chunk and syncs it to the disk (fdatasync, else fsync). If the program is killed, or after a power
+The loop packs its messages and puts them in a queue; a separate thread moves them to the file. Twice per second this
+thread closes a chunk and syncs it to the disk (fdatasync, else fsync). If the program is killed, or after a power
 cut, at most one second is lost. A slow disk does not delay a live run. If the queue of a live run is full, the writer
-first drops messages that can be computed again (estimates, references). It counts and reports them.
+drops messages that can be computed again (estimates, references). It counts and reports them.
 """
 
 import heapq
@@ -34,11 +34,11 @@ from baqueano.signals import Motion, measured_ns
 if TYPE_CHECKING:
     from baqueano.loop import Record
 
-SYNC_S = 0.5  # a chunk is closed and synced this often
-MOVE_S = 0.05  # the queue is moved to the open chunk this often
+SYNC_S = 0.5  # time after which a chunk is closed and synced
+MOVE_S = 0.05  # time between two moves of the queue to the open chunk
 MAX_QUEUED_MESSAGES = 200_000  # messages; minutes of a stalled disk
 
-Message = tuple[int, int, bytes, int]  # topic, arrival, what is packed, time
+Message = tuple[int, int, bytes, int]  # topic, arrival [ns], packed message, time [ns]
 
 
 def versions() -> dict[str, str]:
@@ -219,7 +219,7 @@ def write_run(run: Run, path: Path | str) -> Path:
     Raises
     ------
     FileError
-        If the file exists, or the disk refuses.
+        If the file exists, or cannot be written.
     UsageError
         For times that are not between 1970 and 2038.
 
@@ -249,7 +249,8 @@ def write_run(run: Run, path: Path | str) -> Path:
 
 
 def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
-    """Yield all messages of a run by arrival, each packed when it is needed. Raise UsageError for times out of range.
+    """Return an iterator over all messages of a run by arrival, each packed when it is needed.
+    Raise UsageError for times out of range.
     Every topic is declared, even one without messages.
     """
     messages_: list[Message] = []
@@ -272,7 +273,7 @@ def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
 
 
 def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
-    """Yield for each signal the arrival of its rows, and the function that packs a row."""
+    """Yield, for each signal, the arrival times of its rows [ns], and the function that packs a row."""
     for stage, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
         if rows is not None:
             yield run.t_ns, lambda k, w=stage, u=rows: packing.command(w, int(run.t_ns[k]), u[k])

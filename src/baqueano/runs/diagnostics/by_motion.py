@@ -1,4 +1,4 @@
-"""Compare sensors and commands with the motion by other sensors, each by a signal map (signal_map.py).
+"""Compare sensors and commands with the motion that other sensors measured, each by a signal map (signal_map.py).
 
     measured       compared with                         accepted
     (ω_z), (v)     (ω), (v) of the truth                 scale within 1.25                                 (1)
@@ -6,7 +6,7 @@
     (a_x, a_y)     (v̇, v ω)                              scale within 2.5                                  (3)
     (ω)            (u_steering v, u_throttle v)          any scale                                         (4)
 
-(3) depends on the units of v and, without a truth, of the gyro. Gyro and wheels may turn in opposite directions. If (3)
+(3) depends on the units of v and, without a truth, of the gyro. Gyro and wheels can show opposite directions. If (3)
 then also contradicts the gyro, the gyro is inverted. Otherwise swapped wheels and an IMU upside down look the same.
 """
 
@@ -44,8 +44,8 @@ MIN_SPEED_STD, MIN_TURN_STD_RAD_S, MIN_ACCELERATION_STD_M_S2 = (
     0.05,
     0.1,
     0.2,
-)  # standard deviations of a drive that shows something
-MAX_SCALE, MAX_ACCEL_SCALE = 1.25, 2.5  # either way
+)  # least standard deviations for a comparison
+MAX_SCALE, MAX_ACCEL_SCALE = 1.25, 2.5  # the least scales are the inverse values
 TRACK_RANGE_M = (0.03, 5.0)  # of the vehicles that baqueano is for; a skidding vehicle appears twice as wide
 
 
@@ -69,7 +69,7 @@ def motion_findings(run: Run, m: "ColumnMap") -> list[ImportFinding]:
 
 
 def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> ImportFinding:
-    """Return an error that contradicts the map, with the map's corrected line; `otherwise` if its unit is unknown."""
+    """Return an error that contradicts the map, with the corrected line of the map, or `otherwise` if it is unknown."""
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
@@ -87,7 +87,7 @@ def _reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
 
 
 def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]:
-    """Return ratio → map line for each other unit that `entry` may have."""
+    """Return ratio → map line for each other unit that `entry` can have."""
     units = ratios(measures, entry.unit).items()
     return {
         r: note("recording.write-unit", unit_of_it=unit, key=entry.key)
@@ -194,9 +194,9 @@ def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu
 def _accelerometer(
     motion: LoggedMotion, imu: "Imu", speed: "Entry | None", is_opposed: bool
 ) -> list[ImportFinding]:
-    """Return the findings if a_x and a_y are swapped, inverted, or in another unit. If gyro and wheels are
-    `is_opposed`, a_y
-    is not checked here, because another finding reports it.  (3)
+    """Return the findings if a_x and a_y are swapped, inverted, or in another unit.  (3)
+    If `is_opposed` is True, gyro and wheels contradict each other. Then a_y is not checked here, because another
+    finding reports it.
     """
     a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(predicted), np.std(a[:, 1])) > MIN_ACCELERATION_STD_M_S2 or not np.isfinite(a).all():

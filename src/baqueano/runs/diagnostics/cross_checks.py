@@ -1,4 +1,4 @@
-"""Find errors that an imported recording may contain.
+"""Find errors that an imported recording can contain.
 
 Each signal is checked by itself (physical_limits.py), the truth by itself (truth.py), then all against each other
 (by_motion.py). An error contradicts the map: the import stops and prints the correct line for the map. The import
@@ -74,8 +74,7 @@ def cross_check(run: Run, m: "ColumnMap") -> list[ImportFinding]:
 def _channel_findings(
     key: str, t_ns: np.ndarray, z: np.ndarray, is_slow: bool = False
 ) -> Iterator[ImportFinding]:
-    """Yield the findings about a signal whose value never changes, or repeats. A `is_slow` signal may repeat its
-    values."""
+    """Yield the findings about a signal whose value never changes, or repeats. If `is_slow` is True, it can repeat."""
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return

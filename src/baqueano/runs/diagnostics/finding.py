@@ -1,4 +1,4 @@
-"""Store a finding about a recording."""
+"""Represent a finding about a recording."""
 
 from typing import NamedTuple
 
@@ -18,14 +18,14 @@ KIND_CODES = (  # codes as words; `accept` in a map takes them in English
 
 
 class ImportFinding(NamedTuple):
-    """A finding about a recording; its sentences are stored as data, and translated when they are read."""
+    """A finding about a recording. Its sentences are stored as data, and translated when they are read."""
 
     code: str  # the name for `accept` in the map
-    level: str  # "error": contradicts the map; "warning": was corrected or excluded; "info": only reported
-    t_ns: int | None  # its beginning; None: it concerns the whole recording
+    level: str  # "error": contradicts the map; "warning": corrected or excluded; "info": only reported
+    t_ns: int | None  # beginning of the finding; None: it concerns the whole recording
     reason: Diagnostic
-    line: Diagnostic | str | None = None  # to write in the map
-    usual: bool = False  # every import with such a map has it
+    line: Diagnostic | str | None = None  # the line to write in the map
+    usual: bool = False  # every import with this kind of map has this finding
 
     @property
     def text(self) -> str:
@@ -34,7 +34,7 @@ class ImportFinding(NamedTuple):
 
     @property
     def cure(self) -> str:
-        """Return the line to write in the map; "" without one."""
+        """Return the line to write in the map, "" without such a line."""
         return text(self.line)
 
     @property

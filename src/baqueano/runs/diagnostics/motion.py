@@ -1,8 +1,8 @@
-"""Compute the motion by each source of a recording, as means over common windows; NaN for a quantity without a sensor.
+"""Compute the motion from each source of a recording, as means over common windows; NaN for an unmeasured quantity.
 
     truth: Δψ/Δt, Δ(x, y)/Δt · (cos ψ, sin ψ)   gyro: ω_z   odometer, or mean of two wheels: v   wheels: v_l, v_r
 
-Windows have 0.2 s or four samples, and overlap half of the previous window.
+Windows have 0.2 s or four samples, and overlap the previous window by half.
 A mean is the difference of an integral between the ends of the window.
 A derivative is the difference of the signal between the same ends, so v̇ and a_x refer to the same span.
 """

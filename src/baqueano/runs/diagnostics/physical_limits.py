@@ -1,4 +1,4 @@
-"""Find numbers that a small vehicle cannot reach: they show a wrong unit from one signal only.
+"""Find values that a small vehicle cannot reach. They show a wrong unit from only one signal.
 
     speed, rate    the largest 1 % beyond 60 m/s, 35 rad/s (2000 deg/s, the range of small gyros)
     tyres          means of a_x, a_y over WINDOW_S, minus their median, beyond 2 g: tyres hold about 1 g      (1)
@@ -8,7 +8,7 @@
     turning        the speed v of a curve, by a_y = v ω, beyond 20 m/s                                        (4)
     commands       a full command is 1; full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
 
-(1) below 4 g, (2), (3), (4) and a rate of more than two turns a second give findings that do not stop an import.
+(1) below 4 g, (2), (3), (4) and a rate of more than two turns per second give findings that do not stop an import.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ LIMIT_OF_KIND = {
     "length": (1e6, "m", 'unit = "mm"'),
     "rangefinder": (100.0, "m", 'unit = "cm"'),
 }
-MAX_USUAL_TURN_RAD_S = 4.0 * np.pi  # two turns a second
+MAX_USUAL_TURN_RAD_S = 4.0 * np.pi  # two turns per second
 MAX_GRIP_M_S2, WINDOW_S = 20.0, 0.3
 MIN_REST_S, MAX_BIAS_RAD_S, MAX_REST_STD_RAD_S, MAX_REST_STD_M_S2 = 1.0, 0.35, 0.02, 0.02
 MAX_CURVE_SPEED_M_S, MIN_WINDOWS = 20.0, 50
@@ -90,7 +90,7 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
 
 
 def _means(channel: Channel) -> np.ndarray:
-    """Return means (windows, m) over WINDOW_S or three samples, without vibration; empty if the channel is short."""
+    """Return means (windows, m) over WINDOW_S or three samples, against vibration; empty if the channel is short."""
     t = (channel.t_ns - channel.t_ns[0]) / NANOSECONDS
     if len(t) < MIN_WINDOWS or t[-1] < 10.0 * WINDOW_S:
         return np.zeros((0, channel.z.shape[1]))
@@ -98,7 +98,9 @@ def _means(channel: Channel) -> np.ndarray:
 
 
 def _at_rest(run: Run, channel: Channel) -> np.ndarray:
-    """Return a mask (M,): True for the samples before the first command; all False if they are too few or too short."""
+    """Return a mask (M,): True for the samples before the first command.
+    It is False everywhere if these samples are too few, or cover less than MIN_REST_S.
+    """
     in_motion = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
     first = run.t_ns[max(int(np.argmax(in_motion)) - 1, 0)] if in_motion.any() else run.t_ns[-1]
     at_rest = channel.t_ns < first
@@ -187,7 +189,9 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
 
 
 def _percent_line(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
-    """Return the map line for a tiny command whose unit is one of `percents`; None if the command is really small."""
+    """Return the map line for a small command `u` (N,), in the numbers of the file, that the map reads in percent.
+    `percents` are all commands that the map reads in percent. Return None if the command is really small.
+    """
     candidates = percents if _largest_magnitude(percents) < 100.0 * MIN_COMMAND else [u]
     if _largest_magnitude(candidates) <= MAX_COMMAND_RATIO:
         return note("recording.write", line='unit = "1"')
@@ -200,7 +204,7 @@ def _largest_magnitude(columns: list[np.ndarray]) -> float:
 
 def _full_command_line(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
     """Return the map line for commands in counts.
-    All commands of a vehicle share one full scale, which is named only if the commands are not too small for it.
+    All commands of a vehicle share one full scale. It is named only if the commands are not too small for it.
     """
     smallest, largest = min(float(np.min(u)) for u in counts), _largest_magnitude(counts)
     if PULSE_RANGE_US[0] <= smallest and largest <= PULSE_RANGE_US[1]:

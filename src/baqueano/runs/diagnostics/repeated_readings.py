@@ -1,17 +1,17 @@
 """Find readings that repeat the previous reading: a driver that reads too fast, or the steps of an encoder.
 
 A signal that moves by more than one level of its converter at a time does not repeat a value. So a value that repeats
-between two such jumps was held by the driver. A value that repeats next to a jump to the adjacent level moves by less
-than a step. If the wheel of an encoder rolls evenly, 1 to 4 % of the values between jumps repeat. If a driver reads
-twice as fast as the chip measures, all of them repeat.
+between two such jumps was held by the driver. Next to a jump to the adjacent level, a value can repeat because the
+signal moves by less than a step. If the wheel of an encoder rolls evenly, 1 to 4 % of the values between jumps repeat.
+If a driver reads twice as fast as the chip measures, all of them repeat.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-MIN_VALUES = 50  # values
-MIN_HELD_SHARE = 0.4  # of them
+MIN_VALUES = 50  # least number of values for a decision
+MIN_HELD_SHARE = 0.4  # least share of these values that repeat
 
 
 class Repeats(NamedTuple):
@@ -29,7 +29,7 @@ def are_held(hold_counts: np.ndarray) -> bool:
 
 
 def find_repeats(x: np.ndarray) -> Repeats:
-    """Return the repeats of a channel x (M,); values that are not finite do not count as repeats.
+    """Return the repeats of a channel x (M,). A value that is not finite is not a repeat.
 
     >>> repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 2.0, 2.0, 5.0, 5.0, 3.0])).lasting
     array([2, 2, 1])
@@ -37,7 +37,7 @@ def find_repeats(x: np.ndarray) -> Repeats:
     is_fresh = np.ones(len(x), bool)
     is_fresh[1:] = x[1:] != x[:-1]
     _, rank = np.unique(x[is_fresh], return_inverse=True)
-    repeated = np.bincount(rank)[rank] > 1  # a level of a converter is met more than once
+    repeated = np.bincount(rank)[rank] > 1  # a level of a converter occurs more than once
     adjacent = np.zeros(len(rank) + 1, bool)
     adjacent[1:-1] = (np.abs(np.diff(rank)) == 1) & repeated[1:] & repeated[:-1]
     length = np.diff(np.concatenate([np.flatnonzero(is_fresh), [len(x)]]))

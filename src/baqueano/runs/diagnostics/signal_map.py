@@ -9,8 +9,8 @@ N windows contain as much information as n independent windows. Compared with a 
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
 
 a_e, a_h are the autocorrelations, one window apart, of the residual and of h. s is the sign of the slope, and r the
-ratio nearest to it. A relation counts if log L rises by MIN_GAIN_MARGIN in total and by MIN_GAIN per window. Channels
-are swapped only if no channel fits its own prediction at all: a nearly right prediction may correlate less than a wrong
+ratio nearest to it. A relation is clear if log L rises by MIN_GAIN_MARGIN in total and by MIN_GAIN per window. Channels
+are swapped only if neither channel fits its own prediction: a nearly right prediction can correlate less than a wrong
 one.
 """
 
@@ -34,7 +34,7 @@ class Relation(NamedTuple):
 
     slope: float = 0.0
     correlation: float = 0.0
-    n: float = 1.0  # windows as good as independent ones
+    n: float = 1.0  # equivalent number of independent windows
 
     @property
     def gain(self) -> float:
@@ -75,8 +75,8 @@ def ratios(measures: str, read_as: str) -> dict[float, str]:
 
 
 def relation(z: np.ndarray, h: np.ndarray) -> Relation:
-    """Return the regression of z (N,) on h (N,) over the rows that are finite in both; zeros for fewer than
-    FEW rows."""
+    """Return the regression of z (N,) on h (N,) over the rows that are finite in both.
+    Its slope and correlation are 0 for fewer than MIN_WINDOWS rows, or if z or h is constant."""
     is_known = np.isfinite(z) & np.isfinite(h)
     if np.count_nonzero(is_known) < MIN_WINDOWS:
         return Relation()
@@ -95,7 +95,7 @@ def relations(z: np.ndarray, h: np.ndarray) -> list[list[Relation]]:
 
 
 def _autocorrelation(x: np.ndarray, min_lag_share: float = 0.0) -> float:
-    """Return the lag-1 autocorrelation of x (N,); 0 if the power of x is at most `min_lag_share`."""
+    """Return the lag-1 autocorrelation of x (N,); 0 if the power xᵀx is at most `min_lag_share`."""
     power = float(x @ x)
     return float(x[1:] @ x[:-1]) / power if power > min_lag_share else 0.0
 
@@ -103,8 +103,8 @@ def _autocorrelation(x: np.ndarray, min_lag_share: float = 0.0) -> float:
 def signal_map(
     z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel], min_gain: float = MIN_GAIN
 ) -> list[Hypothesis]:
-    """Return for each channel of z (N, m) the prediction of h (N, k ≥ m) that it shows.
-    Channel i should show prediction i; the code "swapped" marks another one.
+    """Return, for each channel of z (N, m), the prediction of h (N, k ≥ m) that it shows.
+    Channel i should show prediction i; the code "swapped" marks another prediction.
     """
     table = relations(z, h)
     hypotheses = [_hypothesis(i, table[i][i], channel, min_gain) for i, channel in enumerate(channels)]
@@ -152,5 +152,5 @@ def _swap(table: Sequence[Sequence[Relation]], i: int, j: int, min_gain: float) 
 
 
 def _pairs(table: Sequence[Sequence[Relation]], i: int, j: int) -> list[tuple[int, int]]:
-    """Return the (channel, prediction) pairs of a swap of i and j; j may be a prediction without a channel."""
+    """Return the (channel, prediction) pairs of a swap of i and j; j can be a prediction without a channel."""
     return [(i, j), (j, i)] if j < len(table) else [(i, j)]

@@ -2,7 +2,7 @@
 
     θ = mean of exp 2i (course ∓ heading),  − for the axes as read, + if one of the axes is mirrored       (1)
 
-Angles are doubled, so that forward and backward motion count equally. Half the angle of θ is the offset of the heading.
+Angles are doubled, so that forward and backward motion are equivalent. Half the angle of θ is the heading's offset.
 """
 
 from collections.abc import Iterator

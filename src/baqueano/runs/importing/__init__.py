@@ -1,7 +1,7 @@
-"""Import recordings of other tools as runs, by a map.
+"""Import recordings of other tools as runs, with a map.
 
 sources, timing    the files, their rows in order of time, and their clocks
-recordings         make runs of the rows, with findings about errors in them
+recordings         make runs of the rows, with findings about errors in the rows
 """
 
 from baqueano.runs.importing.recordings import ImportedRun, ImportedRuns, import_run, import_runs

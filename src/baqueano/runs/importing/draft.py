@@ -1,4 +1,4 @@
-"""Draft a map from the column names of a CSV file; it contains `unit = "?"` if no name states the unit."""
+"""Draft a map from the column names of a CSV file. A unit that the name does not state is `unit = "?"`."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -119,7 +119,7 @@ def _unit(name: str, measures: str) -> str:
 
 
 def _time_unit(table: LogTable, column: str) -> str:
-    """Return the unit of a time column, by its name or by its steps."""
+    """Return the unit of a time column, from its name or from its steps."""
     unit_name = _unit(column, "time")
     if unit_name != UNKNOWN:
         return unit_name

@@ -1,8 +1,8 @@
 """Import recordings as runs: `import_run("cpm_run_a")`, `import_runs("trials.toml", ["log.csv"])`.
 
-The ticks are the instants of the file that [ticks] names. `applied` is the command in force during the interval that
-ends at the tick. Sensors keep their own instants and arrive with the next tick. The ticks may be irregular. Several
-files, or a file that is split (sources.py), become several runs.
+The ticks are the instants of the file that [ticks] names. `applied` is the command that is applied during the interval
+that ends at the tick. Sensors keep their own instants and arrive with the next tick. The ticks can be irregular.
+Several files, or a file that is split (sources.py), become several runs.
 """
 
 import re
@@ -48,12 +48,12 @@ class ImportedRun(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Return WARN if a finding is a warning, as for excluded or doubtful data, else USABLE."""
+        """Return WARN if a finding is a warning, such as excluded or doubtful data, else USABLE."""
         return "WARN" if any(d.level == "warning" for d in self.findings) else "USABLE"
 
     @property
     def without_common_findings(self) -> "ImportedRun":
-        """Return the import without the findings that each import with such a map causes."""
+        """Return the import without the findings that every import with this kind of map produces."""
         return self._replace(findings=tuple(d for d in self.findings if not d.usual))
 
     def __repr__(self) -> str:
@@ -74,8 +74,8 @@ class ImportedRun(NamedTuple):
         ]
 
     def table(self) -> str:
-        """Return one line per finding. Of a kind with more than MAX_SIMILAR_LINES findings, return only the first and
-        their count."""
+        """Return one line per finding. Of a kind with more than MAX_SIMILAR_LINES findings, return only the first
+        finding and the number of findings."""
         count_of_kind = Counter((d.level, d.code) for d in self.findings)
         lines: dict[object, str] = {}
         for k, d in enumerate(self.findings):
@@ -101,7 +101,7 @@ class ImportedRuns(NamedTuple):
         return [{"run": run.run.name} | row for run in self.each for row in run.rows()]
 
     def table(self) -> str:
-        """Return a line per kind of finding: the number of runs with it, and the sentence of the first one."""
+        """Return a line per kind of finding: the number of runs with it, and the sentence of the first finding."""
         first: dict[tuple[str, str], ImportFinding] = {}
         counts: dict[tuple[str, str], int] = {}
         for run in self.each:
@@ -266,13 +266,13 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _within_a_turn(angle: np.ndarray) -> bool:
-    """Return True if an angle wraps after each turn; the angle of a wheel may continue beyond one turn."""
+    """Return True if an angle wraps after each turn; the angle of a wheel can continue beyond one turn."""
     finite_values = angle[np.isfinite(angle)]
     return len(finite_values) > 0 and float(np.ptp(np.quantile(finite_values, (0.01, 0.99)))) < 2.01 * np.pi
 
 
 def _check_header(entry: Entry) -> None:
-    """Raise FileError if the column name states another unit than the map, as `speed [km/h]` with m/s in the map."""
+    """Raise FileError if the column name states another unit than the map: `speed [km/h]` with m/s in the map."""
     in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
     by_header, by_map = unit(in_header[1]) if in_header else None, unit(entry.unit)
     has_unit = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
@@ -291,8 +291,8 @@ def _check_header(entry: Entry) -> None:
 def _finite_rows(
     signal: ColumnSignal, source: Source, findings: list[ImportFinding], t_ns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of the rows with all numbers. `t_ns` (rows,) replaces the times of the source.
-    A finding reports the missing numbers. Raise FileError if no row is left.
+    """Return times and values of the rows with all values. `t_ns` (rows,) replaces the times of the source.
+    A finding reports the missing values. Raise FileError if no row is left.
     """
     values = _values(signal, source)
     present_columns = [k for k, entry in enumerate(signal.entries) if not entry.absent]
@@ -319,8 +319,8 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 def _applied_commands(
     m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return the number of ticks before the first command, the ticks (N,) with a command, and the command (N, n) in
-    force. Raise FileError if no tick has a command.
+    """Return the number of ticks before the first command, the ticks (N,) [ns] with a command, and their commands
+    (N, n). Raise FileError if no tick has a command.
     """
     t_ns, u = _finite_rows(m.command, sources[m.command.file], findings)
     if m.wheels:
@@ -352,7 +352,7 @@ def _span(t_ns: np.ndarray) -> str:
 def _sample(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of a signal, as measured or resampled at the ticks.
+    """Return times (M,) [ns] and values (M, m) of a signal, as measured or resampled at the ticks.
     Raise FileError if all its times are before or after the ticks.
     """
     source = sources[signal.file]

@@ -48,7 +48,7 @@ class RecordingSources(NamedTuple):
 class SourcePiece(NamedTuple):
     """The rows of one file that belong to a part."""
 
-    value: str  # of the column that splits it; "" if only pauses do
+    value: str  # value of the column that splits the file; "" if only pauses split it
     label: str
     table: LogTable
 
@@ -96,11 +96,11 @@ def _is_split(spec: FileSpec) -> bool:
 
 
 def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
-    """Return the parts of a file, in its order."""
+    """Return the parts of a file, in the order of the file."""
     rows = np.arange(len(table.lines))
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
     if spec.split is not None:
-        values: dict[str, int] = {}  # in the order in which they come
+        values: dict[str, int] = {}  # in the order of the file
         cells = (_plain_label(str(cell)) for cell in table.text(spec.split))
         group_numbers = np.fromiter((values.setdefault(cell, len(values)) for cell in cells), int, len(rows))
         group_ends = np.cumsum(np.bincount(group_numbers))
@@ -190,7 +190,7 @@ def _rows_within(source: Source, t_ns: np.ndarray) -> Source:
 
 
 def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
-    """Return the run's name: the name of the file if the map is for several files, else the name of the map."""
+    """Return the run's name: the name of the file if the map accepts different files, else the name of the map."""
     run_paths = [
         paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
     ]
@@ -243,7 +243,7 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
 
 
 def _expand(path: Path) -> list[Path]:
-    """Return the files that match a path, which may contain *. Raise FileError if a pattern matches no file."""
+    """Return the files that match a path, which can contain *. Raise FileError if a pattern does not match a file."""
     if not glob.has_magic(str(path)) or path.exists():
         return [path]
     matches = sorted(glob.glob(str(path)))
@@ -277,7 +277,7 @@ def _paths_like(folder: Path, pattern: str) -> list[Path]:
 
 
 def is_there(path: Path) -> bool:
-    """Return True if the file exists; False also for a name that the system does not accept."""
+    """Return True if the file exists, False even for a name that the system does not accept."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -285,7 +285,7 @@ def is_there(path: Path) -> bool:
 
 
 def _matching_paths(m: ColumnMap, spec: FileSpec) -> list[Path]:
-    """Return the files next to the map or in a data folder that match the path of `spec`, which may contain *.
+    """Return the files next to the map or in a data folder that match the path of `spec`, which can contain *.
     Raise FileError if none matches.
     """
     path = spec.path or ""
@@ -316,7 +316,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFindin
         for line in table.cut
     ]
     for column in sorted(column_names):
-        table.text(column)  # they are all there
+        table.text(column)  # raises FileError for a missing column
     if not len(table.lines):
         raise FileError(fault("import.no-rows", table=label))
     selection = _select(table, spec)
@@ -364,7 +364,7 @@ def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
 
 
 def quaternion_of(entry: Entry) -> Sequence[str]:
-    """Return the columns x, y, z, w of a quaternion entry; () for another entry."""
+    """Return the columns x, y, z, w of a quaternion entry, () for any other entry."""
     if entry.quaternion is None:
         return ()
     if len(entry.quaternion) == 1:

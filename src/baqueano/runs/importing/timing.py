@@ -1,6 +1,6 @@
 """Read the clock of an imported file: its time column as integer nanoseconds, and its rows in order of time.
 
-It refuses a time that steps back, different rows with the same time, and a median step that is impossible for a robot.
+A time that steps back, different rows with the same time, and a median step that is impossible for a robot are errors.
 The error message contains the map line that resolves the problem. Gaps, jumps and equal repeated rows are reported.
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 MIN_STEP_S, MAX_STEP_S = 5e-5, 10.0  # range of the median step of a vehicle's recording
 MIN_DURATION_S = 2.0  # a shorter recording does not show a vehicle's motion
-MIN_USUAL_STEP_S, MAX_USUAL_STEP_S = 4e-4, 0.5  # shorter or longer ticks of a loop are rare
+MIN_USUAL_STEP_S, MAX_USUAL_STEP_S = 4e-4, 0.5  # shorter or longer ticks of a loop are unusual
 GAP_STEPS = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
 MAX_DISORDER_SHARE = 0.1  # of the rows: if more are out of order, they are another run, not late rows
@@ -95,7 +95,7 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
 
 
 def _ns_of(date: str) -> int:
-    """Return the ns since 1970 of an ISO 8601 date; a date without a time zone is in UTC."""
+    """Return the nanoseconds since 1970 of an ISO 8601 date. A date without a time zone is in UTC."""
     zone, ahead_min = _ZONE.search(date), 0
     if zone is not None:
         date = date[: zone.start(1)]

@@ -2,5 +2,5 @@
 
 columns, column_map    the content of a map, and its parser
 units                  units of recordings → SI
-mount                  the pose of the truth's mark on the vehicle
+mount                  the pose of the camera's target on the vehicle
 """

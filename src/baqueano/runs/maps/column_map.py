@@ -1,4 +1,4 @@
-"""Read the map of an import, in TOML: file, column, signal, unit and clock of each number.
+"""Read the map of an import, in TOML: file, column, signal, unit and clock of each quantity.
 
     [files.NAME]   path, topic (bags), time, time_unit, shift_s, where = {column = value}, new_when, …
                    split = "COLUMN", split_gap_s: many runs from one file
@@ -10,8 +10,8 @@
     value = (scale · radius · column · unit + offset) · times                                              (1)
 
 An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps, counts_per_turn}, or
-{quaternion = [x, y, z, w]}, or {constant, unit}. Defaults never change a number silently: if a required key is missing,
-the message shows the line to write. docs/importing.md explains every key by examples.
+{quaternion = [x, y, z, w]}, or {constant, unit}. Defaults never change a value silently: if a required key is missing,
+the message shows the line to write. docs/importing.md explains every key with examples.
 """
 
 import math
@@ -29,10 +29,10 @@ from baqueano.runs.maps.units import canonical, near_units, unit, units_of
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 ETA_MEASURES, NU_MEASURES = ("length", "length", "angle"), ("speed", "speed", "angular rate")
-RATE_OF = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
-ROLLED_MEASURE = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
+RATE_OF = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # quantity → its derivative
+ROLLED_MEASURE = {"angle": "length", "angular rate": "speed"}  # quantity of a wheel → quantity at its rim
 MAX_INTEGER = 2**63  # limit of an integer; integers of Python are unlimited
-MAX_MAP_LETTERS = 1_000_000  # characters of a map; a recording may have more
+MAX_MAP_LETTERS = 1_000_000  # most characters of a map; a recording can have more
 REST_COMMAND: dict[str, Any] = {
     "in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3,
 }  # fmt: skip
@@ -55,7 +55,7 @@ def data_folders() -> list[Path]:
 
 
 def load_map(name_or_path: Path | str) -> ColumnMap:
-    """Return the map at a path, or the map of the package with this name. FileError if it is absent or unreadable."""
+    """Return the map at a path, or the package's map with this name. Raise FileError if it is absent or unreadable."""
     path, shipped_path = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
     if not path.is_file() and shipped_path.is_file():
         path = shipped_path
@@ -76,7 +76,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
     """Return the tables of a map.
-    Raise ValueError if the file is not TOML; without the suffix .toml it may be a recording.
+    Raise ValueError if it is not TOML. For other faults, raise FileError if the suffix is .toml, else ValueError.
     """
     try:
         return parse_toml(text, path.name)
@@ -106,8 +106,8 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
 
 
 def _expectation(value: str, measures: str, is_derivative: bool) -> Diagnostic:
-    """Return the correction for an entry that measures `value` but
-    must measure `measures`: other units, or another key.
+    """Return the correction for an entry that measures the quantity `value` but must measure `measures`.
+    The correction is other units, or another key.
     """
     rate = "" if is_derivative else RATE_OF.get(value, "")
     rolled = ROLLED_MEASURE.get
@@ -352,7 +352,7 @@ class _Parser:
             raise self.error(f"{key} counts_per_turn", per_turn, note("expect.no-counts"))
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
-        """Return the file that a table names, or the only file if it names none."""
+        """Return the file that a table names, or the only file. Raise FileError for an unknown or missing name."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
             expected = note("expect.file", first=self.file_names[0], known=self.file_names)

@@ -1,4 +1,4 @@
-"""Define the content of a map: files and their clocks, signals and the source of each number.
+"""Define the content of a map: files and their clocks, signals and the source of each value.
 
 column_map.py parses the text of a map into these classes; importing/ makes runs with them.
 """
@@ -13,7 +13,7 @@ from baqueano.runs.maps.units import unit
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-KINDS = {  # what the numbers of a sensor measure
+KINDS = {  # kind of sensor → quantity of each channel
     "imu": ("acceleration", "acceleration", "angular rate"),
     "wheels": ("speed", "speed"),
     "odometer": ("speed",),
@@ -39,26 +39,26 @@ class FileSpec(NamedTuple):
     time_rest: tuple[str, str] | None  # a second column that is added to the time, and its unit
     shift_s: float
     where: "JsonObject"
-    new_when: str | None  # rows count if this column changes; the others repeat the last measurement
-    repeats: str | None  # "first" or "last": the row to keep of several with the same time
-    backwards: str | None  # "drop": leave out rows that are not later than a previous one
+    new_when: str | None  # rows are used if this column changes; the others repeat the last measurement
+    repeats: str | None  # "first" or "last": the row to keep of several rows with the same time
+    backwards: str | None  # "drop": omit rows that are not later than a previous row
     split: str | None  # a new run for each value of this column
     split_gap_s: float | None  # a new run after a longer pause, and if the time steps back
-    rate_hz: float | None  # of the rows of a file without a column of time
-    options: "JsonObject"  # for reading its text
+    rate_hz: float | None  # rate of the rows of a file without a column of time
+    options: "JsonObject"  # for reading the text of the file
 
 
 class Entry(NamedTuple):
     """An entry of a signal: its source in the file, its unit and its conversion."""
 
-    key: str  # its place in the map
+    key: str  # place of the entry in the map
     column: str | None
     quaternion: tuple[str, ...] | None
     unit: str
     scale: float
     offset: float
     times: str | None
-    backward: "JsonObject"  # column = the value at which the signal counts backward
+    backward: "JsonObject"  # column = the value at which the sign of the signal is changed
     derivative: bool
     wraps: float | None  # counts after which a counter begins again
     constant: float | None = None
@@ -75,12 +75,12 @@ class Entry(NamedTuple):
 
     @property
     def absent(self) -> bool:
-        """Return True if this number is not measured: its constant is NaN."""
+        """Return True if this quantity is not measured: its constant is NaN."""
         return self.constant is not None and self.constant != self.constant
 
 
 class ColumnSignal(NamedTuple):
-    """A signal and the source of its numbers."""
+    """A signal and the sources of its values."""
 
     key: str
     file: str

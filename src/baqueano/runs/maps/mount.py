@@ -1,11 +1,12 @@
-"""Pose of the truth's mark on the vehicle, and the shift of its timestamps: [truth] in the map of a recording.
+"""Convert the truth of a camera to the body: pose of the camera's target on the vehicle, and shift of its timestamps.
 
     p = p_m − R(ψ) l,   ψ = ψ_m − χ                                                                       (1)
     ν_x, ν_y = R(χ) ν_m − ν_ψ × l                                                                         (2)
     l = l₁ + R(χ₁) l₀,   χ = χ₁ + χ₀,   o = o₁ + o₀                                                       (3)
 
-l is the position of the mark ahead and to the left of the body's origin. χ is its rotation to the left, and o the time
-shift. A run is imported with the mount l₀, χ₀, o₀. (3) adds the mount l₁, χ₁, o₁ that is found on this run.
+l is the position of the target in the body frame (forward, left). χ is its rotation to the left, and o the time shift,
+from [truth] in the map of a recording. A run is imported with the mount l₀, χ₀, o₀. (3) adds the mount l₁, χ₁, o₁ that
+is estimated from this run.
 """
 
 import tomllib
@@ -27,14 +28,14 @@ KEY_TYPES: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_ra
 
 
 class Mount(NamedTuple):
-    """The pose of the mark on the vehicle, and the shift of its clock."""
+    """The pose of the camera's target on the vehicle, and the shift of the camera's clock."""
 
     shift_s: float = 0.0  # added to its timestamps
     lever_arm_m: tuple[float, float] = (0.0, 0.0)
     heading_rad: float = 0.0
 
     def body_motion(self, eta: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return η and ν (N, 3) of the body from η and ν of the mark; an unknown `nu` is NaN.  (1), (2)"""
+        """Return η and ν (N, 3) of the body from η and ν of the target; an unknown `nu` is NaN.  (1), (2)"""
         if self.lever_arm_m == (0.0, 0.0) and self.heading_rad == 0.0:
             return eta, nu
         psi, (forward, left) = eta[:, 2] - self.heading_rad, self.lever_arm_m
@@ -46,7 +47,7 @@ class Mount(NamedTuple):
         return eta, body_nu - nu[:, 2:] * np.array([-left, forward, 0.0])
 
     def composed_with(self, offset: "Mount") -> "Mount":
-        """Return this mount plus the `offset` that was found on a run that was imported with this mount.  (3)"""
+        """Return this mount plus the `offset` that was estimated from a run imported with this mount.  (3)"""
         first = map_from_body(offset.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
         forward, left = np.array(offset.lever_arm_m) + first
         return Mount(
@@ -57,7 +58,7 @@ class Mount(NamedTuple):
 
 
 def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
-    """Return the mount of a table [truth]. Raise ValueError if its lever arm is not two finite numbers, or if the mount
+    """Return the mount of a table [truth]. Raise Invalid if its lever arm is not two finite numbers, or if the mount
     needs a heading that is not known.
     """
     lever = spec.get("lever_arm_m", [0.0, 0.0])
@@ -75,7 +76,7 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
     """Write the calibration `own_mount` of the truth into the map at `path`, with which `run` was imported.
     The names are KEY_TYPES, and lever_arm_m[0] and lever_arm_m[1] for the lever arm. `halves` are the half widths of
     the 95 % intervals. The rest of the file is unchanged. Raise UsageError if the run was imported with another map, if
-    `path` is not a file, or without tomlkit.
+    `path` is not a file, or if tomlkit is not installed. Return the new mount.
     """
     path = Path(path)
     if not path.is_file():
@@ -108,7 +109,7 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
 
 
 def _set_value(table: Any, key: str, value: Any, text: str) -> None:
-    """Set a number or a list of two in a table of tomlkit, with a comment; an inline table does not get a comment."""
+    """Set a number or a list of two numbers in a table of tomlkit, with a comment if the table is not inline."""
     table[key] = [round(x, 5) for x in value] if isinstance(value, tuple) else round(value, 5)
     if type(table).__name__ != "InlineTable":
         table[key].comment(text)

@@ -1,4 +1,4 @@
-"""Read topics of ROS 1 and ROS 2 bags as tables, through `rosbags` (laptop extra), without a ROS installation.
+"""Read topics of ROS 1 and ROS 2 bags as tables, with `rosbags` (laptop extra), without a ROS installation.
 
 A column is a field by its path: `twist.linear.x`, `data[3]`, `pose.pose.orientation` (for quaternion = […]).
 """
@@ -40,8 +40,8 @@ def is_bag(path: Path) -> bool:
 
 
 def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> LogTable:
-    """Return the recorded messages of a topic. The columns `bag` and `header.stamp` are ns since 1970.
-    Raise FileError if the bag or the topic cannot be read, UsageError if `rosbags` is not installed.
+    """Return the recorded messages of a topic. The columns `bag` and `header.stamp` are nanoseconds since 1970.
+    Raise FileError if the bag or the topic cannot be read, and UsageError if `rosbags` is not installed.
     """
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
@@ -125,7 +125,9 @@ def _ros1_chunks(stream: BinaryIO) -> Iterator[tuple[str, bytes]]:
 
 
 def _number_in_message(message: object, path: str, label: str, topic: str) -> int | float:
-    """Return the number in a field of a message; for header.stamp the ns since 1970. FileError for other content."""
+    """Return the number in a field of a message; for header.stamp, the nanoseconds since 1970.
+    Raise FileError for any other content.
+    """
     value = _field(message, path, label, topic)
     if path == "header.stamp":
         return value.sec * 1_000_000_000 + value.nanosec

@@ -1,5 +1,6 @@
-"""Store a column of text in as much memory as in its file: its cells one after the other, each followed by a zero
-byte. A list of strings needs ten times as much."""
+"""Store a column of text in as much memory as in its file: one cell after the other, each followed by a zero byte.
+A list of strings would need ten times as much memory.
+"""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, overload

@@ -1,7 +1,7 @@
 """Read the lines of an external text file one at a time: UTF-8 with or without BOM, UTF-16 with BOM, gzip.
 
-The size of the data may not exceed `memory_limit.limit_bytes`, so a
-packed file that would fill the memory is refused early.
+The size of the data must not exceed `memory_limit.limit_bytes`, so a packed file that would fill the memory is refused
+early.
 """
 
 import gzip
@@ -43,7 +43,7 @@ class Lines:
             ) from error
 
     def reserve_memory(self, size: int) -> None:
-        """Count `size` bytes of memory. Raise FileError if the sum exceeds the limit of the file."""
+        """Add `size` bytes of memory. Raise FileError if the sum exceeds the limit of the file."""
         self.taken += size
         if self.taken > self.allowed:
             code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
@@ -83,7 +83,7 @@ class Lines:
                 ) from None
 
     def _looks_like(self, start: bytes) -> str:
-        """Return the encoding of a file by its first bytes.
+        """Return the encoding of a file from its first bytes.
         Raise FileError if it is not text, or if its encoding is ambiguous.
         """
         zeros = start.count(0)

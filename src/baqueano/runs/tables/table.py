@@ -1,6 +1,6 @@
-"""Read a CSV file as columns of text, and the numbers in them, without silent guesses.
+"""Read a CSV file as columns of text, and the numbers in these columns, without silent guesses.
 
-It detects the encoding (lines.py), the separator if only one fits every line, and the decimal comma if all numbers are
+The encoding is detected (lines.py), the separator if only one fits every line, and the decimal comma if all numbers are
 unambiguous. Otherwise an error message contains the line that the map needs.
 """
 
@@ -31,12 +31,12 @@ MAX_SHOWN_NAMES = 30  # columns that a message names
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf", re.ASCII | re.IGNORECASE)
 DIGIT_CELLS, WHOLE_CELLS = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9\0]*")  # cells, joined by \0
-_BLANK = re.compile(rb"[^\S\0]|[\x80-\xff]")  # a blank, or what may be one
+_BLANK = re.compile(rb"[^\S\0]|[\x80-\xff]")  # a blank, or a byte that can belong to a blank
 _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+", re.ASCII)
 
 
-MAX_WHOLE_NUMBER = 1e308  # of a whole number that a double holds
+MAX_WHOLE_NUMBER = 1e308  # about the largest integer that a double can represent
 
 
 class LogTable(NamedTuple):
@@ -88,7 +88,7 @@ class LogTable(NamedTuple):
         for rows, block in Cells.of(cells).blocks():
             block = block.replace(mark, b".")
             try:
-                if not DIGIT_CELLS.fullmatch(block):  # else float() takes what _NUMBER does, at once
+                if not DIGIT_CELLS.fullmatch(block):  # otherwise each cell is tested with _NUMBER
                     raise ValueError
                 values[rows] = list(map(float, block.split(b"\0")))
             except ValueError:
@@ -97,8 +97,8 @@ class LogTable(NamedTuple):
         return values
 
     def _number_of_cell(self, cell: str, column: str, row: int) -> float:
-        """Return the number in a cell: NaN for one of MISSING_TEXTS, 1 for true, 0 for false. FileError for other
-        text.
+        """Return the number in a cell: NaN for one of MISSING_TEXTS, 1 for true, 0 for false.
+        Raise FileError for any other text.
         """
         if _NUMBER.fullmatch(cell):
             return float(cell)
@@ -110,8 +110,8 @@ class LogTable(NamedTuple):
         raise FileError(self._not_a_number(column, row))
 
     def integers(self, column: str) -> np.ndarray | None:
-        """Return the column as int64 (rows,), because ns since 1970 do
-        not fit in a float; None if a cell is not an integer.
+        """Return the column as int64 (rows,), or None if a cell is not an integer.
+        A float cannot represent nanoseconds since 1970 exactly.
         """
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
@@ -127,7 +127,7 @@ class LogTable(NamedTuple):
         return values
 
     def has(self, column: str, value: str | float) -> np.ndarray:
-        """Return a mask (rows,): True if the cell in the column equals `value`: a number, or a string as written."""
+        """Return a mask (rows,): True if the cell in the column equals `value`, a number or a string as in the file."""
         if isinstance(value, str):
             cells = self.text(column)
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
@@ -266,7 +266,7 @@ def _separator(lines: list[str], label: str) -> str:
         return fitting[0]
     if not fitting:
         if len(candidates) == 1:
-            return candidates[0]  # each uneven line has its message later
+            return candidates[0]  # each uneven line is reported later
         if not candidates:
             return ","  # a single column
     names = " or ".join(SEPARATORS[s] for s in fitting or candidates)

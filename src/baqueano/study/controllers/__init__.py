@@ -1,9 +1,9 @@
 """`baqueano study controllers`: compare all controllers with the same simulated robots, routes, noise and tuning.
 
-Robots of the second simulator (truth/) with the tolerances of real parts are identified from commands and IMU only, as
-in `study driving`. The gains of each controller were tuned once, on the model of the garage's vehicle, from the same
-number of starts. A controller that cannot be compiled, such as mpc, keeps its defaults. Each controller drives each
-route of each robot from rest, with the same noise. There are three evaluations:
+Robots of the second simulator (truth/) with the tolerances of real parts are identified from commands and IMU only,
+as in `study driving`. The gains of each controller were tuned once, on the model of the garage's vehicle, from the
+same number of starts. A controller that cannot be compiled, such as mpc, has its default gains. Each controller
+drives each route of each robot from rest, with the same noise. There are three evaluations:
 
     pose         pose and velocity are known; the distance of the robot from its path
     estimate     commands and IMU only; the distance by the robot's estimate
@@ -32,8 +32,8 @@ def controllers(
     kinds: Sequence[str] = KINDS, starts: int = START_COUNT, advance: Callable[[int], None] = lambda k: None,
 ) -> Controllers:  # fmt: skip
     """Return the drives of robots `first` … `first + seeds − 1`. `user_blocks` are further controllers
-    ("file.py:Class" or a class).
-    The gains of each controller are tuned by `starts` descents. `advance` receives the number of robots just finished.
+    ("file.py:Class" or a class). The gains of each controller are tuned by `starts` descents. `advance` is called
+    with the number of robots that have just finished.
     """
     contestants: list[Contestant] = []
     for kind in (*kinds, *user_blocks):

@@ -38,7 +38,7 @@ class Contestant(NamedTuple):
     label: str
     kind: "OwnBlock"
     gains: dict[str, float]  # the tuned ones; empty: the defaults
-    at_bound: tuple[str, ...]  # those that ended on a bound of the search
+    at_bound: tuple[str, ...]  # gains that ended at a bound of the search
 
 
 class DrivenRobot(NamedTuple):
@@ -49,7 +49,7 @@ class DrivenRobot(NamedTuple):
 
 
 def contestant(kind: "OwnBlock", start_count: int, backend: str) -> Contestant:
-    """Return a controller with gains tuned on the garage's vehicle, or with its defaults if it cannot be compiled."""
+    """Return a controller with gains tuned on the garage's vehicle, or with default gains if it cannot be compiled."""
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
         return Contestant(label, kind, {}, ())

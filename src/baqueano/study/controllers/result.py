@@ -30,7 +30,7 @@ class Controllers(Result):
     contestants : tuple of Contestant
         The controllers and their gains, in the order of the rows.
     robots : int
-        Number of identified robots, including those whose fit was refused.
+        Number of robots, including those whose fit was refused.
     refused : tuple of int
         Seeds of robots whose fit was refused: they did not drive.
     """
@@ -70,7 +70,7 @@ class Controllers(Result):
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return a warning for a best ratio above THIRD, and for gains at a bound, stops and refused fits."""
+        """Return a warning for a best ratio above the limit, and for gains at a bound, stops and refused fits."""
         out, rows = [], self.rows()
         best_row = min(rows[1:], key=lambda row: row["pose_ratio"], default=None)
         if best_row is not None and not np.isfinite(best_row["pose_high"]):

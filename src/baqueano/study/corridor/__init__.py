@@ -1,4 +1,4 @@
-"""`baqueano study corridor`: check that the corridor claimed by the filter contains the vehicle.
+"""`baqueano study corridor`: check that the corridor of the filter contains the vehicle.
 
 Vehicles of the independent truth are identified from commands and IMU only.
 They follow a sinuous circle, an eight or a rectangle at 0.2 m/s for a minute, with the recommended filter.
@@ -14,7 +14,7 @@ from baqueano.study.corridor.recorded import ends_of_recordings
 from baqueano.study.corridor.result import AT_S, Corridors, Instant, gather
 from baqueano.sweep.workers import spread_over
 
-VEHICLES_AT_ONCE = 10  # vehicles that are simulated side by side
+VEHICLES_AT_ONCE = 10  # vehicles that are simulated together
 
 
 def corridor(
@@ -24,8 +24,8 @@ def corridor(
     backend: str = "auto",
     advance: Callable[[int], None] = lambda k: None,
 ) -> Corridors:
-    """Evaluate the corridors of vehicles `first` … `first + vehicles − 1`.
-    `advance` receives the number of vehicles just finished.
+    """Return the corridors of vehicles `first` … `first + vehicles − 1`. `advance` is called with the number of
+    vehicles that have just finished.
     """
     jobs = [
         (range(k, min(k + VEHICLES_AT_ONCE, first + vehicles)), backend)

@@ -24,7 +24,7 @@ class CorridorDrive(NamedTuple):
     seed: int
     shape: str
     lap_s: float
-    t_s: np.ndarray  # (K,) since it started
+    t_s: np.ndarray  # (K,) since the start of the drive
     error: np.ndarray  # (K, 3) estimated minus true pose, in the map
     cov: np.ndarray  # (K, 3, 3) of the estimate
 
@@ -82,7 +82,7 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
 
 
 def instants(route: Route, rest_ticks: int, tick_count: int, rate_hz: float) -> set[int]:
-    """Return the ticks to record: one every EVERY_S after the rest, and the ends of the laps."""
+    """Return the ticks to record: one every RECORD_INTERVAL_S after the rest, and the ends of the laps."""
     laps = np.arange(1, tick_count) * float(route.t_s[-1]) * rate_hz
     ends = rest_ticks + np.rint(laps[laps < tick_count - rest_ticks]).astype(int)
     return {*range(rest_ticks, tick_count, round(RECORD_INTERVAL_S * rate_hz)), *ends.tolist()}

@@ -92,7 +92,7 @@ def windows(vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: s
         error = mean[-1] - eta[b - 1]
         error[2] = wrap(error[2])
         if (a == 0 or np.isfinite(eta[a - 1]).all()) and np.isfinite(eta[b - 1]).all():
-            out.append(Instant(error, cov[-1]))  # a covariance that is not finite counts as lost
+            out.append(Instant(error, cov[-1]))  # with a covariance that is not finite, the vehicle is lost
         if np.isfinite(eta[b - 1]).all():
             carry = _belief_at(carry, eta[b - 1])
     return out

@@ -1,11 +1,12 @@
-"""The corridor of a filter: its coverage of the truth, and its excess width.
+"""Evaluate the corridor of a filter: its coverage of the truth, and its excess width.
 
     d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
     wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)
 
-A vehicle counts while the standard deviation of its heading is at most MAX_HEADING_STD_RAD. The verdict allows for the
-chance of few vehicles. It counts a bar as missed only if the whole 95 % interval of a coverage (Wilson 1927) is
-outside the bar. By the same interval, a region is too wide if a region WIDER times smaller still covers more than 95 %.
+A vehicle is included while the standard deviation of its heading is at most MAX_HEADING_STD_RAD. The verdict accounts
+for chance with few vehicles. A requirement is missed only if the whole 95 % interval of a coverage (Wilson 1927) is
+outside the required range. By the same interval, a region is too wide if a region MAX_WIDENING times smaller still
+covers more than 95 %.
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,7 @@ COVERAGE, MAX_WIDENING = (0.90, 0.98), 1.3
 RECORDING_COVERAGE = (
     0.85,
     1.0,
-)  # coverage; a recording has only a few windows, and its camera has errors too
+)  # coverage; a recording has only a few windows, and its camera also has errors
 MIN_VEHICLES = 10  # vehicles of a row with a verdict
 CORRIDOR_PROBABILITY = 0.95
 CHI_SQUARE_LIMITS = {"position": CHI_SQUARE_95, "heading": QUANTILE_95**2}
@@ -44,7 +45,9 @@ class Instant(NamedTuple):
 class Corridors:
     """The corridors of all vehicles, by named instant."""
 
-    instants: dict[str, tuple[Instant, ...]]  # "10 s", "lap 1" → the vehicles that are not lost there
+    instants: dict[
+        str, tuple[Instant, ...]
+    ]  # "10 s", "lap 1" → the vehicles that are not lost at that instant
     lost: dict[str, int]
     vehicles: int
     refused: tuple[int, ...]  # seeds whose fit was refused: they did not drive
@@ -69,7 +72,7 @@ class Corridors:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return a sentence for each bar that is missed."""
+        """Return a sentence for each requirement that is missed."""
         return tuple(
             _(
                 "{quantity} at {at}: coverage {coverage:.0f} %, {wider:.2f} × the size that is needed",
@@ -84,7 +87,7 @@ class Corridors:
 
     @property
     def verdict(self) -> Verdict:
-        """Return WARN if a bar is missed, else USABLE."""
+        """Return WARN if a requirement is missed, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:

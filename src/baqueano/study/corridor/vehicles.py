@@ -33,7 +33,7 @@ def vehicles(seeds: Sequence[int]) -> Robots:
 
 
 def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
-    """Return the vehicles with a new gyro bias: they are switched on again, PAUSE_S after the experiment."""
+    """Return the vehicles with the gyro bias after they are switched on again, PAUSE_S after the experiment."""
     bias = robots.imu.bias.copy()
     for k, (seed, vehicle_file) in enumerate(zip(seeds, files, strict=True)):
         std = np.hypot(vehicle_file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))

@@ -1,7 +1,7 @@
 """Cars of the truth as the kinematic car with drags: the true values of the parameters in its file.
 
-Longitudinal parameters are per kilogram. The steering gain and offset are those at low speed, without tyre slip. A
-parameter that a car on tyres does not have (the lag of the yaw rate, a drag of cornering) is without a true value.
+Longitudinal parameters are per kilogram. The steering gain and offset are those at low speed, without tyre slip. The
+true value of a parameter that a car on tyres lacks (lag of the yaw rate, drag of cornering) is not defined.
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ BEYOND: dict[str, tuple[str, int]] = {  # parameters that are not in a file unde
 
 
 def car_values(cars: Cars) -> dict[str, np.ndarray]:
-    """Return path → true value (n,) of the parameters that have one, and the steady speed at a throttle of AT."""
+    """Return path → true value (n,) of the parameters that have one, and the steady speed at TEST_THROTTLE."""
     values = {path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in PER_KG.items()}
     values |= {path: column(getattr(cars, name), k) for path, (name, k) in OF_CAR.items()}
     zone = values["model.drivetrain.dead_zone_forward[0]"]
@@ -66,7 +66,7 @@ def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
 
 
 def speed_at(x: np.ndarray) -> np.ndarray:
-    """Return the steady speed at a throttle of AT: gain (AT − zone) = dry + linear v + quadratic v².
+    """Return the steady speed v at the throttle w = TEST_THROTTLE: gain (w − zone) = dry + linear v + quadratic v².
 
     x (5, …): gain, linear drag, quadratic drag, dry friction, dead zone.
     """

@@ -11,7 +11,7 @@ BIASES = {  # path → field of Imus, column
 
 
 def column(values: np.ndarray, k: int) -> np.ndarray:
-    """Return column k (n,) of an array of the truth, or the whole array for WHOLE."""
+    """Return column k (n,) of an array of the truth, or the whole array for NO_COLUMN."""
     return (values if k == NO_COLUMN else values[:, k]).copy()
 
 

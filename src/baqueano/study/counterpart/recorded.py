@@ -1,4 +1,4 @@
-"""Drive vehicles of the truth: commands in, runs out, as a logger on board would write them."""
+"""Drive vehicles of the truth with given commands, and return the runs that a logger on board would write."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -27,7 +27,7 @@ class GroupDrive(NamedTuple):
 def drive_group(
     vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray, step_s: float = STEP_S
 ) -> GroupDrive:
-    """Return the drives of the vehicles under the commands u (N, n, m), each in force until its tick."""
+    """Return the drives of the vehicles under the commands u (N, n, m). Each command is applied until its tick."""
     world, n = world_of(vehicles, seeds, step_s), len(seeds)
     z, noiseless, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
     drift, wheel_travel = np.zeros((n, 3)), np.zeros((len(u), n))

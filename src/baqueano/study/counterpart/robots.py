@@ -49,7 +49,7 @@ def robot_values(robots: Robots) -> dict[str, np.ndarray]:
     force = robots.gain * robots.stall_n[:, None]
     X, Y = force * np.cos(robots.toe_rad), force * np.sin(robots.toe_rad)
     N = X * robots.arm_m
-    for i, pushes in enumerate((X, Y, N)):  # (1); the left wheel turns it the other way
+    for i, pushes in enumerate((X, Y, N)):  # (1); the left wheel turns the robot in the other direction
         left_push = -pushes[:, 0] if i == 2 else pushes[:, 0]
         out[f"{T}[{i},0]"] = left_push + pushes[:, 1]
         out[f"{T}[{i},2]"] = pushes[:, 1] - left_push

@@ -32,8 +32,10 @@ def _as_written(f: Callable[..., Any], *examples: np.ndarray) -> Callable[..., A
 
 
 class LoopWorld(protocols.World):
-    """A vehicle, initially at rest at the origin, with an IMU that is read `rate_hz` times a second. A written command
-    is in force from the next tick on; before the first one the command is zero."""
+    """A vehicle, initially at rest at the origin, with an IMU that is read `rate_hz` times per second.
+
+    A command is applied from the next tick on; before the first one it is zero.
+    """
 
     def __init__(self, vehicle: Robots | Cars, seed: int, rate_hz: float) -> None:
         self.commands: int = vehicle.commands

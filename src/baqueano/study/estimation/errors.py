@@ -1,4 +1,4 @@
-"""Squared errors of an estimate and of its reference, in blocks of one run, and their ratio.
+"""Compute squared errors of an estimate and of its reference, in blocks of one run, and their ratio.
 
 Speed is ν_x. Positions are relative to the first true pose: path and truth coincide there, in position and heading. A
 window of T is aligned anew at its first true pose. The blocks are the windows for positions in windows, and segments of

@@ -37,8 +37,8 @@ class JudgedEstimate(NamedTuple):
 def evaluate(
     subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto"
 ) -> list[JudgedEstimate]:
-    """Evaluate each estimator of `kinds` on the run of the subject.
-    Without `kinds`, evaluate the estimator of its file.
+    """Return the evaluation of each estimator of `kinds` on the run of the subject. Without `kinds`, evaluate the
+    estimator of its file.
     """
     fit, vehicle_file = fit_subject(subject, sensors, backend)
     run = subject.judged

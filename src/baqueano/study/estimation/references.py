@@ -1,4 +1,4 @@
-"""The references of an estimator: the model from the commands only, and plain integration of the readings.
+"""Compute the references of an estimator: the model from the commands only, and plain integration of the readings.
 
 Both begin at the initial pose of the run. ω is the reading of the gyro, and s the reading of the odometer.
 The file calibrates both:

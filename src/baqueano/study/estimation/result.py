@@ -3,9 +3,9 @@
     pooled ratio     √(Σ e² / Σ ẽ²) over all recordings, its interval by drawing whole blocks            (1)
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
 
-A large error weighs more in (1); all recordings have equal weight in (2).
-Bars apply to (1), and to single recordings: the ratio of a recording may not be significantly above ALONE.
-A refused fit is not written: no bar applies to its recording.
+A large error has more weight in (1); all recordings have equal weight in (2). The requirements are for (1), and for
+single recordings: their ratio must not be significantly above MAX_SINGLE_RATIO. A refused fit is not written, and its
+recording does not have a requirement.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class EstimationStudy:
     """The evaluated recordings, and the evaluated robots and cars of the independent truth."""
 
     judged: tuple["JudgedEstimate", ...]
-    simulated: tuple["JsonObject", ...] = ()  # rows: the share that is not worse
+    simulated: tuple["JsonObject", ...] = ()  # rows: the fraction of vehicles that are not worse
     vehicles: tuple["JsonObject", ...] = ()  # rows: one for each vehicle, only for machine use
     notes: tuple[str, ...] = ()  # sentences on what was not evaluated
 
@@ -61,7 +61,7 @@ class EstimationStudy:
         return [*case_rows, *self.pooled_ratios(), *self.simulated]
 
     def pooled_ratios(self) -> list["TableRow"]:
-        """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with its bar."""
+        """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with the limit."""
         ratio_rows = []
         fitted = [estimate for estimate in self.judged if estimate.fit != REFUSED]
         groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in fitted)
@@ -92,7 +92,7 @@ class EstimationStudy:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return a sentence for each replay that stopped and each bar that is missed."""
+        """Return a sentence for each replay that stopped and each requirement that is missed."""
         stops = [
             f"{estimate.recording}, {estimate.estimator}: {estimate.stopped}"
             for estimate in self.judged
@@ -115,7 +115,7 @@ class EstimationStudy:
 
     @property
     def verdict(self) -> Verdict:
-        """Return WARN if a bar is missed or a replay stopped, else USABLE."""
+        """Return WARN if a requirement is missed or a replay stopped, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
@@ -188,7 +188,7 @@ class EstimationStudy:
 
 
 def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> "JsonObject":
-    """Return a row with a value, its bar, and True if the value is at most the bar."""
+    """Return a row with a value, its limit `bar`, and True if the value is at most the limit."""
     return {
         "recording": recording, "estimator": estimator, "quantity": quantity, "value": value, "reference": bar,
         "ok": bool(value <= bar),

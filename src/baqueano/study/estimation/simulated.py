@@ -7,7 +7,7 @@
 
 Each effect is a parameter of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random
 steps, with the free parameters that a user would choose. It is evaluated on 40 s of other steps. An odometer measures
-the rotation of the wheels, with noise of 0.02 m/s. "Not worse" is a ratio of at most ALONE. A refused fit is not
+the rotation of the wheels, with noise of 0.02 m/s. "Not worse" means a ratio of at most ALONE. A refused fit is not
 written, and its vehicle is not evaluated.
 """
 
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
 SECONDS = 40.0
 SHARE, ALONE = 0.95, 1.10
-TOGETHER = 8  # vehicles that are simulated side by side
+TOGETHER = 8  # vehicles that are simulated together
 OTHER = 10_000  # added to a seed, for the signal and the noise of the evaluation run
 FULL_LOCK = {"command.limit": [0.6, 0.8]}
 ODOMETER = '\n[sensors.odometer]\nkind = "odometer"\nrate_hz = 100.0\nnoise_std = 0.02\n'
 
 
 class EstimationJob(NamedTuple):
-    """Vehicles of one kind that are simulated side by side."""
+    """Vehicles of one kind that are simulated together."""
 
     vehicle: str
     seeds: tuple[int, ...]
@@ -186,7 +186,7 @@ def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
 
 
 def _subjects(job: EstimationJob) -> list[Subject]:
-    """Return the vehicles of a job with both runs; all are simulated side by side."""
+    """Return the vehicles of a job with both runs; all vehicles are simulated together."""
     vehicles, signals, files = [], [], []
     for seed in job.seeds:
         of = subject(job.vehicle, seed)
@@ -205,7 +205,7 @@ def _subjects(job: EstimationJob) -> list[Subject]:
             run_of_vehicle(drive, j, signals[j], vehicle_file, f"seed {seeds[j]}", seeds[j])
             for j in (2 * k, 2 * k + 1)
         )
-        first = replace(first, truth=None)  # a fit on the floor is without a truth
+        first = replace(first, truth=None)  # a real fit does not have a truth
         out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", vehicle_file, first, second, free))
     return out
 

@@ -7,7 +7,7 @@ that physics (identification/bound.py), as a geometric mean over the parameters 
 
     standard error / value                                                                                (1)
 
-IMU biases and all other free parameters of a fit are estimated too, with priors (drives.py). A body is outside if it
+IMU biases and all other free parameters of a fit are also estimated, with priors (drives.py). A body is outside if it
 passes a wall in one of the DRIVES of a vehicle. Each of these drives is on another disturbing floor. All signals are
 within the file's limits, and the same function `contain` keeps them in the room.
 """

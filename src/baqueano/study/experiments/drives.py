@@ -18,7 +18,7 @@ from baqueano.vehicle_file import VehicleFile, load
 
 SPREAD = 0.3
 DRIVES = 10
-LAG_S = 0.01  # motor lag of a car whose file is without one; its delay is shorter by the same time
+LAG_S = 0.01  # motor lag of a car whose file does not have a lag; its delay is shorter by the same time
 
 
 class PlannedDrive(NamedTuple):
@@ -107,8 +107,8 @@ def _error(quiet: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float
 
 
 def _size(path: str, value: dict[str, float]) -> float:
-    """Return the prior standard deviation of a parameter: NUISANCE_SD of a bias, else the size of its value.
-    If the value is 0, return the largest size in its field, or 1.
+    """Return the prior standard deviation of a parameter: NUISANCE_STD for a bias, else the magnitude of its value.
+    If the value is 0, return the largest magnitude in its field, or 1.
     """
     if "bias" in path:
         return NUISANCE_STD

@@ -16,13 +16,13 @@ RATIO = 1.5
 
 
 class ExperimentRow(NamedTuple):
-    """The figures of a signal on the vehicles of one file, or of all files."""
+    """The results of a signal on the vehicles of one file, or of all files."""
 
     vehicle: str
     room: str
     signal: str
     mean_error: float  # geometric mean over vehicles and parameters
-    ratio: float  # random steps ÷ this
+    ratio: float  # error of random steps divided by the error of this signal
     above_best: int  # vehicles for which the best other signal is more informative
     vehicles: int
     left: int  # drives in which the body left the room
@@ -92,7 +92,7 @@ class Experiments:
 
 
 class SignalErrors(NamedTuple):
-    """Figures of one signal on the vehicles of one file in one room."""
+    """Errors and margins of one signal on the vehicles of one file in one room."""
 
     errors: np.ndarray  # (V,)
     margins: np.ndarray  # (V · DRIVES,) [m]
@@ -116,7 +116,7 @@ def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[Exp
 
 
 def merge(parts: list[SignalErrors]) -> SignalErrors:
-    """Return the figures of a signal on the vehicles of all parts."""
+    """Return the results of a signal on the vehicles of all parts."""
     errors, margins = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     return SignalErrors(errors, margins, max(part.seconds for part in parts))
 

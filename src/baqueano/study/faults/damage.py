@@ -1,7 +1,7 @@
 """Damage recordings: each function takes an intact run and a random generator, and returns the damaged run.
 
-The size of a damage is drawn for each run, from barely visible to obvious. A function returns None if its damage does
-not apply, such as swapped motors of a car with one motor.
+The size of a damage is drawn for each run, from almost invisible to obvious. A function returns None if its damage
+does not apply, such as swapped motors of a car with one motor.
 """
 
 from collections.abc import Callable
@@ -96,12 +96,12 @@ def repeated_time(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator)
 
 
 def time_jumps_a_day(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let all clocks jump ahead by a day during the drive, and remove the truth."""
+    """Let all clocks jump forward by a day during the drive, and remove the truth."""
     return _time_jump(run, 86_400 * NANOSECONDS, rng)
 
 
 def time_jumps_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let all clocks jump ahead by 2 to 60 s during the drive, and remove the truth."""
+    """Let all clocks jump forward by 2 to 60 s during the drive, and remove the truth."""
     return _time_jump(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
 
 

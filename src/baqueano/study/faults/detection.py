@@ -1,9 +1,9 @@
 """`baqueano study faults`: count the verdicts of fits on damaged and on undamaged recordings.
 
-The runs are simulated by the independent truth (subject.py), then damaged. A fit frees all parameters that a user would
-free. A parameter is wrong if it is off by more than 5 standard errors and 5 % of its true value. The table shows for
-each fault: fits, wrong fits called USABLE, undamaged runs that were REFUSED, and the counts of the verdicts. For a
-damage that a fit can repair, the fit is compared with the fit of the same run before the damage:
+The runs are simulated by the independent truth (subject.py), then damaged. In a fit all parameters are free that a
+user would free. A parameter is wrong if its error is more than 5 standard errors and 5 % of its true value. The table
+shows for each fault: fits, wrong fits called USABLE, undamaged runs that were REFUSED, and the counts of the
+verdicts. For a damage that a fit can repair, the fit is compared with the fit of the same run before the damage:
     over_clean = median over runs of |error damaged| / median over runs of |error clean|                  (1)
 
 The unit of errors is the standard error of the clean fit, all parameters together. (1) has two parts: the lost samples,
@@ -63,7 +63,7 @@ class FaultJob(NamedTuple):
 
 
 class FaultOutcome(NamedTuple):
-    """The verdict of the fit of a job, and its errors."""
+    """The verdict of the fit of a job, and the errors of its parameters."""
 
     job: FaultJob
     verdict: str  # ERROR: the fit did not start, and the message gave the reason; CRASH: the program failed
@@ -86,7 +86,7 @@ class FaultInputs(NamedTuple):
 
 
 def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
-    """Return the outcomes of faults on one vehicle and seed. Skip faults that do not apply to it."""
+    """Return the outcomes of faults on one vehicle and seed. Faults that do not apply to the vehicle are skipped."""
     fault_subject = subject(jobs[0].vehicle, jobs[0].seed)
     outcomes, undamaged_fit = [], _Before(fault_subject, jobs[0].backend)
     for job, inputs in _inputs(fault_subject, jobs):
@@ -103,7 +103,7 @@ def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_Before") -> Fa
         ArithmeticError,
         ValueError,
         LookupError,
-    ) as error:  # a fault of the program, which counts in the verdict of the study
+    ) as error:  # a fault of the program, which is part of the verdict of the study
         return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     is_wrong = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, inputs.truth))))
     outcome = FaultOutcome(
@@ -133,7 +133,7 @@ class _Before:
         self._clean_fit: Fit | None = None
 
     def fit(self, run: Run) -> "Fit":
-        """Return the fit of `run`; compute it at the first call only."""
+        """Return the fit of `run`. It is computed only at the first call."""
         if self._clean_fit is None:
             self._clean_fit = identify(
                 run,
@@ -155,7 +155,7 @@ def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
 
 
 def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
-    """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
+    """Return the inputs of each job; the vehicles of all structures are simulated together."""
     u = subject.signal(DRIVE_S)
     (undamaged_drive,) = subject.runs([subject.vehicle], [u], [u])
     inputs_of_jobs, plans, multisine = [], [], subject.signal(DRIVE_S, "multisine")
@@ -304,9 +304,8 @@ class Faults:
 
     @property
     def verdict(self) -> Verdict:
-        """Return USABLE if undamaged runs were fitted and at most 2 % of them are REFUSED. Also, no fit may crash, and
-        no wrong fit may be USABLE.
-        Else return REFUSED.
+        """Return USABLE if undamaged runs were fitted and at most 2 % of them are REFUSED. Also, a fit must not
+        crash, and a wrong fit must not be USABLE. Else return REFUSED.
         """
         return Verdict.REFUSED if self.reasons else Verdict.USABLE
 

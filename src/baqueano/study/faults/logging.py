@@ -1,4 +1,4 @@
-"""Damage runs as clocks, filters and loggers do before a recording is written; damage.py contains further damages."""
+"""Damage runs in the way of clocks, filters and loggers, before a recording is written; see also damage.py."""
 
 from dataclasses import replace
 
@@ -112,7 +112,7 @@ def ten_hertz(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
 
 
 def kilohertz_with_repeats(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the first 10 s at 1 kHz, with repeats of the latest command and reading; remove the truth."""
+    """Return the first 10 s of the run as a 1 kHz log that repeats the latest command and reading, without a truth."""
     repeat_count, tick_count = (
         max(1, round(1000.0 / vehicle_file.rate_hz)),
         round(10.0 * vehicle_file.rate_hz),
@@ -123,7 +123,7 @@ def kilohertz_with_repeats(run: Run, vehicle_file: VehicleFile, rng: np.random.G
     )
     t_ns = run.t_ns[row] + repeat_index * (NANOSECONDS // 1000)
     sensors = {name: Channel(t_ns, t_ns, c.z[row]) for name, c in run.sensors.items()}
-    u = run.applied[row + (repeat_index > 0)]  # the next command is in force from a tick on
+    u = run.applied[row + (repeat_index > 0)]  # the next command is applied from a tick on
     return replace(run, t_ns=t_ns, applied=u, sensors=sensors, truth=None)
 
 

@@ -24,7 +24,7 @@ class FaultPlan(NamedTuple):
     effective: np.ndarray  # (N, m)
     vehicle_file: VehicleFile
     without: tuple[str, ...] = ()  # parameters that are fixed, so that the fit cannot find the effect
-    second: Robots | Cars | None = None  # another vehicle under the same commands
+    second: Robots | Cars | None = None  # another vehicle with the same commands
     change: Callable[[Run, Run], Run] | None = None  # changes the run, with the run of the second vehicle
 
 
@@ -37,8 +37,9 @@ def _plan(subject: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPla
 
 
 def _channels(subject: FaultSubject, u: np.ndarray) -> np.ndarray:
-    """Return the duties (N, 2) [left, right] of a two-wheeled vehicle, else the commands (N, m), as fractions
-    of full."""
+    """Return the duties (N, 2) [left, right] of a two-wheeled vehicle, else the commands (N, m), relative to the
+    limit.
+    """
     limit = np.asarray(subject.vehicle_file.command.limit)
     part = u / np.where(limit > 0.0, limit, 1.0)
     return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
@@ -73,19 +74,19 @@ def dead_zone(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
 
 
 def saturation(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Saturate the force at 40 to 70 % of full, as with slipping wheels."""
+    """Saturate the force at 40 to 70 % of the full force, as with slipping wheels."""
     end = rng.uniform(0.4, 0.7)
     return _throttle(subject, u, lambda w: end * np.tanh(w / end))
 
 
 def lag(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Give the motors a time constant of 50 to 300 ms, and the model no lag."""
+    """Give the motors a time constant of 50 to 300 ms, and remove the lag from the model."""
     lagging_vehicle = subject.vehicle.with_parameters(lag_s=rng.uniform(0.05, 0.3, 1))
     return FaultPlan(lagging_vehicle, u, subject.vehicle_file.with_values({LAG: 0.0}), without=(LAG,))
 
 
 def delay(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Delay the commands by 20 to 150 ms, and give the model no delay."""
+    """Delay the commands by 20 to 150 ms, and remove the delay from the model."""
     delayed_vehicle = subject.vehicle.with_parameters(delay_s=rng.uniform(0.02, 0.15, 1))
     return FaultPlan(delayed_vehicle, u, subject.vehicle_file.with_values({DELAY: 0.0}), without=(DELAY,))
 

@@ -24,7 +24,7 @@ from baqueano.vehicle_file import VehicleFile
 
 VEHICLES = ("robot", "car")
 REST_S = 1.0
-CAR_LIMIT = [0.6, 0.2]  # of full throttle and lock: the tyres hardly slip
+CAR_LIMIT = [0.6, 0.2]  # of full throttle and lock: the tyres almost do not slip
 
 
 class FaultSubject(NamedTuple):
@@ -53,7 +53,7 @@ class FaultSubject(NamedTuple):
     def runs(
         self, vehicles: Sequence[Robots | Cars], effective: Sequence[np.ndarray], logged: Sequence[np.ndarray]
     ) -> list[Run]:
-        """Return the runs of the vehicles, simulated side by side, each under its `effective` commands."""
+        """Return the runs of the vehicles, simulated together, each with its `effective` commands."""
         group = vehicles[0].merge(list(vehicles[1:]))  # type: ignore[arg-type]
         t_ns = tick_times(len(effective[0]), self.vehicle_file.rate_hz)
         drive = drive_group(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)

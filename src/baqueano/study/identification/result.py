@@ -2,8 +2,8 @@
 
     rmse_i / bound_i = √(mean (p̂_i − p_i)²) / √(mean b_i²)      both means over the same fits              (1)
 
-b is the bound of bound.py. If the true value of a parameter is its lower limit, its error may be below the bound, so
-this parameter is not pooled. An interval counts if the fit was not refused and the parameter is identifiable. A
+b is the bound of bound.py. If the true value of a parameter is its lower limit, its error can be below the bound, so
+this parameter is not pooled. An interval is included if the fit was not refused and the parameter is identifiable. A
 parameter is named if a reason of the verdict states its possible error. With normal noise, Huber's estimator has an
 error of 1.026 bounds (an efficiency of 95 %).
 """
@@ -28,10 +28,10 @@ from baqueano.sweep.workers import spread_over
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-SEEDS, BATCH = 200, 8  # robots; those that are simulated side by side
+SEEDS, BATCH = 200, 8  # number of robots; number of robots that are simulated together
 POOL = "pooled"
 LOWER_BOUND_PARAMETERS = ("model.friction.quadratic[1]",)  # its true value is 0
-LIMIT_SIGMA = 3.0  # standard errors; they widen the limits if the seeds are few
+LIMIT_SIGMA = 3.0  # standard errors; they widen the limits for few seeds
 
 
 class Limit(NamedTuple):
@@ -45,7 +45,7 @@ class Limit(NamedTuple):
     width: float = np.inf  # median of standard error / bound
     usable: float = 0.0
     held_or_named: float = 0.0
-    named: float = 1.0  # of the fits name any parameter, at most
+    named: float = 1.0  # largest fraction of the fits that name a parameter
 
 
 LIMITS = {
@@ -200,10 +200,12 @@ def identification(
     advance: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = DRIVE_S,
     keep: Path | None = None,
 ) -> Identification:  # fmt: skip
-    """Fit vehicles `first` … `first + seeds − 1` of each case, with this number of `processes`.
+    """Return the outcomes of the fits of vehicles `first` … `first + seeds − 1` of each case. The fits run in
+    `processes` processes.
 
-    `advance` receives the number of seeds just finished. Ctrl-C ends the study with the finished results, and raises
-    KeyboardInterrupt before the first result. With a folder `keep`, outcomes are stored there and not computed again.
+    `advance` is called with the number of seeds that have just finished. Ctrl-C ends the study with the finished
+    results, and raises KeyboardInterrupt before the first result. With a folder `keep`, outcomes are stored there and
+    not computed again.
 
     With more than one process, Python starts anew in each, as `multiprocessing` does: call this function only under
     `if __name__ == "__main__":`.
@@ -243,7 +245,7 @@ def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
 MISSING_TERM_CODES = (
     "residual.missing",
     "residual.missing-free",
-)  # reasons that name the parameter they would move
+)  # reasons that name the parameter which they would change
 
 
 def _z(o: TrialOutcome) -> np.ndarray:

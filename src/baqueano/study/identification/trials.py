@@ -1,15 +1,15 @@
 """Simulations and fits of `study identification`: robots and cars of the independent truth.
 
 Robots have dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms and delays of 4 to 17 ms. Their
-8-bit PWM counts are logged. The IMU is 3 cm off the centre, turned by 4° and tilted by 2°. A fit frees all parameters
-that a user would free, and begins at a rough guess with the true tilt (robots.py). Cars on tyres are fitted by the
-kinematic car, from IMU and odometer. The cases:
+8-bit PWM counts are logged. The IMU is 3 cm off the centre, turned by 4° and tilted by 2°. In a fit all parameters
+are free that a user would free. It begins at a rough guess with the true tilt (robots.py). Cars on tyres are fitted
+by the kinematic car, from IMU and odometer. The cases:
     clean               only white noise
     rough               ticks 1 ms irregular with true timestamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
     floor               process noise of a rough floor; "floor, innovations" is the same with the other cost
     low-passed          clean, but the IMU filters at 44 Hz, which is not in the file
     wrong start         clean, from friction and forces times 0.2 to 5, random signs, and dead zones from 0 to 0.5
-    matched             cars with stiff and equal tyres, gentle steering: nearly the fitted model
+    matched             cars with stiff and equal tyres, gentle steering: almost the fitted model
     understeer          soft tyres that understeer and saturate, half of full lock and more
 """
 
@@ -62,14 +62,14 @@ LOW_PASS_HZ = 44.0
 BOUND_STEP_S = 5e-3  # of Runge-Kutta: the bound equals that of 1 ms steps within 1e-4
 PWM = 255
 STEERING_AMPLITUDE = {"matched": 0.2, "understeer": 0.8}  # of full lock
-OUTLIER_SHARE, OUTLIER_SIGMA = 0.005, 20.0  # their share, and their size in σ
-BIAS_WALK = (2e-4, 2e-4, 1e-5)  # of a bias in 1 s, garage/small's
+OUTLIER_SHARE, OUTLIER_SIGMA = 0.005, 20.0  # share of the outliers, and their magnitude in σ
+BIAS_WALK = (2e-4, 2e-4, 1e-5)  # of a bias in 1 s, as in garage/small
 WRONG_START_FACTOR, MAX_ZONE = 5.0, 0.5  # of a wrong start
 SAME_END_SIGMA = 0.1  # standard errors: two searches within this distance ended at the same point
 
 
 class TrialJob(NamedTuple):
-    """The seeds and cases of vehicles that are simulated side by side."""
+    """The seeds and cases of vehicles that are simulated together."""
 
     seeds: tuple[int, ...]
     cases: tuple[str, ...]
@@ -89,7 +89,7 @@ class TrialOutcome(NamedTuple):
     bound: np.ndarray  # NaN without a bound
     verdict: str
     reasons: tuple[tuple[str, str], ...]  # code and subject of each
-    met: bool  # a wrong start ended at the same point as the right one
+    met: bool  # True if a wrong start ended at the same point as the usual start
 
 
 def work(job: TrialJob) -> list[TrialOutcome]:
@@ -271,7 +271,7 @@ def _outcome(
 
 
 def _speed_estimate(fit: Fit) -> tuple[float, float]:
-    """Return the estimated steady speed at a throttle of AT, and its standard error."""
+    """Return the estimated steady speed at TEST_THROTTLE, and its standard error."""
     names = [
         "throttle_gain",
         "linear_drag",

@@ -1,10 +1,10 @@
-"""`baqueano study laps`: drive fifty laps with an IMU, an identified model, and a fix that measures the position.
+"""`baqueano study laps`: drive fifty laps with an IMU, an identified model, and a position sensor (a fix).
 
 Robots of the independent truth (corridor/vehicles.py: gyro within ± 3 %, wheels that differ by 2 %) are identified
-(team.py) and switched on anew. They follow three routes with each fix (fixes.py). Either all readings arrive, or 20 %
-are missed, 10 % arrive twice and 5 % are mistaken for another mark. With an uncalibrated gyro, the study compares the
-share of robots that keep the route with the forecast. With only an IMU, it tests the coverage of the stated region. It
-also tests that the robot stops before a wall.
+(team.py) and switched on anew. They follow three routes with each fix (fixes.py). In some cases all readings arrive.
+In the others 20 % are missed, 10 % arrive twice and 5 % are mistaken for another mark. With an uncalibrated gyro, the
+study compares the share of robots that stay on the route with the forecast. With only an IMU, it tests the coverage
+of the filter's region, and that the robot stops before a wall.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,8 +46,8 @@ def laps_over_fixes(
     seeds: int = 20, first: int = 0, count: int = 50, processes: int = 1, backend: str = "auto",
     cases: Sequence[LapCase] | None = None, advance: Callable[[int], None] = lambda k: None,
 ) -> LapStudy:  # fmt: skip
-    """Return `count` laps of robots `first` … `first + seeds − 1`.
-    `advance` receives the number of robots just finished.
+    """Return `count` laps of robots `first` … `first + seeds − 1`. `advance` is called with the number of robots that
+    have just finished.
     """
     jobs = [
         range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
@@ -116,8 +116,8 @@ def drive_cases(
 
 
 def forecast(vehicle_file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:
-    """Return the probability to stay within WORST_M of the route, from the predicted corridor of the first laps.
-    It is 0 if the filter loses the vehicle in these laps.
+    """Return the probability that a robot stays within MAX_DISTANCE_M of the route, from the predicted corridor of
+    the first laps. It is 0 if the filter loses the vehicle in these laps.
     """
     corridor = corridor_ahead(
         with_fix(vehicle_file, fix, route), route, min(count, SETTLING_LAPS), backend

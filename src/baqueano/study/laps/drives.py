@@ -1,7 +1,7 @@
 """Laps in a closed loop: robots of the independent truth, each with its identified vehicle file.
 
-All robots drive in parallel, each with its fix. As in `baqueano repeat`, a robot is stopped by its supervisor, or if it
-may touch a wall of the room (room_watch.py). The walls leave FREE_M around the route.
+All robots drive in parallel, each with its fix. As in `baqueano repeat`, a robot is stopped by its supervisor, or if
+it might touch a wall of the room (room_watch.py). The walls are CLEARANCE_M from the body of a vehicle on the route.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,8 @@ from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 
 RATE_HZ = 100.0
-STEP_S = 1e-2  # of the truth: hours are driven; after 10 s it is within 2 mm of steps of 1 ms
-REST_S = 3.0  # before the first lap: the bias of the gyro is learned
+STEP_S = 1e-2  # of the truth, for drives of hours: after 10 s the difference from steps of 1 ms is below 2 mm
+REST_S = 3.0  # before the first lap: the filter estimates the bias of the gyro
 SAMPLE_TICKS = 10  # ticks between two samples
 CLEARANCE_M = 0.5  # between the walls and the body of a vehicle on its route
 
@@ -45,7 +45,7 @@ class Team(NamedTuple):
 
 
 class TeamWithFix(NamedTuple):
-    """A team, its fix, and the fault rates of the fix's readings."""
+    """A group of robots, its position sensor (tags, lines, gate or none), and the fault rates of that sensor."""
 
     team: Team
     fix: str
@@ -97,7 +97,7 @@ class _Driver:
         return command, estimate
 
     def look(self, estimate: Estimate, reference: Reference) -> None:
-        """Stop the robot if it may touch a wall."""
+        """Stop the robot if it might touch a wall."""
         zero, tick = Command(0, np.zeros(3)), Tick(0, np.zeros(3), self._loop.slots(*self._silence))
         self._watch.on_record(Record(tick, zero, zero, estimate, reference))
         self.is_stopped = self.is_stopped or self._watch.stop_reason(0) is not None

@@ -8,7 +8,7 @@ Three lines with normals nᵢ at places pᵢ relative to the middle of the route
 
     H = [nᵢᵀ, pᵢ × nᵢ],   at these places its smallest singular value is at least 0.7 on each route        (1)
 
-A mistaken gate may be anywhere on the route. The filter is not informed of the places of mistaken gates.
+A mistaken gate can be anywhere on the route. The filter is not informed of the places of mistaken gates.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ MakeReader = Callable[[Route, Sequence[int], np.ndarray, PassingFaults], Reader]
 
 
 class Fix(NamedTuple):
-    """Sensors of one kind of fix."""
+    """Sensors of one kind of position sensor (a fix)."""
 
     sizes: dict[str, int]  # number of values that each sensor reports
     tables: Callable[[Route], str]  # of the vehicle file

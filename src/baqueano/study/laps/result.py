@@ -1,10 +1,11 @@
-"""Result of `study laps`: for each fix and route the share of robots that keep the route, the errors, and the NEES.
+"""Result of `study laps`: for each fix and route the share of robots that stay on the route, the errors, and the NEES.
 
-NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a cautious filter             (1)
-within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most MAX_HEADING_STD_RAD                      (2)
-forecast    mean over the robots of P(|n| < WORST_M / σ), σ the largest across in corridor_ahead.py      (3)
+NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a conservative one                      (1)
+within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most MAX_HEADING_STD_RAD           (2)
+forecast    mean over the robots of P(|n| < d / σ), d = MAX_DISTANCE_M, σ the largest in corridor_ahead.py  (3)
 
-A robot keeps the route if its true distance from it is at most WORST_M in all laps, and it is never stopped.
+A robot stays on the route if its true distance from the route is at most MAX_DISTANCE_M in all laps, and it is never
+stopped.
 """
 
 from collections.abc import Sequence
@@ -45,7 +46,7 @@ class Lap(NamedTuple):
     whole: bool  # without a stop
     position_m: float  # worst error of the estimate
     across_m: float  # largest true distance from the route
-    within: float  # share (2); NaN if the heading is lost
+    within: float  # fraction (2); NaN if the heading is lost
     nees: float  # mean of (1) over the samples of (2)
 
 
@@ -54,8 +55,8 @@ class WholeDrive(NamedTuple):
 
     case: LapCase
     seed: int
-    touches: bool  # it touched a wall
-    forecast: float  # probability to keep the route, before the drive; NaN without a forecast
+    touches: bool  # True if the robot touched a wall
+    forecast: float  # probability to stay on the route, computed before the drive; NaN without a forecast
 
 
 def laps_of(driven: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_lap: int) -> list[Lap]:

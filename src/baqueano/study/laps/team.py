@@ -1,9 +1,9 @@
-"""Identify robots of the independent truth, so that each has the vehicle file that its owner would obtain.
+"""Identify robots of the independent truth. Each gets the vehicle file that its owner would obtain.
 
-The gyro scale has an error of up to ± 3 % (corridor/vehicles.py).
-The gyro stays uncalibrated, or two turns on a mark calibrate it before the experiment, as in `baqueano drive`.
-The file of a robot without a fix is identified from the experiment only.
-The files with a fix also use LEARNED laps of a rectangle over tags, because they show the speed error of the model.
+The gyro scale has an error of up to ± 3 % (corridor/vehicles.py). The gyro stays uncalibrated, or two turns on a mark
+calibrate it before the experiment, as in `baqueano drive`. The file of a robot without a fix is identified from the
+experiment only. The files with a fix also use laps of a rectangle over tags, because these laps show the speed error
+of the model.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,10 @@ from baqueano.vehicle_file import VehicleFile
 LEARNING_LAPS, SPEED_M_S = 5, 0.3
 GYROS = (N_("uncalibrated"), N_("calibrated"))
 STANDING_S, TURNS, MAX_TURN_S = 3.0, 2, 20.0
-TURN_U, MARK_RAD = 0.6, np.radians(2.0)  # command while it turns; std of the heading at the final mark
+TURN_U, MARK_RAD = (
+    0.6,
+    np.radians(2.0),
+)  # command during the turns; standard deviation of the heading at the final mark
 
 
 class Teams(NamedTuple):
@@ -46,7 +49,7 @@ class Teams(NamedTuple):
 
 
 def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `learns`, the team `learned` is empty."""
+    """Return the robots of the seeds with their files; without `learns`, the group `learned` is empty."""
     robots, options = vehicles(seeds), FitOptions(backend=backend)
     starts = calibrate(robots, seeds) if gyro == "calibrated" else [guess()] * len(seeds)
     runs = experiments(robots, seeds)

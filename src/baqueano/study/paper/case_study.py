@@ -159,8 +159,9 @@ def _error(value: float | None, truth: float) -> str:
 def case_study(
     seed: int = 0, seeds: int = 1, backend: str = "auto", advance: Callable[[int], None] | None = None
 ) -> CaseStudy:
-    """Fit case study I at `seeds` seeds from `seed` on. `advance` receives the number of fits just finished.
-    Ctrl-C ends the study with the finished fits. It raises KeyboardInterrupt before the first fit.
+    """Return the fits of case study I at `seeds` seeds from `seed` on. `advance` is called with the number of fits
+    that have just finished. Ctrl-C ends the study with the finished fits. It raises KeyboardInterrupt before the
+    first fit.
     """
     seed_range = tuple(range(seed, seed + seeds))
     fits = spread_over(lambda s: fit_seed(s, backend), seed_range, advance=advance)

@@ -1,9 +1,9 @@
 """Compare the two models of the paper, dynamic and kinematic, by their predictions of accelerations and velocities.
 
-Both are fitted to the same run and evaluated on another run. One criterion is R, the covariance of
-μ_t − g(u, μ_{t−1}) against the truth (one step ahead). The other criterion is the velocity
-estimate of the EKF with this model. An IMU hardly shows the kinematic V. So V is fitted to the true velocity, as in the
-paper ("the real values provided to simulate the system").
+Both are fitted to the same run and evaluated on another run. One criterion is R, the covariance of μ_t − g(u,
+μ_{t−1}) against the truth (one step ahead). The other criterion is the velocity estimate of the EKF with this model.
+An IMU has almost no information on the kinematic V. So V is fitted to the true velocity, as in the paper ("the real
+values provided to simulate the system").
 """
 
 from dataclasses import dataclass

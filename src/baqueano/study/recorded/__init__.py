@@ -1,1 +1,3 @@
-"""Fit recordings of other authors, each in a module whose function `rows` returns its results and their bars."""
+"""Fit recordings of other authors, each in a module whose function `rows` returns the results and the required
+limits.
+"""

@@ -1,4 +1,4 @@
-"""Create table rows that compare a figure of a recording with its bar, the required limit."""
+"""Create table rows that compare a result of a recording with its bar, the required limit."""
 
 from typing import TYPE_CHECKING
 

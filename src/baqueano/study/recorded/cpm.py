@@ -1,9 +1,9 @@
 """Fit a model to one run of a real 1:18 car (CPM Lab µCar) under a camera, and evaluate it on the other run.
 
-From the garage's file of this car only the dimensions are used. Gyro and odometer count as perfect, and the delay is 0.
-The model begins with only a gain, viscous drag and the steering. Its other terms are chosen on the run itself
-(selection/selection.py); the effect of the logged battery voltage is one of the candidates. The criterion is the speed
-of the whole other run, simulated from throttle and servo only, in the odometer's unit.
+From the garage's file of this car only the dimensions are used. Gyro and odometer are treated as perfect, and the
+delay is 0. The model begins with only a gain, viscous drag and the steering. Its other terms are chosen on the run
+itself (selection/selection.py); the effect of the logged battery voltage is one of the candidates. The criterion is
+the speed of the whole other run, simulated from throttle and servo only, in the odometer's unit.
 
 The scale of the gyro and the clock of the camera are calibrated against the camera (identify/sensor_calibration.py).
 First the clock shift that the map adds to the camera is removed, so that the camera has its raw clock.
@@ -37,7 +37,7 @@ NEUTRAL_VALUES = {
     "sensors.imu.gyro_scale": 1.0,
     "sensors.imu.gyro_bias": 0.0,
     "sensors.odometer.scale": 1.0,
-    "model.drivetrain.battery_v": 7.4,  # two cells, as printed on them
+    "model.drivetrain.battery_v": 7.4,  # two cells, with the printed voltage
     "model.drivetrain.battery_nominal_v": 7.4,
 }
 MIN_EXPLAINED = {"a": 0.94, "b": 0.98}  # part of the variance of the other run's speed, by the run of the fit

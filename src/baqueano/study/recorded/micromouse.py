@@ -3,8 +3,8 @@
 Gain, both dead zones (forward and backward) and coast of each motor are fitted to one sweep. Its steps are 5 of 255,
 each for 2 s. The fit is compared with a sweep of another day and battery, in steps of 1. The dead band is the mean of
 both wheels and directions, in units of the duty. It is compared with the duty at which the wheels of the other sweep
-begin to turn. There the left wheel sticks forward until 65 and then turns at once: a dead zone cannot model this. The
-asymmetry is the modelled excess speed of the right wheel, over the commands at which both wheels turned.
+begin to turn. There the left wheel sticks forward until 65 and then turns suddenly. A dead zone cannot model this.
+The asymmetry is the modelled excess speed of the right wheel, over the commands at which both wheels turned.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ FREE = (
     "model.drivetrain.coast",
 )
 FULL_DUTY = 255.0  # full duty in the author's unit
-MIN_TURNING_M_S = 0.03  # 18 rpm, about one count of the encoders a measurement
+MIN_TURNING_M_S = 0.03  # 18 rpm, about one count of the encoders per measurement
 DEAD_BAND_TOLERANCE = 0.10  # of the dead band: one step of the fitted sweep
 ASYMMETRY, ASYMMETRY_TOLERANCE = 0.09, 0.02
 MIN_EXPLAINED = 0.98  # of the speeds of a sweep with another battery, at most 5 % apart in voltage

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 MAP = "mpu6050"
 PUBLISHED_FILE = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
 ALLAN_1S = (0.0129, 0.0092, 0.0094)  # °/s
-ROUNDING = 5e-5  # of the author's figure: four digits
+ROUNDING = 5e-5  # of the author's value: four digits
 ALLAN_TOLERANCE = 0.03
 SI_FACTORS = {"accelerometer": STANDARD_GRAVITY, "gyro": np.pi / 180.0}
 AXES = "XYZ"
@@ -60,7 +60,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
 
 
 def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":
-    """Return a row that requires `value` to be within a fraction `tolerance` of the author's figure `reference`."""
+    """Return a row that requires `value` to be within a fraction `tolerance` of the author's value `reference`."""
     ok = bool(abs(value - reference) <= tolerance * abs(reference) + (5e-7 if tolerance == ROUNDING else 0.0))
     bar = f"{number(reference):g} ± {number(100 * tolerance):g} %"
     return row(MAP, quantity, value, bar, ok)

@@ -1,8 +1,8 @@
 """Simulate vehicles independently of the models: with other equations, and without an import of the evaluated physics.
 
 Studies, benchmarks and tests of statistics use this data, because a fit agrees too well with data from its own model.
-The simulators use plain NumPy, many vehicles side by side, and Runge-Kutta at 1 kHz.
-A step also ends when a command takes effect.
+The simulators use plain NumPy, many vehicles at the same time, and Runge-Kutta at 1 kHz. A step also ends when a
+command takes effect.
 """
 
 from baqueano.study.truth.bicycle import Cars, draw_cars

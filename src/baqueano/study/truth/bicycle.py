@@ -1,6 +1,6 @@
 """Simulate cars as dynamic bicycles: tyres that slip and saturate, a motor and a servo that lag.
 
-The origin is the centre of mass, a behind the front axle and b ahead of the rear axle, which is driven:
+The origin is the centre of mass, a behind the front axle and b in front of the rear axle. The rear axle is driven.
 
     motor     λ Ḟ = K (u_t − z sign u_t)₊ − F                                                             (1)
     servo     λ_s δ̇ = k u_s + δ₀ − δ                                                                      (2)

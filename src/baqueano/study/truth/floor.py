@@ -1,9 +1,9 @@
 """Marks on a floor, read by n vehicles that pass over them. Some are missed, read twice, or mistaken for another mark.
 
-A reader is nearest to a mark when its distance stops decreasing. If the mark is then within the radius, the reader
-reports with noise: over a tag the vehicle's position, in a gate its pose. A line is reported when it is crossed, with
-the distance beyond it. If a tag or gate is mistaken for another one, the report is shifted by the vector between the
-two. If a line is mistaken for another line, the report names the other line.
+A reader is nearest to a mark when the distance stops decreasing. If the mark is then within the radius, the reader
+reports with noise: over a tag the position of the vehicle, in a gate the pose. A line is reported when it is crossed,
+with the distance beyond it. If a tag or gate is mistaken for another one, the report is shifted by the vector between
+the two. If a line is mistaken for another line, the report names the other line.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Parameters of n vehicles side by side, and their motion at an instant."""
+"""Parameters of n vehicles that are simulated together, and their motion at an instant."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self

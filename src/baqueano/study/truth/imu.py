@@ -6,7 +6,7 @@ It is turned by ζ to the left, then rolled by φ and pitched by θ (positive no
     f = (v̇_x − ω v_y − ω² l_x − ω̇ l_y,  v̇_y + ω v_x − ω² l_y + ω̇ l_x) − gravity along the floor          (1)
     a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = s cos φ cos θ ω (2)
 
-s is the scale of the gyro. A first-order low-pass may follow. A bias is a random walk from reading to reading; the
+s is the scale of the gyro. A first-order low-pass can follow. A bias is a random walk from reading to reading; the
 converter rounds to whole steps.
 """
 
@@ -35,7 +35,7 @@ class Imus(Group):
     turn_rad: np.ndarray  # (n,)
     tilt_rad: np.ndarray  # (n, 2) roll, pitch
     gyro_scale: np.ndarray  # (n,)
-    bias: np.ndarray  # (n, 3) [m/s², m/s², rad/s], as all below
+    bias: np.ndarray  # (n, 3) [m/s², m/s², rad/s], like all below
     noise: np.ndarray  # (n, 3) of one reading
     walk: np.ndarray  # (n, 3) of the bias in 1 s
     step: np.ndarray  # (n, 3) of the converter, 0 for none

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 STEP_S = 1e-3
-MIN_STEP_S = 1e-9  # the rest of a step below this is rounding
-STORED_COMMANDS = 50  # commands that may still be delayed
+MIN_STEP_S = 1e-9  # a remainder of a step below this is rounding
+STORED_COMMANDS = 50  # number of latest commands that are stored
 
 
 class Line:
@@ -22,7 +22,7 @@ class Line:
         self._commands = np.zeros((STORED_COMMANDS, len(delay_s), commands))  # the commands
 
     def send(self, t_s: float, u: np.ndarray) -> None:
-        """Store the commands u (n, m), in force from `t_s` until the next ones are sent."""
+        """Store the commands u (n, m), which are sent at `t_s` and valid until the next commands are sent."""
         self._sent_s = np.append(self._sent_s[1:], t_s)
         self._commands = np.concatenate([self._commands[1:], np.array(u, dtype=float)[None]])
 

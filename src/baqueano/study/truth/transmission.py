@@ -8,7 +8,8 @@ The rim of a wheel moves at speed r without slip, and faster by s with slip; f i
     slip            m ṡ = T′ − G,   G = D tanh(C s/D) the force on the floor; without slip G = T′, s = 0  (4)
     on the body     F = G + e r,   because the drag subtracts e r: F = f without play and slip            (5)
 
-A rotor without load reaches its new speed at once, so (3) does not contain an inertia. C and m are of a wheel of 30 g.
+A rotor without load reaches its new speed immediately, so (3) does not contain an inertia. C and m are of a wheel of
+30 g.
 """
 
 from dataclasses import dataclass
@@ -47,7 +48,7 @@ class Transmission(Group):
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Return True if all vehicles are without second lag, play and slip: then inner states are not needed."""
+        """Return True if second lag, play and slip are absent in all vehicles. Then inner states are not needed."""
         return not (np.any(self.second_lag_s) or np.any(self.play_m) or np.any(np.isfinite(self.grip_n)))
 
     def states(self, wheels: int) -> int:

@@ -1,6 +1,6 @@
-"""Robots with two wheels, with physics that is independent of the models fitted to them.
+"""Simulate robots with two wheels, with physics that is independent of the models fitted to them.
 
-With the body's origin between the wheels and the centre of mass c ahead of it:
+The origin of the body is between the wheels, and the centre of mass is c in front of it:
     duty of a wheel  p = V round(255 (u_x ∓ u_ψ)(t − d)) / 255,  within ±1, V the supply                  (1)
     motor            λ ḟ = g K (p − z sign p)₊ − f,   z the dead zone of this side and direction          (2)
     forces           X = f_l + f_r − S(v_x) − a v_x − b |v_x| v_x,   N = f_r w_r − f_l w_l − S(ω) − …       (3)
@@ -10,8 +10,8 @@ With the body's origin between the wheels and the centre of mass c ahead of it:
                      a / r² at the speed of its rim                                                       (6)
 
 A wheel that toes in also pushes sideways. The factor k raises a dead zone while its wheel is at rest. Between (2) and
-(3) is transmission.py, with ½ a as the back-EMF of a motor. Published figures of small gear motors are 0.6 m/s and dead
-zones of 0.27 to 0.34.
+(3) is transmission.py, with ½ a as the back-EMF of a motor. Published values of small gear motors are 0.6 m/s and
+dead zones of 0.27 to 0.34.
 """
 
 from collections.abc import Callable

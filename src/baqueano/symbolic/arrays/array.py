@@ -59,7 +59,7 @@ class TracedArray(np.ndarray):
         return _round(self, decimals)
 
     def astype(self, dtype: Value, *args: Value, **kwargs: Value) -> Value:
-        """Return the array in another type: floats stay objects; other types need known values."""
+        """Return the array in another type: floats stay objects. Raise TraceError for another type of traced values."""
         if np.dtype(dtype).kind in "fO":
             return self.copy()
         if has_scalars(self):
@@ -68,7 +68,7 @@ class TracedArray(np.ndarray):
 
 
 def _key(key: Value) -> Value:
-    """Return an index as an ordinary array, as NumPy requires; unchanged, for NumPy to refuse, if it has scalars."""
+    """Return an index as an ordinary array, as NumPy requires; unchanged if it has scalars, which NumPy rejects."""
     if isinstance(key, tuple):
         return tuple([_key(k) for k in key])
     return as_plain_array(key) if isinstance(key, TracedArray) and not has_scalars(key) else key
@@ -118,7 +118,7 @@ def filled_later(x: Value) -> Value:
 
 
 def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
-    """Return the result of an operator or elementwise function of NumPy; TraceError for an unknown function."""
+    """Return the result of an operator or elementwise function of NumPy. Raise TraceError for an unknown function."""
     target = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
         result = filled_later(getattr(ufunc, method)(*map(as_plain_array, inputs), **kwargs))
@@ -143,7 +143,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
 
 
 def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: dict[str, Value]) -> Value:
-    """Return the result of a NumPy function that is not elementwise; TraceError if it does not accept scalars."""
+    """Return the result of a NumPy function that is not elementwise. Raise TraceError if it does not accept scalars."""
     if function in _IN_PLACE:
         return _original(function)(*args, **kwargs)
     if not has_scalars([*args, *kwargs.values()]):
@@ -165,7 +165,7 @@ def _original(function: Callable[..., Value]) -> Callable[..., Value]:
 
 
 def where(condition: Value, a: Value, b: Value) -> Value:
-    """Return np.where(condition, a, b), also for arrays of `from numpy import array` while a step is traced.
+    """Return np.where(condition, a, b), even for arrays of `from numpy import array` while a step is traced.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def where(condition: Value, a: Value, b: Value) -> Value:
 
 
 def interp(x: Value, xp: Value, fp: Value) -> Value:
-    """Return np.interp(x, xp, fp), also for arrays of `from numpy import array` while a step is traced.
+    """Return np.interp(x, xp, fp), even for arrays of `from numpy import array` while a step is traced.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
     Returns
     -------
     float or ndarray
-        The shape of x.
+        Interpolated values, in the shape of x.
 
     Examples
     --------
@@ -250,7 +250,10 @@ def _interp(
 
 
 def _hats(x: Value, xp: Value, fp: Value) -> Value:
-    """Return the interpolation in a table known only at run time, as a sum of ramps: for tables of a few points."""
+    """Return the interpolation in a table known only at run time, as a sum of ramps.
+
+    Raise TraceError for a table of more than 100 points.
+    """
     if len(xp) > 100:
         raise untraceable("trace.interp-points", points=len(xp))
     y = fp[0]

@@ -105,4 +105,4 @@ TRACED_UFUNCS: dict[np.ufunc, np.ufunc] = {
     np.isinf: elementwise(lambda a: apply("eq", apply("abs", a), np.inf)),
 }
 UFUNCS = {ufunc.__name__: operation for ufunc, operation in TRACED_UFUNCS.items()}
-UFUNCS["real"] = UFUNCS["positive"]  # np.var asks for it, in some versions as a ufunc
+UFUNCS["real"] = UFUNCS["positive"]  # np.var uses it, in some versions as a ufunc

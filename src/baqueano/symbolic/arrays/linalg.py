@@ -1,8 +1,8 @@
-"""Compute linear algebra of small matrices of scalars: products and triangular factors, with the use of symmetry.
+"""Compute linear algebra of small matrices of scalars: products and triangular factors, which exploit symmetry.
 
 A product stores its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, and the other has the
-same scalars. With A = I − K H the product A B is B − K (H B), which needs fewer operations. The user need not declare a
-symmetry: two entries are equal if they are the same node.
+same scalars. With A = I − K H the product A B is B − K (H B), which needs fewer operations. The user does not need to
+declare a symmetry: two entries are equal if they are the same node.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,10 @@ class Origin(NamedTuple):
 
 
 def matmul(a: Value, b: Value) -> Value:
-    """Return a @ b for vectors and matrices; for a plain number, the product a b as np.dot does."""
+    """Return a @ b for vectors and matrices; if one is a plain number, the product a b, as np.dot does.
+
+    Raise TraceError if the shapes do not agree.
+    """
     from baqueano.symbolic.arrays.array import as_array, as_traced
 
     x, y = as_array(a), as_array(b)
@@ -119,7 +122,8 @@ def _is_zero(x: Value) -> bool:
 def solve(a: Value, b: Value) -> Value:
     """Return x with a x = b, b (n,) or (n, m): by L D Lᵀ if a is symmetric, else by L U.
 
-    Rows are exchanged only if the pivot can be chosen before run time.
+    Rows are exchanged only if the pivot can be chosen before run time. Raise TraceError for shapes that do not agree,
+    or for a singular matrix.
     """
     from baqueano.symbolic.arrays.array import as_array, as_traced
 
@@ -147,7 +151,7 @@ def det(a: Value) -> Value:
 
 
 def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False) -> Value:
-    """Return the Euclidean norm over `axis`: the square root of the sum of squares."""
+    """Return the Euclidean norm over `axis`, √ of the sum of squares. Raise TraceError for another norm."""
     if ord not in (None, 2, "fro") or (ord == 2 and np.ndim(x) == 2 and axis is None):
         raise untraceable("trace.norm")
     return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
@@ -169,7 +173,10 @@ def _solve(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _pivot(A: np.ndarray, k: int) -> int:
-    """Move a good pivot to row k and return its former row: the largest number, or the first scalar."""
+    """Move a pivot to row k and return its former row: the first scalar, or the largest known number.
+
+    Raise TraceError if the column is zero.
+    """
     column = A[k:, k].tolist()
     if isinstance(column[0], Scalar):
         return k

@@ -91,11 +91,11 @@ class Scalar:
 
     __slots__ = ()
     __hash__ = object.__hash__
-    level = 0  # of derivation: a dual number within a derivative of a derivative stands above the outer one
+    level = 0  # of derivation: a dual number of an inner derivative has a higher level than one of the outer derivative
     shape, ndim, size = (), 0, 1
 
     def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """Return the result of an operator; this scalar has the highest level among `args`."""
+        """Return the result of the operator `op` on `args`, of which this scalar has the highest level."""
         raise NotImplementedError
 
     __add__, __radd__ = _binary("add"), _binary("add", is_swapped=True)
@@ -167,7 +167,7 @@ class Scalar:
         return as_array(self).reshape(*shape)
 
     def astype(self, dtype: Value) -> "Scalar":
-        """Return the scalar unchanged for a float or bool type. TraceError for an integer type, which would round."""
+        """Return the scalar unchanged for a float or bool type. Raise TraceError for an integer type, which rounds."""
         if np.dtype(dtype).kind in "iu":
             raise untraceable("trace.needs-int")  # fmt: skip
         return self

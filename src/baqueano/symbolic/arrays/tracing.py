@@ -26,7 +26,7 @@ _OWN_MODULES = ("numpy.", "baqueano.symbolic.")  # modules whose calls do not ne
 
 
 class _TraceContext(threading.local):
-    depth = 0  # of traces within traces in this thread
+    depth = 0  # number of nested traces in this thread
 
 
 _context = _TraceContext()

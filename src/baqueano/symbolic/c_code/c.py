@@ -17,7 +17,7 @@ POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
 BATCH_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
 
-MIN_THREAD_TICKS = 100_000  # vehicles times ticks
+MIN_THREAD_TICKS = 100_000  # smallest number of vehicles times ticks for a thread
 TANGENT_FUNCTIONS = ("sensitivities", "gradient", "normal_equations")
 
 
@@ -27,7 +27,7 @@ def make_kernel(program: Program) -> "CKernel":
 
 
 class CKernel:
-    """The kernel in C. Arrays are float64 and C-contiguous; the caller owns the arrays to fill."""
+    """The kernel in C. Arrays are float64 and C-contiguous; the caller owns the arrays that are filled."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -66,10 +66,10 @@ class CKernel:
     ) -> Callable[[], object]:
         """Return `run` bound to these arrays, whose addresses are read once. The caller keeps them alive.
 
-        The call keeps the interpreter's lock, because a tick takes only microseconds and should not wait for the lock.
+        The call holds the interpreter's lock, because a tick takes only microseconds and must not wait for the lock.
         """
         addresses = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
-        self._function("values", is_hasty=True)  # a tick at a time, the call costs more than the arithmetic
+        self._function("values", is_hasty=True)  # for one tick, the call costs more than the arithmetic
         entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
         call = partial(entry_point, POINTER(addresses.ctypes.data))  # converted once
         call.__dict__["given"] = addresses  # keeps the array alive as long as the call
@@ -84,9 +84,9 @@ class CKernel:
         outputs: np.ndarray,
         d_outputs: np.ndarray,
     ) -> None:
-        """Fill outputs (N, m) and their derivatives by theta, (N, m, p)."""
+        """Fill outputs (N, m), and d_outputs (N, m, p) with their derivatives with respect to theta."""
         addresses = _addresses(theta, start, inputs)
-        function = self._function("sensitivities", is_hasty=True)  # -O3 takes twice as long for long ones
+        function = self._function("sensitivities", is_hasty=True)  # -O3 takes twice as long for long programs
         function(n, *addresses, 0.0, *_addresses(outputs, d_outputs), None)
 
     def total(
@@ -155,7 +155,7 @@ class CKernel:
     def _derivative_program(self) -> c_bodies.DerivativeProgram:
         return c_bodies.differentiate(
             with_reciprocals(self.program, 1)
-        )  # the slope of x/y by y needs 1/y anyway
+        )  # the derivative of x/y with respect to y needs 1/y anyway
 
     def _function(self, name: str, *options, is_hasty: bool = False) -> Callable[..., None]:
         key = (name, is_hasty, *options)
@@ -170,7 +170,7 @@ class CKernel:
         library = self.libraries[key] = compile.load(
             header(code, self.program.tables) + code,
             operation_count=code.count(" = "),
-            find_vectors=name == "batch",  # only with this option √ and ⌊ ⌋ of eight lanes become vectors
+            find_vectors=name == "batch",  # only then √ and ⌊ ⌋ of eight lanes become vectors
             is_hasty=is_hasty,
         )
         function = library.kernel
@@ -180,11 +180,11 @@ class CKernel:
 
 
 def _addresses(*arrays: np.ndarray) -> list[int]:
-    return [array.__array_interface__["data"][0] for array in arrays]  # quicker than ctypes.data
+    return [array.__array_interface__["data"][0] for array in arrays]  # faster than ctypes.data
 
 
 def _thread_slices(count: int, n: int) -> list[slice]:
-    """Return the vehicles for each thread, in whole vectors; one part if more threads would not pay."""
+    """Return the slice of vehicles for each thread, in whole vectors; one slice if more threads would not be faster."""
     processors = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     threads = min(processors, count // c_bodies.LANE_COUNT, count * n // MIN_THREAD_TICKS)
     if threads < 2:

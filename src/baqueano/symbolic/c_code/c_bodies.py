@@ -1,7 +1,7 @@
-"""Generate the functions of a kernel as C code: each is a loop over the ticks with the same arithmetic.
+"""Generate the functions of a kernel as C code: each function is a loop over the ticks with the same arithmetic.
 
-Except `batch` they have one signature: the number n of ticks; inputs θ, start and inputs; a setting; up to three
-arrays to fill.
+Except `batch`, the functions have one signature: the number n of ticks; inputs θ, start and inputs; a setting; up to
+three arrays to fill.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,8 @@ EXPORT int again(const int64_t *a) {{
     return 0;
 }}
 """
-LANE_COUNT = 8  # vehicles side by side
-MAX_UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
+LANE_COUNT = 8  # vehicles that are computed in parallel
+MAX_UNROLLED = 16  # largest number of parameters whose hessian is summed in straight-line code
 
 
 class DerivativeProgram(NamedTuple):
@@ -119,8 +119,8 @@ def gradient(derivatives: DerivativeProgram) -> str:
 def normal_equations(derivatives: DerivativeProgram) -> str:
     """Return the code of the normal equations for residuals r with Huber's ρ and the threshold k = setting.
 
-    ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r. The code fills first: Σ ρ; second (p,): Σ w r ∂r;
-    third (p, p): Σ w ∂r ∂rᵀ; only its upper half is valid.
+    ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r. The code fills first (1,): Σ ρ; second (p,): Σ w r ∂r; third
+    (p, p): Σ w ∂r ∂rᵀ, of which only the upper triangle is valid.
     """
     program, rows, p = derivatives.program, derivatives.rows, len(derivatives.program.theta)
     text = _tick_with_tangents(
@@ -152,7 +152,7 @@ def normal_equations(derivatives: DerivativeProgram) -> str:
 
 
 def _add_to_hessian(text: CText, rows: list[Tangents], residuals: range, p: int) -> None:
-    """Add the blocks on and above the diagonal; for over 16 parameters as loops, to limit the compile time."""
+    """Add the blocks on and above the diagonal, as loops for over MAX_UNROLLED parameters: they compile faster."""
     if p > MAX_UNROLLED:
         size = rows[-1].first + rows[-1].lanes
         for k in residuals:
@@ -175,7 +175,7 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
     """Return the code that fills outputs (L, n, m), if `with_outputs`, and final (L, c).
 
     `shared` marks the columns of the inputs that are common to all vehicles, (n, ·); the others belong to each vehicle,
-    (L, n, ·). The last vehicle fills idle lanes.
+    (L, n, ·). Unused lanes repeat the last vehicle.
     """
     text = CText(width=LANE_COUNT)
     text.lines.append(LANES_SIGNATURE)

@@ -15,7 +15,7 @@ COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 CONJUNCTIONS = {"and": "&", "or": "|"}
 MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 if used as numbers
 FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
-MAX_INLINED_CALLS = 100  # calls; when there are more, compiling takes too long
+MAX_INLINED_CALLS = 100  # largest number of inlined calls: with more calls the compilation takes too long
 ROW_OPERATORS = ("row", "choose", "unit", "drift")
 
 
@@ -47,7 +47,7 @@ class CText:
     """C code under construction, and the names of its terms."""
 
     def __init__(self, width: int) -> None:
-        self.width = width  # of scalars
+        self.width = width  # number of lanes of a scalar
         self.names: dict[Term, str] = {}
         self.lines: list[str] = []
         self.depth = 1
@@ -79,7 +79,7 @@ class CText:
             if isinstance(s, EmittedBranch):
                 self.branch(s)
             else:
-                value = self.expression(s)  # before the name: it may not refer to itself
+                value = self.expression(s)  # before the name, because the value must not contain its own name
                 self.add(f"const {self.type(s)} {self.name(s)} = {value};")
 
     def branch(self, branch: EmittedBranch) -> None:
@@ -116,7 +116,7 @@ class CText:
         return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
 
     def value(self, term: Term) -> str:
-        """Return the code of an operand of + − × ÷ and comparisons, where constants and vectors may be mixed."""
+        """Return the code of an operand of + − × ÷ and comparisons, which can mix constants and vectors."""
         if term.op == "const":
             return literal(term.value)
         if term.op == "unit":
@@ -167,5 +167,5 @@ class CText:
 
 
 def _is_sign(coefficient: Term) -> bool:
-    """Return True for a coefficient of 1 or −1: its row is first, so each later product and sum is one instruction."""
+    """Return True for a coefficient of ±1. Its row is first, so each later product with its sum is one instruction."""
     return coefficient.op == "const" and coefficient.value in (1.0, -1.0)

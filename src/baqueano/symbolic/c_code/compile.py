@@ -2,11 +2,11 @@
 
 A library is stored in the user's cache folder under the hash of all that it depends on (code, flags, compiler,
 processor). The file name is the hash of its content, and is checked before loading: a damaged file is removed and built
-again. Two processes may build the same kernel at the same time.
+again. Two processes can build the same kernel at the same time.
 
 Never use -ffast-math: a library that was linked with it sets subnormal numbers to zero in the whole process.
--fno-math-errno, -fno-trapping-math and -ffp-contract=fast make the code as fast. Modules needed only for a build are
-imported during the build, so a kernel from the cache is loaded in a few milliseconds.
+-fno-math-errno, -fno-trapping-math and -ffp-contract=fast make the code equally fast. Modules needed only for a build
+are imported during the build, so a kernel from the cache is loaded in a few milliseconds.
 """
 
 import atexit
@@ -29,10 +29,10 @@ from baqueano.errors import DiagnosticError
 if TYPE_CHECKING:
     import ctypes
 
-MAX_SCHEDULED_OPERATIONS = 4_000  # operations; above, gcc's first scheduler makes kernels slower
-MAX_THOROUGH_OPERATIONS = 20_000  # operations; above, -O3 takes minutes
-MIN_HASTY_OPERATIONS = 1_000  # operations; below, haste gains a tenth of a second
-HASTY_LEVEL = "-O1"  # level of a text that is compiled in haste
+MAX_SCHEDULED_OPERATIONS = 4_000  # operations; for more, gcc's first scheduler makes kernels slower
+MAX_THOROUGH_OPERATIONS = 20_000  # operations; for more, -O3 takes minutes
+MIN_HASTY_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
+HASTY_LEVEL = "-O1"  # optimisation level of code that is compiled quickly
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\
 typedef double pair __attribute__((vector_size(16)));
@@ -41,7 +41,7 @@ double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 
 
 class CompileError(DiagnosticError, RuntimeError):
-    """The error of a compiler that is missing, or that does not compile a code."""
+    """The error of a compiler that is missing, or that does not compile the code."""
 
 
 class Compiler(NamedTuple):
@@ -56,16 +56,16 @@ class FoundCompiler(NamedTuple):
     """The compiler in use, and the reasons why others do not work."""
 
     compiler: Compiler | None
-    reason: Diagnostic | None  # None when the first one worked
+    reason: Diagnostic | None  # None if the first compiler works
 
 
 def load(
     source: str, operation_count: int = 0, find_vectors: bool = True, is_hasty: bool = False
 ) -> "ctypes.CDLL":
-    """Return the library of a C code, from the cache if possible. CompileError without a compiler.
+    """Return the library of C code, from the cache if possible. Raise CompileError without a working compiler.
 
-    The flags depend on the number of `operation_count` in its loop. `find_vectors` lets the compiler vectorise;
-    `is_hasty` makes the compilation faster and the code slower.
+    The flags depend on `operation_count`, the number of operations in the loop. `find_vectors` lets the compiler
+    vectorise; `is_hasty` makes the compilation faster and the code slower.
     """
     compiler = find()
     if compiler.compiler is None:
@@ -114,7 +114,7 @@ def _candidates(requested: str, path: str) -> Iterator[Compiler]:
 
 
 def _compiler(command: tuple[str, ...]) -> Compiler:
-    """Return a compiler with its identity: path, size and date, which are read without a process."""
+    """Return a compiler with its identity (path, size and date), which is read without starting a process."""
     real_path = os.path.realpath(command[0])
     status = os.stat(real_path)
     names = " ".join((real_path, *command))
@@ -134,17 +134,17 @@ def _is_empty_shell(path: str) -> bool:
 def _flag_sets(
     compiler: Compiler, operation_count: int, find_vectors: bool, is_hasty: bool
 ) -> list[tuple[str, ...]]:
-    """Return the sets of flags to try in turn: compilers have different flags for the present processor."""
+    """Return the sets of flags to try in order: compilers have different flags for the present processor."""
     is_hasty = is_hasty and operation_count > MIN_HASTY_OPERATIONS
     level = HASTY_LEVEL if is_hasty else "-O1" if operation_count > MAX_THOROUGH_OPERATIONS else "-O3"
     common_flags = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if sys.platform != "win32":
         common_flags += ("-fPIC",)
-    if not find_vectors:  # in straight-line code they cost more than they save
+    if not find_vectors:  # in straight-line code, vectors cost more than they save
         common_flags += ("-fno-tree-vectorize", "-fno-tree-slp-vectorize")
     native: tuple[str, ...] = ("-march=native",)
     if not compiler.is_clang and sys.platform == "win32":
-        native += ("-Wa,-muse-unaligned-vector-move",)  # gcc there aligns the stack to 16 bytes only
+        native += ("-Wa,-muse-unaligned-vector-move",)  # gcc on Windows aligns the stack only to 16 bytes
     if not (compiler.is_clang or is_hasty) and operation_count < MAX_SCHEDULED_OPERATIONS:
         common_flags += ("-fschedule-insns", "-fsched-pressure")
     return [common_flags + native, (*common_flags, "-mcpu=native"), common_flags]
@@ -168,7 +168,7 @@ def _open_library(
     import ctypes
 
     trouble = None
-    for root in (_cache_folder, _temporary_folder):  # the first cannot always be written, or executed
+    for root in (_cache_folder, _temporary_folder):  # the cache cannot always be written, or executed
         try:
             folder = root() / key
             return ctypes.CDLL(str(_stored_library(folder) or _build(folder, source, flag_sets, compiler)))
@@ -178,7 +178,7 @@ def _open_library(
 
 
 def _stored_library(folder: Path) -> Path | None:
-    """Return the path of the undamaged library in the folder of a key, or None."""
+    """Return the path of the undamaged library in the folder of a key, or None; remove damaged files."""
     for path in folder.glob("*" + LIBRARY_SUFFIX):
         if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem:
             return path
@@ -208,7 +208,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
 def _run(command: list[str], folder: str) -> str:
     """Run a command inside the folder; return its output if it failed, else "".
 
-    Its arguments do not contain the folder, whose name may have spaces and accents.
+    The arguments do not contain the folder, whose name can have spaces and accents.
     """
     import subprocess
 
@@ -256,7 +256,7 @@ def _temporary_folder() -> Path:
 
 @cache
 def _processor() -> str:
-    """Return model and features of the processor, on which -march=native depends."""
+    """Return the model and the features of the processor, on which -march=native depends."""
     descriptions = [sys.platform, platform.machine(), os.environ.get("PROCESSOR_IDENTIFIER", "")]
     if sys.platform == "darwin":
         import subprocess

@@ -1,7 +1,8 @@
 """Differentiate the operators by one rule each, for all arguments of `apply`: floats, nodes, dual numbers.
 
 If a derivative does not exist, a finite value replaces it: 0 for hypot and atan2 at the origin. At a tie, min and max
-count as their first argument. The derivative of sqrt at 0 is large, not infinite, so that 0 · derivative stays 0.
+have the derivative of their first argument. The derivative of sqrt at 0 is large, not infinite, so that 0 · derivative
+stays 0.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from baqueano.symbolic.arrays.scalar import apply, power
 from baqueano.symbolic.graph.node import Node, nodes_below
 
 Row: TypeAlias = dict[Value, Value]  # source → derivative
-MIN_MAGNITUDE = 1e-300  # kept away from 0, where 1/MIN_MAGNITUDE is still finite
+MIN_MAGNITUDE = 1e-300  # added to a divisor, so that it is not 0; 1/MIN_MAGNITUDE is still finite
 
 
 def argument_derivatives(
@@ -38,7 +39,7 @@ def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
 def combine(op: str, args: Sequence[Value], rows: Sequence[Row], factors: Sequence[Value]) -> Row:
     """Return the row {source: derivative} of a result from the rows of its arguments.
 
-    The arms of `where` are combined by a choice, never by a product with 0, because the other arm may be NaN.
+    The arms of `where` are combined by a choice, never by a product with 0, because the other arm can be NaN.
     """
     if op == "where":
         _, a, b = rows
@@ -56,7 +57,7 @@ def combine(op: str, args: Sequence[Value], rows: Sequence[Row], factors: Sequen
 
 
 def jacobian_rows(roots: Sequence[Node], sources: Sequence[Node]) -> list[dict[Node, Node]]:
-    """Return for each root a dict of its derivatives, as nodes, by the sources on which it depends."""
+    """Return, for each root, a dict {source: derivative} of nodes, for the sources on which the root depends."""
     rows: dict[Node, Row] = {source: {source: 1.0} for source in sources}
     for node in nodes_below(roots):
         argument_rows = [rows.get(a, {}) for a in node.args]

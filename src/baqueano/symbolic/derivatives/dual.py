@@ -1,4 +1,4 @@
-"""Compute forward derivatives with dual numbers: a value and its derivatives by the seeds that it depends on.
+"""Compute forward derivatives with dual numbers: a value, and its derivatives with respect to the seeds.
 
 Value and derivatives have the type of the arguments. They are floats without a trace, nodes while a step is traced, and
 dual numbers of a lower level inside an outer derivative. So `jacobian` works in all three cases, without side effects.
@@ -27,7 +27,7 @@ class Dual(Scalar):
         self.value, self.row, self.level = value, row, level
 
     def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """Return the result with its derivatives by the chain rule; a plain value if it does not depend on a seed."""
+        """Return the result with its derivatives by the chain rule; a plain value for a result without derivatives."""
         level = self.level
         values, rows = [], []
         for a in args:
@@ -52,7 +52,7 @@ def seed_array(values: np.ndarray, level: int) -> TracedArray:
 
 
 def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
-    """Return the derivatives (size, count) of the entries by `count` seeds, as objects."""
+    """Return the derivatives (size, count) of the entries with respect to `count` seeds, as objects."""
     rows = np.full((values.size, count), 0.0, dtype=object)
     for i, x in enumerate(values.ravel().tolist()):
         if isinstance(x, Dual) and x.level == level:

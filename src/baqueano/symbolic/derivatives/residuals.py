@@ -10,7 +10,7 @@ import numpy as np
 def normal_equations(
     r: np.ndarray, jacobian: np.ndarray, huber: float | None
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return cost, gradient (p,) and hessian (p, p); `huber` is k, None for ρ = ½ r² everywhere.  (1), (2)"""
+    """Return cost, gradient (p,) and hessian (p, p); `huber` is k, or None for ρ = ½ r² everywhere.  (1), (2)"""
     k = np.inf if huber is None else huber
     size = np.abs(r)
     in_tail = size > k

@@ -1,14 +1,15 @@
-"""Compute forward tangents: the derivatives of every value by the parameters, as rows of a few lanes.
+"""Compute forward tangents: the derivatives of every value with respect to the parameters, as rows of a few lanes.
 
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …. Each active value is either *kept*, as a separate row, or
-*eliminated*: its coefficients are multiplied, as scalars, into the coefficients of its users. To keep all values costs
-a vector operation for each edge of the graph: linear growth. A value has s sources, n of which have a coefficient
-that is not 1, and u users, p of which are not sums. With B blocks of parameters its elimination saves work if
+*eliminated*: its coefficients are multiplied, as scalars, into the coefficients of its users. If all values are kept,
+each edge of the graph costs a vector operation: the growth is linear. A value has s sources, n of which have a
+coefficient that is not 1, and u users, p of which are not sums. With B blocks of parameters its elimination saves work
+if
 
     s u + n p / B <= s + u:                                                                               (1)
 
-the products of coefficients are scalars for all blocks. Both programs are made, and the cheaper program is used. The
-arms of `where` are combined by a choice between rows, never by a product with 0: the other arm may be NaN. If all
+the products of coefficients are scalars for all blocks. Both programs are generated, and the cheaper program is used.
+The arms of `where` are combined by a choice between rows, never by a product with 0: the other arm can be NaN. If all
 sources are the carry and the parameters, which exist at every tick, a choice between coefficients is enough.
 """
 
@@ -24,7 +25,7 @@ SUM_OPERATORS = ("add", "sub", "neg")
 
 
 class TangentRow:
-    """The derivatives of one value by `lanes` parameters. Hashable by identity, as a Node."""
+    """The derivatives of one value with respect to `lanes` parameters. Like a Node, it is hashed by identity."""
 
     __slots__ = ("args", "lanes", "op", "value")
 
@@ -77,7 +78,7 @@ def _changing_nodes(program: Program, order: Iterable[Node]) -> set[Node]:
 
 
 def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
-    """Return the nodes that depend on the seeds, also through the carry."""
+    """Return the nodes that depend on the seeds, directly or through the carry."""
     order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
     nodes = set(seeds)
     size = -1

@@ -1,4 +1,4 @@
-"""Convert a trace to the program that runs: without mirrored, constant and dead entries of the carry.
+"""Convert a trace to the program that runs, without the mirrored, constant and dead entries of the carry.
 
 *Mirrored*: the other side of a symmetric matrix. *Constant*: an entry that a step returns unchanged. *Dead*: an entry
 on which no requested result depends. The removed entries are restored after the run.
@@ -15,16 +15,16 @@ from baqueano.symbolic.graph.trace import Trace
 
 
 class Assembly(NamedTuple):
-    """A program, and the map from its carry to the whole carry."""
+    """A program, and the indices that restore the whole carry from the carry of the program."""
 
     program: Program
-    first: np.ndarray  # (s,) place of each start value in the whole carry
-    whole_from_kept: np.ndarray  # place of each entry of the whole carry in (final carry, start values)
-    equal_entry: np.ndarray  # place of the entry that each entry must equal at the start
-    unused_carry: tuple[int, ...]  # places in the whole carry
+    first: np.ndarray  # (s,) index of each start value in the whole carry
+    whole_from_kept: np.ndarray  # index of each entry of the whole carry in (final carry, start values)
+    equal_entry: np.ndarray  # index of the entry that each entry must equal at the start
+    unused_carry: tuple[int, ...]  # indices in the whole carry
 
     def whole_carry(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Return the whole carry after a run; its last axis counts the entries."""
+        """Return the whole carry (…, c) after a run, from the final carry (…, k) and the start values (…, s)."""
         return np.concatenate([final, start], axis=-1)[..., self.whole_from_kept]
 
 
@@ -79,7 +79,7 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
 def remaining_zeros(
     graph: Graph, carry: Sequence[Node], next_carry: Sequence[Node], zero: set[int]
 ) -> set[int]:
-    """Return the places of `zero` that stay 0 by induction: if they contain zeros, the step returns zeros there."""
+    """Return the indices of `zero` that stay 0 by induction: if these entries are 0, the step returns 0 for them."""
     zero_node = graph.const(0.0)
     while zero:
         order = sorted(zero)

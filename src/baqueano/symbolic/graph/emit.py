@@ -18,9 +18,9 @@ from baqueano.symbolic.graph.program import Program
 Term: TypeAlias = Value  # Node | Row: hashable by identity, with .op and .args
 
 MIN_BRANCH_OPERATIONS = (
-    40.0  # operations of both arms together, from which a branch is taken instead of a select
+    40.0  # smallest number of operations of both arms for which a branch replaces a select
 )
-MAX_BRANCH_DEPTH = 6  # nested branches
+MAX_BRANCH_DEPTH = 6  # largest number of nested branches
 CHOICE_OPERATORS = ("where", "choose")  # args (condition, a, b)
 LEAF_OPERATORS = ("const", "symbol", "unit", "drift")
 OPERATOR_COSTS = {
@@ -77,7 +77,7 @@ def plan(
 
 
 def with_reciprocals(program: Program, uses: int) -> Program:
-    """Replace x / p by x · (1/p) if p does not change from tick to tick, or divides at least `uses` times.
+    """Replace x / p by x · (1/p) if p does not change from tick to tick, or is a divisor at least `uses` times.
 
     A quotient inside a step function is not replaced: ⌊49 / 49⌋ is 1, but ⌊49 · (1/49)⌋ is 0.
     """
@@ -106,7 +106,7 @@ def with_reciprocals(program: Program, uses: int) -> Program:
 
 
 def _step_divisors(order: Sequence[Node]) -> set[Node]:
-    """Return the nodes on which floor and comparisons depend, through sums and choices: their last digit matters."""
+    """Return the nodes on which floor and comparisons depend, through sums and choices: rounding changes the result."""
     nodes: set[Node] = set()
     for node in reversed(order):
         passed_on = node in nodes and node.op in ("add", "sub", "neg", "min", "max", "where")
@@ -200,7 +200,7 @@ def _cost(term: Term) -> float:
 class _BranchKey(NamedTuple):
     """The key of the `where` nodes that share one branch. Nodes of the same `level` do not depend on each other."""
 
-    place: int  # number of the region that the branch stands in
+    place: int  # number of the region that contains the branch
     condition: Term
     level: int
 
@@ -212,7 +212,7 @@ class _Region:
     region_number: int = 0
     parent: "_Region | None" = None
     depth: int = 0
-    terms: list[Term] = field(default_factory=list)  # of the regions inside too
+    terms: list[Term] = field(default_factory=list)  # including the terms of the inner regions
 
     def outwards(self) -> Iterator["_Region"]:
         region: _Region | None = self
@@ -253,7 +253,7 @@ class _Branches:
 
     def __init__(self, roots: Sequence[Term], is_given: Callable[[Term], bool], pays: float) -> None:
         self.roots, self.order, self.pays = roots, postorder(roots, is_given), pays
-        self.numbers: dict[tuple[_BranchKey, int], int] = {}  # of the two arms of each branch
+        self.numbers: dict[tuple[_BranchKey, int], int] = {}  # numbers of the two arms of each branch
         self.refused: set[_BranchKey] = set()
         self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
         self.levels: dict[Term, int] = {}
@@ -262,7 +262,7 @@ class _Branches:
         """Return the group of each choice in a branch; groups with fewer than `pays` operations are removed."""
         while True:
             groups = self.groups()
-            group_of_key = {group.key: group for group in groups.values()}  # many choices share a group
+            group_of_key = {group.key: group for group in groups.values()}  # several choices share a group
             costs = {key: group.cost() for key, group in group_of_key.items()}
             total_cost: defaultdict[tuple[Term, int], float] = defaultdict(float)
             for key, operations in costs.items():
@@ -313,7 +313,7 @@ class _Branches:
 
 
 def _settle(order: list[Term], regions_of_terms: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
-    """Set the terms of each region, and the terms outside of each branch that the branch needs."""
+    """Set the terms of each region, and the terms outside each branch that the branch needs."""
     for term in order:
         for region in regions_of_terms[term].outwards():
             region.terms.append(term)
@@ -328,7 +328,7 @@ def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
     """Return the number of nested choices of the same condition below each choice."""
     levels: dict[Term, int] = {}
     for condition in conditions:
-        levels_below: dict[Term, int] = {}  # where it is not 0
+        levels_below: dict[Term, int] = {}  # only the levels that are not 0
         for term in order:
             level = 0
             for a in term.args:

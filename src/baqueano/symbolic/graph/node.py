@@ -17,7 +17,7 @@ from baqueano.symbolic.graph.simplify import RULES
 
 
 class Node(Scalar):
-    """A scalar of a trace. Hashable by identity; == creates a node, so compare nodes with `is`."""
+    """A scalar of a trace. It is hashed by identity; == creates a node, so compare nodes with `is`."""
 
     __slots__ = ("args", "graph", "index", "op", "value")
 
@@ -25,8 +25,8 @@ class Node(Scalar):
         self.graph = graph
         self.op = op  # "const", "symbol" or a name in ieee.OPERATORS
         self.args = args
-        self.value = value  # of a constant; the name of a symbol; the number of a table
-        self.index = index  # of creation: arguments have a smaller one
+        self.value = value  # value of a constant, name of a symbol, or number of a table
+        self.index = index  # order of creation: arguments have a smaller index
 
     def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
         """Return the node of an operation; a constant result is returned as a float or a bool."""
@@ -51,7 +51,7 @@ class Graph:
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
-        """Return a number as a constant node, and a node of this trace unchanged."""
+        """Return a number as a constant node, or a node of this trace unchanged. Raise TraceError for another trace."""
         if not isinstance(value, Node):
             return self.const(value)
         if value.graph is not self:

@@ -11,18 +11,18 @@ Array: TypeAlias = np.ndarray
 
 
 class Program(NamedTuple):
-    """A step of a scan as a graph, with c numbers of the carry, q inputs and m outputs per tick, and p parameters."""
+    """A step of a scan as a graph, with c entries of the carry, q inputs and m outputs per tick, and p parameters."""
 
     graph: Graph
     theta: tuple[Node, ...]  # p symbols
     start: tuple[Node, ...]  # s symbols: the start values given at run time
     initial: tuple[Node, ...]  # c expressions of theta and start
-    carry: tuple[Node, ...]  # c symbols; mirrored and dead entries are already gone
+    carry: tuple[Node, ...]  # c symbols, without mirrored and dead entries
     inputs: tuple[Node, ...]  # q symbols
     next_carry: tuple[Node, ...]  # c expressions
     outputs: tuple[Node, ...]  # m expressions
     is_hasty: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
-    zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they have to be 0
+    zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they must be 0
 
     @property
     def tables(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -39,10 +39,10 @@ class NormalEquations(NamedTuple):
 
 
 class Kernel(Protocol):
-    """Protocol of a program that a back end made runnable.
+    """Protocol of the runnable form of a program, made by a back end.
 
-    Arrays are float64 and C-contiguous: theta (p,), start (s,), inputs (n, q). The caller owns the arrays to fill:
-    outputs (n, m), d_outputs (n, m, p), final (c,).
+    Arrays are float64 and C-contiguous: theta (p,), start (s,), inputs (n, q). The caller owns the arrays that are
+    filled: outputs (n, m), d_outputs (n, m, p), final (c,).
     """
 
     @property
@@ -57,7 +57,7 @@ class Kernel(Protocol):
     def bind(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
     ) -> Callable[[], object]:
-        """Return `run` bound to these arrays, to be called often.
+        """Return `run` bound to these arrays, for repeated calls.
 
         If one of `Program.zeros` is not 0, the call returns a true value and the outputs are not valid.
         """
@@ -72,7 +72,7 @@ class Kernel(Protocol):
         outputs: Array,
         d_outputs: Array,
     ) -> None:
-        """Fill outputs and their derivatives by theta."""
+        """Fill outputs, and d_outputs with their derivatives with respect to theta."""
         ...
 
     def total(
@@ -84,7 +84,7 @@ class Kernel(Protocol):
     def normal_equations(
         self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
-        """Return cost, gradient (p,) and hessian (p, p) of the outputs as residuals."""
+        """Return the cost, the gradient (p,) and the hessian (p, p) of the outputs as residuals."""
         ...
 
     def batch(

@@ -1,8 +1,8 @@
 """Simplify nodes by local rules: x + 0 is x, x · 0 is 0, two negations cancel.
 
 A rule receives a graph and the arguments of one operator, and returns a simpler node or None. If the order of the
-arguments is free, constants are first. x · 0 and x − x are 0 even if x may be inf or NaN: otherwise matrices would not
-stay sparse. So finiteness is tested as |x| < inf, never as x − x = 0.
+arguments is free, constants are first. x · 0 and x − x become 0 even though x can be inf or NaN: otherwise matrices
+would not stay sparse. So finiteness is tested as |x| < inf, never as x − x = 0.
 """
 
 import math
@@ -27,7 +27,7 @@ def _add(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return g.make("sub", a, b.args[0])
     if a.op == "neg":
         return g.make("sub", b, a.args[0])
-    for x, y in ((a, b), (b, a)):  # (p − q) + (p + q), as the mean of the ends of a line
+    for x, y in ((a, b), (b, a)):  # (p − q) + (p + q) is 2 p, as in the mean of the ends of a line
         if x.op == "sub" and y.op == "add" and {p.index for p in x.args} == {p.index for p in y.args}:
             return g.make("mul", g.const(2.0), x.args[0])
     return None

@@ -28,11 +28,11 @@ class Trace(NamedTuple):
     theta: list[Node]
     inputs: list[Node]
     initial: list[Node] | None  # as functions of θ; None if the start is given at run time
-    carry: list[Node]  # symbols; mirrored entries share one
+    carry: list[Node]  # symbols; mirrored entries share one symbol
     next_carry: list[Node]
     outputs: list[Node]
     output_shape: Shape
-    carry_shape: Shape | None  # an integer that does not stay an integer is a float
+    carry_shape: Shape | None  # in this shape, an integer that becomes a float is a float
 
 
 def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
@@ -94,7 +94,7 @@ def _traced_step(
 def _stable_kinds(shape: Shape, symbols: list[Node], next_carry: list[Node], kinds: dict[Node, str]) -> Shape:
     """Return the shape of a carry with stable kinds, and update `kinds`.
 
-    An integer or truth value that becomes a float in a step is a float from the start.
+    An integer or truth value that becomes a float in a step is converted to a float at the start.
     """
     changed_symbols = symbols
     while changed_symbols:
@@ -153,7 +153,7 @@ def _flat_nodes(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> 
 
 
 def _matching_nodes(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[Node]:
-    """Return the numbers of a tree as nodes. TraceError if it does not have this shape."""
+    """Return the values of a tree as nodes. Raise TraceError if the tree does not have this shape."""
     try:
         entries = values(shape, tree)
     except Invalid as error:

@@ -1,6 +1,6 @@
-"""Convert trees of NamedTuples, tuples, lists, dicts and dataclasses to rows of numbers and back.
+"""Convert trees of NamedTuples, tuples, lists, dicts and dataclasses to rows of floats and back.
 
-A *shape of a tree* (`Shape`) defines the place of each number in the row. Numbers are leaves: float, int, bool and
+A *shape of a tree* (`Shape`) defines the index of each number in the row. Numbers are leaves: float, int, bool and
 arrays of them. An int is stored as a float, exact below 2⁵³, and restored as an int. All other values (None, text, …)
 are part of the shape.
 """
@@ -20,7 +20,7 @@ from baqueano.symbolic.ieee import LOGICAL
 
 
 class Leaf(NamedTuple):
-    """A number, or an array of numbers."""
+    """The shape of a number, or of an array of numbers."""
 
     path: str
     shape: tuple[int, ...]
@@ -34,14 +34,14 @@ class Leaf(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Return the name of each entry of the leaf, as "x.mean[0]"."""
+        """Return the name of each entry of the leaf, such as "x.mean[0]"."""
         if not self.is_array:
             return [self.path]
         return [f"{self.path}[{','.join(map(str, index))}]" for index in np.ndindex(self.shape)]
 
 
 class Branch(NamedTuple):
-    """A shape that contains other shapes."""
+    """The shape of a container, with the shapes of its children."""
 
     path: str
     kind: type
@@ -50,13 +50,13 @@ class Branch(NamedTuple):
 
 
 class ConstantLeaf(NamedTuple):
-    """A constant without numbers: always the same value."""
+    """The shape of a value that is not a number: the value is always the same."""
 
     path: str
     value: Tree
 
 
-_INTEGER_OPERATORS = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # integers of integers
+_INTEGER_OPERATORS = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # of integers: an integer
 Shape: TypeAlias = Leaf | Branch | ConstantLeaf
 
 
@@ -77,7 +77,7 @@ def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "
 
 
 def leaves(shape: Shape) -> Iterator[Leaf]:
-    """Yield all leaves, in the order of their numbers."""
+    """Yield all leaves, in the order of the row."""
     if isinstance(shape, Leaf):
         yield shape
     elif isinstance(shape, Branch):
@@ -95,12 +95,12 @@ def with_kinds(shape: Shape, kinds: Iterator[str]) -> Shape:
 
 
 def size(shape: Shape) -> int:
-    """Return the count of numbers in a row."""
+    """Return the number of entries in a row."""
     return sum(leaf.size for leaf in leaves(shape))
 
 
 def values(shape: Shape, tree: Tree) -> list[Tree]:
-    """Return the leaves of a tree of this shape; ValueError if it has another shape."""
+    """Return the leaves of a tree of this shape. Raise Invalid if the tree has another shape."""
     if isinstance(shape, Leaf):
         return [tree]
     if isinstance(shape, ConstantLeaf):
@@ -129,7 +129,7 @@ def build(shape: Shape, leaves: Iterator[Tree]) -> Tree:
 
 
 def make(container: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
-    """Return an object of this kind without a call of __post_init__, whose checks would be `if`s on scalars."""
+    """Return an object of the type `container` without a call of __post_init__, whose checks cannot be traced."""
     if container is dict:
         return dict(zip(keys, children, strict=True))
     if container in (tuple, list):
@@ -143,7 +143,7 @@ def make(container: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tre
 
 
 def as_floats(leaf: Leaf, value: Tree, leading_shape: tuple[int, ...] = ()) -> np.ndarray:
-    """Return the value of a leaf as floats, with the axes `leading_shape` in front; ValueError for another shape."""
+    """Return the value of a leaf as floats, with the leading axes `leading_shape`. Raise Invalid for another shape."""
     array = np.asarray(value)
     if array.shape != leading_shape + leaf.shape or array.dtype.kind not in "fiub":
         raise Invalid(
@@ -243,13 +243,13 @@ def _short_text(value: Tree) -> str:
 
 
 def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
-    """Return the numbers of a tree as one row."""
+    """Return the values of a tree as one row (size,) of floats."""
     pairs = zip(leaves(shape), values(shape, tree), strict=True)
     return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
 
 
 def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
-    """Return the tree of rows (…, numbers); its leaves begin with the same axes (…) as the rows."""
+    """Return the tree of rows (…, size); its leaves begin with the same axes (…) as the rows."""
     return build(shape, _columns(shape, rows))
 
 

@@ -1,9 +1,9 @@
 """Make a `Program` runnable as Python code of plain floats, for machines without a C compiler.
 
 A value that is used once is written into the expression that uses it; other values are local names. Python raises if
-IEEE arithmetic returns inf or NaN (1/0, sqrt of −1). Then the code runs again with functions that do not raise, also in
-later calls. For derivatives, the code computes the Jacobian of one tick, and NumPy multiplies it into the tangents. For
-lanes, the same code runs on arrays with one entry per lane.
+IEEE arithmetic returns inf or NaN (1/0, sqrt of −1). Then the code runs again with functions that do not raise, and
+later calls use these functions too. For derivatives, the code computes the Jacobian of one tick, and NumPy multiplies
+it into the tangents. For lanes, the same code runs on arrays with one entry per lane.
 """
 
 import math
@@ -44,7 +44,7 @@ _LANE_OPERATORS = {
 
 
 class TangentCode(NamedTuple):
-    """The entries of a Jacobian that are not 0: their places in the matrix, and their nodes."""
+    """The entries of a Jacobian that are not 0: their flat indices in the matrix, and their nodes."""
 
     indices: list[int]
     nodes: list[Node]
@@ -61,8 +61,8 @@ class PythonKernel:
     def __init__(self, program: Program) -> None:
         self.program = program
         self.functions: dict[str, Callable[..., Value]] = {}
-        self.careful = False  # True after a division by zero, or another error
-        self.slopes: tuple[TangentCode, TangentCode] | None = None  # at the start, and of a tick
+        self.careful = False  # True after a division by zero or another arithmetic error
+        self.slopes: tuple[TangentCode, TangentCode] | None = None  # derivatives of the start, and of a tick
 
     @property
     def source(self) -> str:
@@ -86,7 +86,7 @@ class PythonKernel:
     def sensitivities(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
     ) -> None:
-        """Fill outputs and their derivatives by theta."""
+        """Fill outputs, and d_outputs with their derivatives with respect to theta."""
         program = self.program
         c, m, p = len(program.carry), len(program.outputs), len(program.theta)
         at_start, tick_code = self._tangent_codes()
@@ -112,7 +112,7 @@ class PythonKernel:
     def normal_equations(
         self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
-        """Return cost, gradient (p,) and hessian (p, p) of the outputs as residuals."""
+        """Return the cost, the gradient (p,) and the hessian (p, p) of the outputs as residuals."""
         outputs = np.empty((n, len(self.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
         self.sensitivities(n, theta, start, inputs, outputs, jacobians)
@@ -229,7 +229,7 @@ class PythonKernel:
 def _dependent(
     program: Program, begin: list[dict[Node, Node]], next_values: list[dict[Node, Node]]
 ) -> set[Node]:
-    """Return θ and the entries of the carry that depend on it; derivatives by other entries are not needed."""
+    """Return θ and the entries of the carry that depend on θ; derivatives by other entries are not needed."""
     dependent, size = set(program.theta), -1
     while size != len(dependent):
         size = len(dependent)

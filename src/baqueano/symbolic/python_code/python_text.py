@@ -11,8 +11,8 @@ from baqueano.symbolic.graph.node import Node, nodes_below
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.ieee import LOGICAL
 
-MAX_PARENTHESES = 20  # nested parentheses; Python's parser fails at 200
-MIN_BRANCH_OPERATIONS = 4.0  # operations: a branch costs Python little more than one of them
+MAX_PARENTHESES = 20  # largest number of nested parentheses; Python's parser fails at 200
+MIN_BRANCH_OPERATIONS = 4.0  # smallest number of operations for which a branch is faster in Python
 
 
 class Formats(NamedTuple):
@@ -35,9 +35,9 @@ _CONDITION_TEXTS = {
 _BOUND_TEXTS = {
     "min": "({0} if {0} < {1} else {1})",
     "max": "({0} if {0} > {1} else {1})",
-}  # {0} is known, and no NaN
+}  # {0} is a known number other than NaN
 _TRUTH_OPERATORS = ("and", "or", "not")
-_REPEATED_OPERATORS = ("min", "max", "isnan")  # whose arguments are written more than once
+_REPEATED_OPERATORS = ("min", "max", "isnan")  # these operators repeat their arguments in the code
 CAREFUL_FORMATS = Formats("careful", _COMMON_TEXTS | _CONDITION_TEXTS)
 FLOAT_FORMATS = Formats("floats", CAREFUL_FORMATS.texts | {"div": "({} / {})"})
 ARRAY_FORMATS = Formats("arrays", _COMMON_TEXTS, truths_are_numbers=False)

@@ -1,4 +1,4 @@
-"""Convert tables to TOML text: by tomlkit if it read them, else in a plain format without comments."""
+"""Convert tables to TOML text: with tomlkit if tomlkit read them, else in a plain format without comments."""
 
 import json
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Edit values in the text of a vehicle file; the rest of the text is unchanged.
 
-So the difference of two files shows only the changes of the vehicle: its wear. A file is written completely or not at
-all.
+So the difference of two files shows only the changes of the vehicle, such as wear. A file is written completely or not
+at all.
 """
 
 import os
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.envelope import Envelope
 
-RANGE_DIGITS = 4  # of an end of the envelope
+RANGE_DIGITS = 4  # digits of an end of the envelope
 KIND_KEYS = tuple(f"{room}.kind" for room in ("estimator", "guide", "controller", "supervisor"))
-SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of its own
+SD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
 
 
 def override(vehicle_file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
@@ -109,8 +109,8 @@ def edit_text(
 
 def write_whole(vehicle_file: VehicleFile, path: str | Path | None = None) -> Path:
     """Write the text to a new file, which then replaces the old file; return the path.
-    After an interruption the old file is unchanged. Raise FileError if another program changed the old file or the disk
-    refuses, UsageError for a file of the garage without `path`.
+    After an interruption the old file is unchanged. Raise FileError if another program changed the old file, or if the
+    new file cannot be written. Raise UsageError for a file of the garage without `path`.
     """
     target = Path(path).expanduser() if path is not None else vehicle_file.path
     if target is None:
@@ -160,7 +160,9 @@ def _text_with(
     parameter_cov: ParameterCov | None = None,
     envelope: "Envelope | None" = None,
 ) -> str:
-    """Return the text with the new values: edited by tomlkit with its comments, else written again without comments."""
+    """Return the text with the new values: edited by tomlkit with its comments, or written again without comments.
+    Raise UsageError for an unknown key.
+    """
     paths = known_paths(_data_with_kinds(vehicle_file.data, values), vehicle_file.folder)
     if keep_comments:
         import tomlkit
@@ -192,7 +194,7 @@ def _text_with(
 
 
 def _data_with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
-    """Return the tables in which the rooms have the kinds that `values` contain."""
+    """Return the tables in which the roles have the kinds that `values` contain."""
     kinds = {key.removesuffix(".kind"): value for key, value in values.items() if key in KIND_KEYS}
     return data | {role: {**data.get(role, {}), "kind": kind} for role, kind in kinds.items()}
 
@@ -213,7 +215,7 @@ def _array_with_entry(
     entry: tuple[int, ...],
     value: object,
 ) -> np.ndarray:
-    """Return the whole array of a key with one entry replaced. UsageError if the array lacks this entry."""
+    """Return the whole array of a key with one entry replaced. Raise UsageError if the array lacks this entry."""
     array = np.array(
         value_in_force(vehicle_file, ".".join(path)) if array_value is None else array_value, dtype=float
     )
@@ -272,7 +274,7 @@ def _have_same_shape(old_value: Any, new_value: Any) -> bool:
 
 
 def _plain_value(value: object) -> Any:
-    """Return a value as numbers and lists of Python, as TOML requires."""
+    """Return a value as Python numbers and lists, as TOML requires."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, dict):
@@ -303,7 +305,7 @@ def _cov_table(p: ParameterCov) -> "JsonObject":
 
 
 def _round(value: Any, sd: Any) -> Any:
-    """Return values rounded to about a thousandth of their standard deviation; unchanged if it is unknown."""
+    """Return values rounded to about a thousandth of their standard deviation, unchanged if this is unknown."""
     if sd is None or isinstance(value, str | bool):
         return value
     array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))

@@ -1,7 +1,7 @@
 """Convert the bytes of a vehicle file to text and tables, with a line number for every key.
 
-A byte order mark, which some editors write, is removed. A file in UTF-16 or another encoding is refused with the
-remedy. A file above the limits of 64 KiB or 16 levels is also refused.
+A byte order mark, which some editors write, is removed. A file in UTF-16 or another encoding is refused, with a remedy
+in the message. A file above the limits of 64 KiB or 16 levels is also refused.
 """
 
 import re
@@ -24,7 +24,7 @@ _PART = re.compile(r"""[\w-]+|"[^"]*"|'[^']*'""")
 
 
 def read_text(path: Path) -> str:
-    """Return the text of the file at `path`. FileError if it cannot be read or is too large."""
+    """Return the text of the file at `path`. Raise FileError if it cannot be read or is too large."""
     try:
         size = path.stat().st_size
         content = path.read_bytes() if size <= MAX_BYTES else b""
@@ -36,7 +36,7 @@ def read_text(path: Path) -> str:
 
 
 def decode(content: bytes, name: str) -> str:
-    """Return the text of UTF-8 bytes, without a byte order mark. FileError for another encoding or an empty file."""
+    """Return the text of UTF-8 bytes without a byte order mark. Raise FileError for other bytes or an empty file."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise FileError(fault("toml.utf-16", file=name))
     if b"\0" in content:
@@ -53,7 +53,7 @@ def decode(content: bytes, name: str) -> str:
 
 
 def tables(text: str, name: str) -> "JsonObject":
-    """Return the tables of the text. FileError, with the line of the fault, if it is not TOML."""
+    """Return the tables of the text. Raise FileError, with the line of the fault, if it is not TOML."""
     try:
         return parse_toml(text, name)
     except tomllib.TOMLDecodeError as error:
@@ -61,7 +61,9 @@ def tables(text: str, name: str) -> "JsonObject":
 
 
 def parse_toml(text: str, name: str) -> "JsonObject":
-    """Return the tables of the text. FileError for a text above the limits, TOMLDecodeError if it is not TOML."""
+    """Return the tables of the text. Raise FileError for a text above the limits.
+    Raise TOMLDecodeError if the text is not TOML.
+    """
     _refuse_long_keys(text, name)
     try:
         data = tomllib.loads(text)

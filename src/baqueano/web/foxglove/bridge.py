@@ -2,7 +2,7 @@
 
     ws://HOST:PORT/foxglove[/TOKEN]
 
-channels        one JSON channel for each family of numbers, one message per tick; events; the route
+channels        one JSON channel for each family of columns, one message per tick; events; the route
 parameters      name, world and blocks of the vehicle, its gains and limits: read only
 connection      the block diagram: which block publishes a topic, which block reads it
 graph
@@ -60,7 +60,7 @@ class Client(NamedTuple):
 
 
 class Foxglove:
-    """The programs that watch a vehicle; `about` returns its description: vehicle, blocks, fields, route."""
+    """The clients that watch a vehicle; `about` returns its description: vehicle, blocks, fields, route."""
 
     def __init__(self, about: "Callable[[], JsonObject]", now_ns: Callable[[], int] = time.time_ns) -> None:
         self._about, self._now_ns = about, now_ns
@@ -87,7 +87,7 @@ class Foxglove:
         self._clients.pop(line, None)
 
     async def receive(self, line: Visitor, request: "JsonObject") -> None:
-        """Carry out a message of a client; answer a message that would change something by an error status."""
+        """Execute a message of a client, or answer it with an error status if it would change something."""
         client, op = self._clients[line], request["op"]
         try:
             match op:
@@ -258,7 +258,7 @@ def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
 
 
 def _body(topic: str, fields: "list[JsonObject]", row: list[float]) -> bytes:
-    """Return the numbers of a topic in a row as JSON, or b"" if all of them are unknown."""
+    """Return the values of one topic in this row as JSON, or b"" if all of them are None."""
     pairs = zip((field["name"] for field in fields), row, strict=False)
     values = {_key(name): x for name, x in pairs if _topic(name) == topic}
     return encode_json(values) if any(x is not None for x in values.values()) else b""

@@ -1,6 +1,6 @@
 """Describe a block for the page: its text, its parameters, the time of a step, and the blocks that could replace it.
 
-A class of the user is listed by its source text, without executing it. It is executed only after a visitor has chosen
+A class of the user is found in its source text, without executing it. It is executed only after a person has selected
 it, from the folder of the vehicle file or the folder where the page was started. A browser cannot send source text.
 """
 
@@ -26,16 +26,16 @@ ROLES_BY_INPUTS = {
 }  # fmt: skip
 LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")
 SWAPPABLE_ROLES = ("estimator", "guide", "controller")
-MAX_TEXT_LETTERS = 60_000  # most letters of a file that are shown
+MAX_TEXT_LETTERS = 60_000  # most characters of a file that are shown
 FILES, LARGEST = 50, 200_000  # most files of the user's folder, and most bytes of each
 CALLS, ROUNDS = 50, 5  # calls in a round, and rounds, to time a step
-MAX_SHOWN_NUMBERS = 9  # most numbers of an array that are shown
+MAX_SHOWN_NUMBERS = 9  # most values of an array that are shown
 
 
 def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
-    """Return all that the page shows about the block of a room, or about a block of another `kind` in its place.
+    """Return all that the page shows about the block of a role, or about a block of another `kind` in its place.
 
-    Raise UsageError if the kind is not in the list of the room.
+    Raise UsageError if the kind is not in the list of the role.
     """
     role, kind = request["room"], request["kind"]
     of_file = _kind_in_file(role, vehicle_file)
@@ -53,7 +53,7 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
 
 
 def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
-    """Return the findings of `blocks check` about the block of a room, or of another `kind`."""
+    """Return the findings of `blocks check` about the block of a role, or about a block of another `kind`."""
     from baqueano.vehicle_file.checked import check
 
     block_description(
@@ -67,12 +67,12 @@ def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObje
 
 
 def listed_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
-    """Return the kinds that fit a room: the built-in kinds and the classes of the user's folder."""
+    """Return the kinds for a role: the built-in kinds and the classes of the user's folder."""
     return [*kinds(role), *own_kinds(role, vehicle_file)]
 
 
 def own_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
-    """Return "file.py:Class" for each class in the user's folder that fits the room by its source text.
+    """Return "file.py:Class" for each class in the user's folder whose source text shows this role.
 
     At most FILES files are read. Symbolic links and files over LARGEST bytes are ignored.
     """
@@ -90,7 +90,7 @@ def own_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
 
 
 def _role_of(cls: ast.ClassDef) -> str:
-    """Return the room of a class, by the inputs of its `step` or by its base class; "" if it does not fit a room."""
+    """Return the role of a class, from the inputs of its `step` or its base class; "" if neither shows a role."""
     steps = [
         function for function in cls.body if isinstance(function, ast.FunctionDef) and function.name == "step"
     ]
@@ -104,7 +104,7 @@ def _role_of(cls: ast.ClassDef) -> str:
 
 
 def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
-    """Return the block of this kind for a room, built with the values of the vehicle file."""
+    """Return the block of this kind for a role, built with the values of the vehicle file."""
     from baqueano.guides.shapes import circle
 
     if role == "vehicle":
@@ -112,7 +112,7 @@ def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
     if role == "sensors":
         return next(iter(vehicle_file.sensors), None)
     own_kind = None if kind == _kind_in_file(role, vehicle_file) else kind
-    if own_kind is not None:  # the visitor chose it; that of the file needs the permission of the user
+    if own_kind is not None:  # selected in a browser; the file's block needs the user's permission
         resolve(role, own_kind, vehicle_file.folder)
     return (
         vehicle_file.guide(circle(1.0, 0.25), own_kind)
@@ -131,7 +131,7 @@ def _kind_in_file(role: str, vehicle_file: "VehicleFile") -> str:
 def step_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | None:
     """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
 
-    Return None if a block of the loop raises an error, or may not be executed.
+    Return None if a block of the loop raises an error, or if its execution is not permitted.
     """
     from baqueano import loop
     from baqueano.drive.session import compile_blocks, example_tick
@@ -172,7 +172,7 @@ def _is_own(cls: type) -> bool:
 
 
 def _text(cls: type) -> "JsonObject":
-    """Return file name, source text (cut to MAX_TEXT_LETTERS letters) and first line of a class."""
+    """Return file name, source text (at most MAX_TEXT_LETTERS characters) and line number, from 0, of a class."""
     from baqueano.block_checks.source_text import source_text
 
     text = source_text(cls)

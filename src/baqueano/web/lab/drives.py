@@ -1,4 +1,4 @@
-"""Identify drives in a lab worker: the current drive from its rows, and finished runs."""
+"""Identify drives in the worker: the current drive from its rows, and finished runs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ class Drives:
         self._answers: dict[tuple[str, int], JsonObject] = {}
 
     def answer(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
-        """Add rows to the drive number `drive` of a vehicle, and return the state of its identification."""
+        """Add rows to the drive with the number `drive`, and return the state of its identification and b""."""
         from baqueano.web.lab.identification import DriveIdentification
 
         anew = request["drive"] != self._number
@@ -41,7 +41,7 @@ class Drives:
         return self._drive.state(), b""
 
     def answer_run(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
-        """Return the identification of a run."""
+        """Return the identification of a run and b""."""
         from baqueano.drive.verbs import vehicle_of
         from baqueano.runs import read_run
         from baqueano.web.lab.identification import DriveIdentification

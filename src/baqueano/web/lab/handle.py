@@ -1,4 +1,4 @@
-"""Use the lab worker from the page: send a request and await the answer. The first request starts the worker."""
+"""Use the worker from the page process: send a request and await the answer. The first request starts the worker."""
 
 import asyncio
 import json
@@ -17,7 +17,7 @@ MAX_LINE_BYTES = 16 << 20
 
 
 class Lab:
-    """A handle of a lab worker, which answers requests in the order in which they are sent."""
+    """Client of the worker process of the page. The worker answers requests in the order in which they are sent."""
 
     def __init__(self) -> None:
         self._program: asyncio.subprocess.Process | None = None

@@ -1,4 +1,4 @@
-"""Identify the parameters of a vehicle during a drive, in a lab worker, from the rows that the page receives.
+"""Identify the parameters of a vehicle during a drive, in a worker process, from the rows that the page receives.
 
 The information of each window is exact (identify/design/live.py). A complete fit over all rows runs in a thread,
 first after FIRST_FIT_S of driving, then each second or less often: it uses at most MAX_FIT_SHARE of the time. The
@@ -32,12 +32,14 @@ if TYPE_CHECKING:
 FIRST_FIT_S = 8.0  # drive time before the first fit
 PERIOD_S, SLOW_PERIOD_S = 1.0, 15.0  # between fits, with a compiler and without one
 MAX_FIT_SHARE = 0.5  # largest share of the time for fits
-BUDGET_S = 0.3  # time for windows in one question; the others wait
+BUDGET_S = 0.3  # time for windows in one question; further windows wait
 PREVIOUS_BARS_S = 2.5  # drive time between the pale bars and now
 MAX_CURVE_POINTS = 300  # points of the information curve
 FIT_COUNT = 6  # number of fits of a finished run
 MAX_RELATIVE_STD = 0.3  # relative standard error above which a motion is missing
-MIN_SIZE_SHARE = 0.05  # of the size in the file; the error of a smaller value is relative to that size
+MIN_SIZE_SHARE = (
+    0.05  # of the magnitude in the file; the error of a smaller value is relative to that magnitude
+)
 MAX_GAP_S = 5.0
 
 
@@ -108,7 +110,7 @@ class DriveIdentification:
     def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
         """Add the ticks that follow the ticks added before.
 
-        A missing tick is filled with the last command and without measurements, an older tick is ignored. After a gap
+        A missing tick is filled with the last command, without measurements. An older tick is ignored. After a gap
         over MAX_GAP_S the drive begins again.
         """
         x = np.array(rows, dtype=float).reshape(len(rows), len(names))
@@ -298,8 +300,8 @@ class DriveIdentification:
     def _next(self) -> "JsonObject | None":
         """Return the advised motion, which would reduce the uncertainty most.
 
-        Return None before the first window, or if no motion is advised. Without a compiler the search would take
-        seconds; then also return None.
+        Return None before the first window, or if no motion is advised. Also return None without a compiler, because
+        the search would take seconds.
         """
         if not self.compiled or not self._sd:
             return None

@@ -1,6 +1,6 @@
-"""Identify parameters during a drive: send its rows to a separate lab worker, and the results to the browsers.
+"""Identify parameters during a drive: send its rows to a separate worker, and the results to the browsers.
 
-Results arrive each second, and are sent to each browser that watches, in its language.
+Results arrive each second, and are sent to each browser that watches, in the language of that browser.
 
   browser   identify {on}             begin to watch, or stop watching
   page      identify {of: "live", …}  the state of each parameter, each second while a browser watches
@@ -40,7 +40,7 @@ class Identifying:
 
     def __init__(self, visitors: Callable[[], Iterable[Visitor]] = tuple) -> None:
         self._lab, self._visitors = Lab(), visitors
-        self.vehicle = ""  # name or path of its file, or the run that contains it
+        self.vehicle = ""  # name or path of the vehicle file, or of a run that contains it
         self._looking: set[Visitor] = set()
         self._names: list[str] = []
         self._at: list[int] = []

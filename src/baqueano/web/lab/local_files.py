@@ -1,7 +1,7 @@
-"""The files of a robot on this computer: its vehicle file, the folder of routes, and the folder of its runs.
+"""Manage the files of a robot on this computer: its vehicle file, the folder of routes, and the folder of its runs.
 
-A robot cannot read them, so each mission is sent whole. Its run is copied here when the mission ends, and the route of
-a lesson is made from it. A lab worker reads and writes the files.
+A robot cannot read these files, so each mission is sent whole. When the mission ends, its run is copied to this
+computer, and the route of a lesson is made from the run. A worker reads and writes the files.
 """
 
 import asyncio
@@ -43,7 +43,7 @@ class LocalFiles:
         return reply["mission"]
 
     def expect(self, number: str, kind: str, order: "JsonObject") -> None:
-        """Expect the run of the mission with the id `number`, which was sent to the robot."""
+        """Record that a mission with the id `number` was sent to the robot, so that `fetch` copies its run."""
         self._requested[number] = kind, str(order.get("name", "")) if kind == "teach" else ""
 
     def fetch(
@@ -51,7 +51,7 @@ class LocalFiles:
     ) -> None:
         """Copy the run of an expected mission after its message "done", and store the route of a lesson.
 
-        `report` receives a message, and a row for each stored route; None instead if the copy failed.
+        `report` receives a message, and a row for each stored route, or None in place of the rows if the copy failed.
         """
         kind, route = self._requested.pop(str(done.get("id")), ("", ""))
         if kind and done.get("run"):

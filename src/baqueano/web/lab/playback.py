@@ -2,8 +2,8 @@
 
   python -m baqueano.web.lab.playback FOLDER [--pace F] [--no-browser]
 
-stdin contains lines of JSON: {"play": path}, {"tuned": …} and {"say": diagnostic}. After the end of stdin the player
-plays the remaining entries while a browser watches, then ends. The playback does not slow down the simulation that
+stdin contains lines of JSON: {"play": path}, {"tuned": …} and {"say": diagnostic}. After the end of stdin the remaining
+entries are played while a browser watches, then the program ends. The playback does not slow down the simulation that
 records the runs.
 """
 
@@ -48,7 +48,7 @@ class RunPlayer:
         self._paused, self._stop_reason = False, None
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
-        self._scene: JsonObject = {"screen": "drive"}  # shown by browsers that have not chosen a screen
+        self._scene: JsonObject = {"screen": "drive"}  # shown by browsers in which no screen was selected
         self._patience_s = 0.0  # time until which to wait for a browser; 0 before the first run
 
     def put(self, item: "Path | Diagnostic | JsonObject | None") -> None:
@@ -56,7 +56,7 @@ class RunPlayer:
         self._waiting.put_nowait(item)
 
     def send(self, do: str, **words: object) -> None:
-        """Carry out a message as a service does. Raise UsageError if a recorded drive cannot follow it."""
+        """Execute a message as a service does. Raise UsageError for a message that a recorded drive cannot execute."""
         if do == "pace":
             factor = words["factor"]
             if not isinstance(factor, int | float) or not SLOWEST <= factor <= FASTEST:
@@ -83,7 +83,7 @@ class RunPlayer:
                 on_word({"is": "event", "level": str(entry.severity), "said": entry})
 
     async def close(self) -> None:
-        """Do nothing, as a player does not own resources."""
+        """Do nothing, because a player does not own resources."""
 
     async def _play(self, path: Path) -> None:
         description, _ = await self._lab.request("open", path=str(path))
@@ -141,7 +141,7 @@ class RunPlayer:
             await self._show({"screen": "identify"}, FIT_SHOWN_S)
 
     async def _show(self, scene: "JsonObject", stays_s: float = 0.0) -> None:
-        """Show a screen, and wait `stays_s` seconds while a browser watches; a pause of the player does not count."""
+        """Show a screen, and wait `stays_s` seconds while a browser watches, without the pauses of the player."""
         self._scene = scene
         self._tell()
         while stays_s > 0.0 and self.viewers():
@@ -178,7 +178,7 @@ class RunPlayer:
 
 
 def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
-    """Yield the rows of a frame as lists of numbers."""
+    """Yield the rows of a frame as lists of values."""
     values = array("f", frame[HEAD_LAYOUT.size :])
     if sys.byteorder == "big":
         values.byteswap()

@@ -1,8 +1,8 @@
-"""Answer questions of browsers by lab workers: laps and cost landscapes of gains, blocks, comparisons.
+"""Answer questions of browsers with workers: laps and cost landscapes of gains, blocks, comparisons.
 
-A lap or a landscape that is no longer the newest of its browser is answered `stale`; other questions are always
-answered. Laps have priority over longer jobs: a landscape is computed in parts, and descents, checks and comparisons
-have a separate worker.
+A question for a lap or a landscape that is no longer the newest of its browser is answered by `stale`; other questions
+are always answered. Laps have priority over longer jobs: a landscape is computed in parts, and descents, checks and
+comparisons have a separate worker.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SIDE = 24  # laps along an axis of a landscape, at most
 PIECE = 10  # laps of a landscape in one request
 COMPARED = 6  # most runs in a comparison
-LONGEST_NAME = 200  # most letters of a name from a browser
+LONGEST_NAME = 200  # most characters of a name from a browser
 
 
 class Questions:
@@ -40,7 +40,7 @@ class Questions:
         self._bench, self.slow = Lab(), Lab()
         self._newest: dict[tuple[Visitor, str], object] = {}
         self._running: set[asyncio.Task[None]] = set()
-        self.blocks: dict[str, str] = {}  # room → kind that the next mission uses in place of the file's kind
+        self.blocks: dict[str, str] = {}  # role → kind that the next mission uses in place of the file's kind
         self.words: dict[str, Callable[[Visitor, JsonObject], Awaitable[JsonObject]]] = {
             "tune": self._tune, "lap": self._lap, "landscape": self._landscape, "downhill": self._downhill,
             "block": self._block, "check": self._check, "compare": self._compare,
@@ -74,7 +74,7 @@ class Questions:
             reply = await self.words[word["what"]](visitor, word)
         except BaqueanoError as error:
             reply = self._refusal(visitor, error.diagnostic)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:  # any word may come
+        except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
             reply = self._refusal(visitor, fault("web.not-understood", error=type(error).__name__))
         if self._is_newest(visitor, word):
             self._newest.pop((visitor, word["what"]), None)
@@ -166,9 +166,9 @@ class Questions:
         return reply
 
     async def swap(self, room: str, kind: str) -> str:
-        """Use a block of this kind in a room from the next mission on, "" for the file's block; return its kind.
+        """Use a block of this kind for a role from the next mission on, "" for the file's block; return its kind.
 
-        Raise UsageError if the block of the room cannot be swapped, or if the kind is not in the room's list.
+        Raise UsageError if a block of this role cannot be swapped, or if the kind is not in the list of the role.
         """
         reply, _ = await self.slow.request(
             "block", **self.about({}), room=room[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
@@ -182,5 +182,5 @@ class Questions:
         return reply["kind"]
 
     def path_of(self, word: str) -> Path:
-        """Return the path of the run with this key in the list."""
+        """Return the path of the run with this key in the list. Raise UsageError if the run does not exist."""
         return Path(self.about({"run": word})["path"])

@@ -53,7 +53,7 @@ class PackedRun:
 
 
 def pack_run(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
-    """Return a run as rows. `kinds` are the default kinds by room, used if the file does not name a kind."""
+    """Return a run as rows. `kinds` maps roles to the default kinds, which are used if the file does not name one."""
     columns = _columns(run)
     data = _tables(run.vehicle_text)
     names, unit = _command(data, run.applied.shape[1])
@@ -119,7 +119,7 @@ def _rates(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
 
 
 def _readings(run: Run) -> dict[str, np.ndarray]:
-    """Return the columns of the sensor channels: reading, prediction, innovation and its deviation; and the NIS."""
+    """Return the columns of the sensor channels: reading, prediction, innovation and its std; and the NIS."""
     n = len(run.t_ns)
     names = [f"{name}[{k}]" for name, channel in run.sensors.items() for k in range(channel.z.shape[1])]
     z = np.full((n, len(names)), np.nan)
@@ -214,7 +214,7 @@ def _number(value: object) -> float:
 
 
 def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
-    """Return the kinds of the blocks by room, with the model."""
+    """Return role → kind of the blocks, including the model."""
     kind_of = {role: _table(data, role).get("kind", kind) for role, kind in kinds.items()}
     return {role: str(kind) for role, kind in kind_of.items()} | {
         "model": str(_table(data, "model").get("kind", ""))

@@ -1,6 +1,6 @@
-"""Offer the runs of a folder to browsers by keys and not by paths; only admitted visitors receive the keys.
+"""Offer the runs of a folder to browsers by keys and not by paths. Only browsers with a role receive the keys.
 
-A key is a keyed hash of the path of the file. It cannot be guessed, and is valid while the process runs.
+A key is a keyed hash of the path of the file. A key cannot be guessed, and is valid while the process runs.
 """
 
 import hashlib
@@ -40,7 +40,7 @@ class Shelf:
     def paths(self) -> dict[str, Path]:
         """Return the paths of the existing runs by key: the extra runs, then the runs of the folder, newest first.
 
-        The folder counts with its MAX_LISTED_RUNS newest runs, without symbolic links and hidden files.
+        Of the folder, only the MAX_LISTED_RUNS newest runs are included, without symbolic links and hidden files.
         """
         candidates = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
         candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]

@@ -1,4 +1,4 @@
-"""Tune gains in the lab worker: simulate laps, their cost landscape and a descent, by stored compiled kernels.
+"""Tune gains in the worker: simulate laps, their cost landscape and a descent, with stored compiled kernels.
 
 The vehicle is read from a file or a run. The route is a stored route, the route of the run, or a shape. A name that is
 not in a list of this process is refused.
@@ -72,7 +72,7 @@ class TuningBench:
         }  # fmt: skip
 
     def lap(self, request: "JsonObject") -> "JsonObject":
-        """Return path, cost and figures of a simulated lap with `gains`, and its computing time."""
+        """Return path, cost and other results of a simulated lap with `gains`, and its computing time."""
         _, _, laps = self._laps(request)
         began = time.perf_counter()
         lap = laps.lap(_values(request["gains"], laps))
@@ -196,7 +196,7 @@ def _route_of_run(request: "JsonObject") -> "Route | None":
 
 
 def lap_picture(lap: "SimulatedLap") -> "JsonObject":
-    """Return a lap as data for the page: its path, its costs, and its figures."""
+    """Return a lap as data for the page: its path, its costs, and its other results."""
     stride = 1 + len(lap.x) // MAX_POINTS
     values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
     path, jerk, rms, max_m, saturated = (x if np.isfinite(x) else None for x in values)
@@ -215,7 +215,7 @@ def _meanings(block: object) -> "list[tuple[str, str]]":
 def _values(numbers: object, laps: SimulatedLaps) -> np.ndarray:
     """Return gains (p,) from JSON, clipped to their bounds.
 
-    Raise UsageError if their shape is wrong, or if a number is not finite.
+    Raise UsageError if their shape is wrong, or if a value is not finite.
     """
     try:
         values = np.array(numbers, dtype=float)

@@ -1,4 +1,4 @@
-"""Run a lab worker: read requests on stdin, and write answers to stdout, one at a time, until stdin ends.
+"""Run a worker: read requests on stdin, and write answers to stdout, one at a time, until stdin ends.
 
 to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "compare" | …, …}
                    {"do": "vehicle" | "mission" | "fetch", …}                       local_files.py
@@ -81,7 +81,7 @@ class Worker:
         return {}, run.frame(request["number"], request["first"], request["count"])
 
     def _recording(self, path: Path, estimator: str = "") -> "PackedRun":
-        """Return a run, read again if it has changed; if `estimator` is given, replayed through it."""
+        """Return a run, read again if it has changed. If `estimator` is not "", the run is replayed through it."""
         from baqueano.runs import read_run
         from baqueano.vehicle_file.build import DEFAULT_KINDS
         from baqueano.web.lab.recorded import pack_run
@@ -122,7 +122,9 @@ class Worker:
 
 
 def _refilter(run: "Run", estimator: str) -> "Run":
-    """Return a run replayed through another estimator: a built-in one, or a class of the user's folder."""
+    """Return a run replayed through another estimator: a built-in one, or a class of the user's folder.
+    Raise UsageError for any other kind.
+    """
     from dataclasses import replace
 
     from baqueano.drive import replay

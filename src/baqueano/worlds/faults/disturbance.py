@@ -1,4 +1,4 @@
-"""Convert faults to the inputs of a tick: forces, floor, voltage, grip and readings, as plain numbers.
+"""Convert faults to the inputs of a tick: forces, slope of the floor, voltage, grip and changes of readings.
 
 The inputs of tick k depend only on the faults, k and the seed. The random numbers of tick k are at a fixed position of
 their stream, and are drawn even if no fault uses them. So the removal of a fault does not change other faults.
@@ -19,7 +19,7 @@ from baqueano.vehicles.state import Vehicle
 from baqueano.worlds.faults.fault import CHANNEL_KINDS, DRIFT_S, SENSOR_KINDS, SLIP_FACTOR, Fault
 from baqueano.worlds.noise import stream
 
-BATCH_ROWS = 256  # rows of random numbers drawn at a time
+BATCH_ROWS = 256  # rows of random numbers that are drawn at a time
 WHEEL_SENSORS = ("wheels", "encoders")
 
 
@@ -37,8 +37,8 @@ class Disturbance(NamedTuple):
     push_body: np.ndarray  # (2,) acceleration of the centre of mass along body x, y [m/s²]
     push_map: np.ndarray  # (2,) the same along x, y of the map
     slope: np.ndarray  # (2,) sine of the floor's rise towards x, y of the map
-    supply: Value  # part of the battery's voltage
-    grip: np.ndarray  # (k,) part of each motor's force
+    supply: Value  # remaining share of the battery's voltage
+    grip: np.ndarray  # (k,) remaining share of each motor's force
     sensors: tuple[SensorDisturbance, ...]
 
 
@@ -90,17 +90,17 @@ class Shaking:
         return fault_
 
     def first(self, fault: Fault) -> int:
-        """Return the number of the first tick that the fault affects."""
+        """Return the index of the first tick that the fault affects."""
         return round(fault.at_s * self._rate_hz)
 
     def last(self, fault: Fault) -> float:
-        """Return the number of the first tick after the fault; infinity for a fault without an end."""
+        """Return the index of the first tick after the fault; infinity for a fault without an end."""
         if fault.until_s == float("inf"):
             return float("inf")
         return max(self.first(fault) + 1, round(fault.until_s * self._rate_hz))
 
     def inputs(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
-        """Return the inputs of tick k, and True if the command of the previous tick arrives."""
+        """Return the disturbance of tick k by `faults`, and True if the command of the previous tick arrives."""
         chance, spikes = self._random(k)
         active = [fault_ for fault_ in faults if self.first(fault_) <= k < self.last(fault_)]
         if not active:

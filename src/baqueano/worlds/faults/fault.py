@@ -1,9 +1,9 @@
-"""Define the faults of a simulated vehicle: kind, numbers, start and duration.
+"""Define the faults of a simulated vehicle: kind, parameters, start and duration.
 
-  push     x, y [N s]   impulse at the centre of mass, in the frame "body" (x ahead, y left) or "map"; in PUSH_S
+  push     x, y [N s]   impulse at the centre of mass, in the frame "body" (x forward, y left) or "map"; in PUSH_S
   tilt     x, y [rad]   rise of the floor towards x and y of the map, in addition to the slope in the vehicle file
   cut      of           a sensor, "imu", that does not send samples
-  drift    of, size     a channel, "imu[2]", whose zero moves by `size` [unit of the channel], linearly in DRIFT_S
+  drift    of, size     a channel, "imu[2]", whose zero changes by `size` [unit of the channel], linearly in DRIFT_S
   spikes   of, size     a channel, in which the share `part` of the samples is wrong by ± `size`
   slip     of, part     a wheel, left, right or all, that pushes with this part of its force; its sensor measures
                          SLIP_FACTOR times the speed
@@ -23,13 +23,13 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 
 PUSH_S, DRIFT_S = 0.05, 1.0
-SLIP_FACTOR = 1.5  # of the reading of a wheel that slips
-SOURCE = "shake"  # of its events in a run
+SLIP_FACTOR = 1.5  # factor on the reading of a wheel that slips
+SOURCE = "shake"  # source of the events of faults in a run
 WHEELS = ("left", "right", "all")
 DIRECTION_NAMES = ("ahead", "left", "back", "right")
-Usual: TypeAlias = tuple[float, float]  # least and most of a field
+Usual: TypeAlias = tuple[float, float]  # smallest and largest value of a field
 
-FIELD_RANGES: dict[str, dict[str, Usual]] = {  # fields that count for a kind, beside `of`
+FIELD_RANGES: dict[str, dict[str, Usual]] = {  # fields that a kind uses, in addition to `of`
     "push": {"x": (-100.0, 100.0), "y": (-100.0, 100.0)},
     "tilt": {"x": (-0.5, 0.5), "y": (-0.5, 0.5)},
     "cut": {},
@@ -52,7 +52,7 @@ class Fault:
     kind : str
         One of push, tilt, cut, drift, spikes, slip, sag, lose; the module lists the fields of each kind.
     at_s : float [s]
-        Time of the drive at which it begins; the tick that begins at this time is the first affected tick.
+        Time of the drive at which the fault begins; the tick that begins at this time is the first affected tick.
     for_s : float, optional [s]
         Duration; by default until the end of the drive. A push lasts PUSH_S.
     of : str
@@ -60,7 +60,7 @@ class Fault:
     x, y : float [N s] or [rad]
         Components of a push or a tilt.
     size : float [unit of the channel]
-        Size of a drift or of spikes.
+        Largest change of the reading by a drift or by spikes.
     part : float [1]
         Share of the samples, the force, the voltage or the frames.
     frame : str
@@ -109,7 +109,7 @@ class Fault:
         return asdict(self)
 
     def message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
-        """Return the message of the fault, with all its numbers; `psi_rad` is the heading of the vehicle."""
+        """Return the message of the fault, with all its parameters; `psi_rad` is the heading of the vehicle."""
         magnitude, direction_rad = hypot(self.x, self.y), atan2(self.y, self.x)
         if self.kind == "push" and self.frame == "map":
             direction_rad -= psi_rad
@@ -127,12 +127,12 @@ class Fault:
 
     @classmethod
     def of_diagnostic(cls, message: Diagnostic) -> Self:
-        """Return the fault that a message of `message` describes: its inverse."""
+        """Return the fault from a diagnostic that the method `message` returned. This is the inverse of that method."""
         return cls(**{field.name: message.figures[field.name] for field in fields(cls)})
 
     @classmethod
     def of_words(cls, description: FaultLike) -> Self:
-        """Return the fault of a text, or of a mapping of its fields. Raise UsageError if it is invalid."""
+        """Return the fault of a text or of a mapping of fields. Raise UsageError for an invalid description."""
         from baqueano.worlds.faults.text import fields_of
 
         if isinstance(description, cls):

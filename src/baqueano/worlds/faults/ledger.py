@@ -1,14 +1,14 @@
-"""Record for each fault of a drive the checks that detected it and when, the other checks, and the reason.
+"""Record, for each fault of a drive, the checks that detected the fault and when, and the reason if none did.
 
   monitor      reports a sensor that disagrees (monitor/)
-  model        the model does not fit any more, over 5 s (drive/health.py)
+  model        the model no longer agrees with the readings, over 5 s (drive/health.py)
   supervisor   stops the vehicle
   gate         the weight of MIN_REFUSALS innovations within WINDOW_S was below one half
   nis          Σ yᵀS⁻¹y over WINDOW_S exceeds the value that k correct innovations exceed once in 10⁴ windows:
                k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and MIN_NIS_RATIO times its mean before the fault (1)
 
-A notice belongs to the last fault that began, or to the fault of the sensor that the monitor names. After its end, a
-fault is watched for COVER_AFTER_S more.
+A notice belongs to the last fault that began, or to the fault of the sensor that the monitor names. A notice can also
+arrive up to COVER_AFTER_S after the end of its fault.
 """
 
 from collections import deque
@@ -34,15 +34,15 @@ WITNESSES = ("monitor", "model", "supervisor", "gate", "nis")
 WITNESS_OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
 COVER_AFTER_S, WINDOW_S, KEEP_BEFORE_S = 2.0, 1.0, 5.0
 MIN_REFUSALS, Z, MIN_NIS_RATIO = 3, 3.72, 1.3
-MIN_INNOVATIONS = 6  # numbers in a window
-MIN_LASTED_S = 1.0  # of a fault: earlier, a missing notice proves nothing
+MIN_INNOVATIONS = 6  # innovations in a window
+MIN_LASTED_S = 1.0  # of a fault: before this time, a missing notice has no meaning
 WHEELS = ("wheels", "encoders", "odometer")
 
 
 class LedgerNotice(NamedTuple):
     """A check that detected a fault, with its delay and its message."""
 
-    witness: str  # one of WITNESSES
+    witness: str  # name of the check, one of WITNESSES
     after_s: float
     message: Diagnostic
 
@@ -56,12 +56,12 @@ class LedgerRow:
     message: Diagnostic
     until_s: float
     noticed: list[LedgerNotice] = field(default_factory=list)
-    worst_nis: float = float("nan")  # mean over a window, while it lasted
+    worst_nis: float = float("nan")  # largest mean over a window, while the fault lasted
     error_m: float = float("nan")  # of the estimate at the end of the watched time
-    bound_m: float = float("nan")  # 1.96 standard deviations then
+    bound_m: float = float("nan")  # 1.96 standard deviations of the position at that time
 
     def covers(self, t_s: float) -> bool:
-        """Return True while a notice may belong to this fault."""
+        """Return True if a notice at `t_s` can belong to this fault."""
         return self.fault.at_s <= t_s <= self.until_s + COVER_AFTER_S
 
     def silent_witnesses(self) -> tuple[str, ...]:
@@ -118,8 +118,9 @@ class Ledger:
         self, t_ns: int, y: np.ndarray | None, S: np.ndarray | None, weight: np.ndarray | None,
         eta: np.ndarray, cov: np.ndarray, truth: np.ndarray | None,
     ) -> None:  # fmt: skip
-        """Update the consistency of the innovations and the bound of the position. Also update the error of the
-        position if the true pose (3,) is known.
+        """Update the test of the innovations `y` (m,), `S` (m, m) and `weight` (m,), and the bound of the position.
+
+        Also update the error of the position, if the true pose `truth` (3,) is known.
         """
         self.now_s = t_s = seconds(t_ns)
         self._square(t_s, y, S)
@@ -132,7 +133,10 @@ class Ledger:
                 row.bound_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
 
     def unnoticed_diagnostic(self, row: LedgerRow) -> Diagnostic | None:
-        """Return a message with the reason why no check detected a fault; None if one did, or before MIN_LASTED_S."""
+        """Return a message with the reason why no check detected a fault.
+
+        Return None if a check detected the fault, or if the fault is younger than MIN_LASTED_S.
+        """
         lasted_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.at_s
         if row.noticed or lasted_s < MIN_LASTED_S:
             return None
@@ -232,9 +236,9 @@ class Ledger:
 
 
 def ledger_of(run: "Run", vehicle_file: "VehicleFile") -> Ledger:
-    """Return the ledger of a recorded run.
+    """Return the record of the faults of a recorded run.
 
-    A run does not contain the weights of its innovations, so only a ledger that is made during the drive contains
+    A run does not contain the weights of its innovations. So only a `Ledger` that is filled during the drive contains
     notices of the gate.
 
     Parameters

@@ -1,4 +1,4 @@
-"""English sentences of the loop, its blocks, its supervisor and its driver."""
+"""English sentences about the loop, its blocks, its supervisor and its driver."""
 
 from baqueano.diagnostics import StopReason as S
 

@@ -1,1 +1,1 @@
-"""English sentences of drives, simulations, comparisons, studies, tuning, and the monitor of sensors."""
+"""English sentences about drives, simulations, comparisons, studies, tuning, and the monitor of sensors."""

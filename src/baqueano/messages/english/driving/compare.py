@@ -1,4 +1,4 @@
-"""English sentences of comparisons, and of the requirements of their figures."""
+"""English sentences about comparisons, and about the requirements of their figures."""
 
 CONSISTENCY = "{figure} of {of:word} is {mean:.2f}. A correct covariance gives {low:.2f} to {high:.2f}{worst}"
 

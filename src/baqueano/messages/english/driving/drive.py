@@ -1,4 +1,4 @@
-"""English sentences of manual drives, of repeated paths and missions, of marks and of first drives."""
+"""English sentences about manual drives, repeated paths and missions, marks and first drives."""
 
 TEMPLATES: dict[str, str] = {
     "pad.not-linux": "--pad: game pads are read from Linux's /dev/input. Here, drive with the keys.",

@@ -1,4 +1,4 @@
-"""English sentences of simulations."""
+"""English sentences about simulations."""
 
 TEMPLATES: dict[str, str] = {
     "simulate.as-written": (

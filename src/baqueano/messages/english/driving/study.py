@@ -1,4 +1,4 @@
-"""English sentences of studies, of the demo, and of the laboratory's libraries."""
+"""English sentences about studies, the demo, and the laboratory's libraries."""
 
 TEMPLATES: dict[str, str] = {
     "study.recordings-missing": (

@@ -1,4 +1,4 @@
-"""English sentences of a sweep."""
+"""English sentences about a sweep."""
 
 TEMPLATES: dict[str, str] = {
     "sweep.head": "medians of {drives} drives",

@@ -1,4 +1,4 @@
-"""English sentences of simulations and of tuning."""
+"""English sentences about simulations and tuning."""
 
 TEMPLATES: dict[str, str] = {
     "tune.uncontrolled": (

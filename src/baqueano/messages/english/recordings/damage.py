@@ -1,4 +1,4 @@
-"""English sentences about recordings: damage to a file, and the required content of the map of a recording."""
+"""English sentences about damage to a recording, and about the required content of its map."""
 
 TEMPLATES: dict[str, str] = {
     "damage.message-bytes": "messages of {bytes} bytes were expected",

@@ -1,4 +1,4 @@
-"""English sentences of runs on a disk: reading, writing, importing, exporting."""
+"""English sentences about runs on a disk: reading, writing, importing, exporting."""
 
 TEMPLATES: dict[str, str] = {
     "runs.file-there": "{path} exists already, and it is never overwritten. Type: {fix}",

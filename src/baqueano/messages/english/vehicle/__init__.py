@@ -1,1 +1,1 @@
-"""English sentences of the real vehicle and of the connections to it."""
+"""English sentences about the real vehicle and the connections to it."""

@@ -1,4 +1,4 @@
-"""English sentences of the connections: external drivers, and the protocol between laptop and vehicle."""
+"""English sentences about connections: external drivers, and the protocol between laptop and vehicle."""
 
 from baqueano.diagnostics import StopReason as S
 

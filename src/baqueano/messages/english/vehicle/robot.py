@@ -1,4 +1,4 @@
-"""English sentences of the real vehicle: the Uno, the IMU, and the computer that runs the service."""
+"""English sentences about the real vehicle: the Uno, the IMU, and the computer that runs the service."""
 
 from baqueano.diagnostics import StopReason as S
 
