@@ -89,7 +89,7 @@ def shorten(
 ) -> str:
     """Return a text of at most `line_count` lines: `head`, as many `rows` as fit, how many more exist, and `tail`.
 
-    >>> print(shorten(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], lines=4))
+    >>> print(shorten(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], line_count=4))
     gains
     a 1
     3 more lines: .table()

@@ -80,7 +80,7 @@ class Forecast(Result):
 
     Examples
     --------
-    >>> drive = Ahead(note("forecast.as-the-runs"), 10.0, 1.9, 0.02, 0.05)
+    >>> drive = DriveForecast(note("forecast.as-the-runs"), 10.0, 1.9, 0.02, 0.05)
     >>> Forecast((drive,), ()).rows()[0]["position_m"]
     0.02
     """

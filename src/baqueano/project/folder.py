@@ -97,7 +97,7 @@ def with_other_truth(vehicle_file: VehicleFile) -> VehicleFile:
     """Return a vehicle in which each fitted parameter is the guess times exp N(0, GUESS_ERROR_STD²), within its bounds.
 
     >>> mine = load("small")
-    >>> other = others_than(mine)
+    >>> other = with_other_truth(mine)
     >>> bool(np.all(other.value("model.friction.linear") != mine.value("model.friction.linear")))
     True
     """

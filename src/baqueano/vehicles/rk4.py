@@ -34,7 +34,7 @@ def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s:
 def row_counts(dt_s: np.ndarray) -> np.ndarray:
     """Return the number of rows (N,) into which each of the ticks of `dt_s` (N,) is divided.
 
-    >>> rows_in(np.array([0.01, 0.022, 0.05]))
+    >>> row_counts(np.array([0.01, 0.022, 0.05]))
     array([1, 1, 3])
     """
     return np.maximum(np.ceil(dt_s / MAX_ROW_S - ROW_TOLERANCE), 1).astype(int)

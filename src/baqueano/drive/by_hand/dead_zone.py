@@ -25,7 +25,7 @@ def dead_zone_violation(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDe
     Return None if u is zero, or if `drivetrain` is None.
 
     >>> from baqueano.vehicle_file import load
-    >>> short_of_motion(load("small").vehicle.drivetrain, np.array([0.2, 0.0, 0.0]))
+    >>> dead_zone_violation(load("small").vehicle.drivetrain, np.array([0.2, 0.0, 0.0]))
     BelowDeadZone(channel=0.2, dead_zone=0.27)
     """
     if drivetrain is None:

@@ -181,7 +181,7 @@ def contain(
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
     >>> safe = contain(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
-    >>> print(safe.u.shape, f"{100 * safe.replaced:.0f} % replaced, {safe.margin_m > 0.0}")
+    >>> print(safe.u.shape, f"{100 * safe.replaced_fraction:.0f} % replaced, {safe.margin_m > 0.0}")
     (200, 3) 50 % replaced, True
     """
     u = np.array(u, dtype=float)

@@ -115,7 +115,7 @@ def _as_text(rows: list["TableRow"]) -> dict[str, list[str]]:
 def typed_text(settings: Settings) -> str:
     """Return the command line that stores `settings` in an Uno, independent of its former settings.
 
-    >>> as_typed(Settings(driver=Driver.TB6612))
+    >>> typed_text(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
     """
     default, texts = _as_text(StoredSettings(Settings()).rows()), _as_text(StoredSettings(settings).rows())

@@ -31,7 +31,7 @@ def are_held(hold_counts: np.ndarray) -> bool:
 def find_repeats(x: np.ndarray) -> Repeats:
     """Return the repeats of a channel x (M,). A value that is not finite is not a repeat.
 
-    >>> repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 2.0, 2.0, 5.0, 5.0, 3.0])).lasting
+    >>> find_repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 2.0, 2.0, 5.0, 5.0, 3.0])).hold_counts
     array([2, 2, 1])
     """
     is_fresh = np.ones(len(x), bool)
