@@ -44,7 +44,7 @@ HAVE_ONE = """
     door.remote: connect
     robot.uno.serial_port: open_uno
     project.folder: new
-    report.fit_report: report
+    report.pages.result_page: report
     vehicle_file.checked: check
     runs.importing.recordings: import_run
     runs.container.reader: read_run
