@@ -112,10 +112,13 @@ VEHICLES = {
     "random 1": (lambda: random_vehicle(1), 0.5, 0.25),
     "random 2": (lambda: random_vehicle(2), 0.5, 0.25),
 }
+EACH_VEHICLE = [
+    pytest.param(name, marks=[pytest.mark.long] if name.startswith("random") else []) for name in VEHICLES
+]
 
 
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
-@pytest.mark.parametrize("name", VEHICLES)
+@pytest.mark.parametrize("name", EACH_VEHICLE)
 def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(name, yaw_gain):
     """One fitted file has the correct yaw gain; in the others the yaw gain is twice or half the true value."""
     of, ahead, speed_m_s = VEHICLES[name]
@@ -134,7 +137,7 @@ def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(nam
 
 
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0])
-@pytest.mark.parametrize("name", VEHICLES)
+@pytest.mark.parametrize("name", EACH_VEHICLE)
 def test_heading_control_works_with_an_unfitted_model(name, yaw_gain):
     of, ahead, speed_m_s = VEHICLES[name]
     file = of()

@@ -145,6 +145,7 @@ def filmed_run(small):
     return replace(run, truth=TruthLog(t.t_ns[every] - 40_000_000, eta, none, none))
 
 
+@pytest.mark.long
 def test_a_camera_identifies_the_gyro_scale_and_the_camera_clock(filmed_run, small):
     fit = identify(
         filmed_run,

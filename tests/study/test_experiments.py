@@ -91,6 +91,7 @@ def test_study_vehicles_differ_from_their_file_within_the_stated_spread(name):
     assert type(vehicles).__module__.startswith("baqueano.study.truth")
 
 
+@pytest.mark.long
 def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room():
     file = load("small")
     vehicles, room = vehicles_around(file, 2, 0), room_of(file, "2x2")

@@ -213,6 +213,7 @@ def test_several_routes_have_equal_weight(small):
     np.testing.assert_allclose(slope, np.mean(each, axis=0), rtol=1e-9)
 
 
+@pytest.mark.long
 def test_several_seeds_have_equal_weight_and_other_seeds_check_the_result(small):
     options: dict = {"estimator": True, "duration_s": 0.4, "gains": ["beta"]}
     both, *each = (rehearse(small, ROUTE, seeds=n, seed=k, **options) for n, k in ((2, 7), (1, 7), (1, 8)))
