@@ -91,7 +91,7 @@ class EvenDrive(NamedTuple):
     asked_m_s: float
     seed: int
     speed_error: float  # of the reference speed, rms after the first second
-    speed_ripple: float  # about the mean over 1 s
+    unevenness: float  # about the mean over 1 s
     at_limit: float  # fraction of the ticks
     sign_changes: float  # of the forward command, in the lap
     across_m: float  # rms
