@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from baqueano.identify.estimation.least_squares import minimise
@@ -67,6 +67,7 @@ def test_a_search_from_a_bound_reaches_a_minimum_inside_the_bounds():
 
 
 @settings(max_examples=30)
+@example(seed=2257)  # a step to a bound ends one rounding error before it
 @given(seed=st.integers(0, 10**6))
 def test_bounded_linear_problems_satisfy_the_kkt_conditions(seed):
     rng = np.random.default_rng(seed)

@@ -105,15 +105,15 @@ def test_the_strips_show_measurement_model_innovation_and_command(tab, live):
 
 HONESTY = {  # the mean NIS of 10 s, of three channels: the band is 1 ± 0.051
     "en": {
-        "below": "errors are smaller than its covariance",
-        "inside": "covariance fits its errors",
-        "above": "errors are larger than its covariance",
+        "below": "errors are smaller than the covariance",
+        "inside": "covariance agrees with the errors",
+        "above": "errors are larger than the covariance",
         "unknown": "needs 2 s of driving",
     },
     "es": {
-        "below": "errores son menores que su covarianza",
-        "inside": "covarianza corresponde a sus errores",
-        "above": "errores son mayores que su covarianza",
+        "below": "errores son menores que los que predice",
+        "inside": "covarianza concuerda con los errores",
+        "above": "errores son mayores que los que predice",
         "unknown": "necesita 2 s de marcha",
     },
 }

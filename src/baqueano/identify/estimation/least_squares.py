@@ -24,6 +24,7 @@ from baqueano.identify.residuals.block_arrow import BlockArrow, Evaluation, dens
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MAX_EVALUATIONS = 80  # evaluations
 MIN_SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
+ROUNDING = 1e-15  # of a bound
 OVERSTEP = 0.17  # relative lengthening of an undamped step
 DAMPING = 1e-2  # λ at the start
 STALLED_DECREMENT = 1e-2  # decrement below which a search that no longer improves is treated as converged
@@ -194,7 +195,12 @@ def _is_finite(evaluation: Evaluation) -> bool:
 
 
 def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    return np.minimum(np.maximum(theta, low), high)
+    """Return θ (p,) between the bounds; an entry that is at a bound except for rounding is set to the bound."""
+    clipped = np.minimum(np.maximum(theta, low), high)
+    for bound in (low, high):
+        is_near = np.isfinite(bound) & (np.abs(clipped - bound) <= ROUNDING * np.abs(bound))
+        clipped = np.where(is_near, bound, clipped)
+    return clipped
 
 
 def _is_leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
