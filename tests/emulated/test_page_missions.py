@@ -86,7 +86,11 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             )  # the run is copied, and its route is stored
             assert len(list((tmp_path / "here").glob("*-teach.mcap"))) >= 1
             (taught,) = set(tab.js(f"{SCREENS}.drive.names")) - {"ring"}
-            repeat(wheel, taught, "baqueano.page.record.value('eta.x') > 0.1")
+            repeat(
+                wheel,
+                taught,
+                "baqueano.page.state.mission?.kind === 'repeat' && baqueano.page.state.t_s > 0.5",
+            )
             stop(wheel)
 
             tab.click("#tab-tune")
@@ -109,7 +113,10 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             wheel = Wheel(tab, port, service.live)
             assert until(lambda: wheel.state() == "STOPPED", START_S)
             wheel.ready()
-            tab.wait("baqueano.page.runs.filter((one) => one.seconds).length >= 4", START_S)
+            tab.wait(
+                "baqueano.page.runs.filter((one) => one.kind === 'repeat' && one.seconds).length >= 3",
+                START_S,
+            )
             tab.js("baqueano.page.openRun(baqueano.page.runs.find((one) => one.kind === 'teach').id)")
             tab.wait("baqueano.page.opened", START_S)
             tab.press("End")
