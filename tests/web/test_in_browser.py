@@ -11,7 +11,6 @@ from tests.web.test_serve import port_of, program
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
 PRESS = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r})).click()"
-GIVE = "((list) => {{ list.value = {name!r}; if (list.value) list.onchange(); }})(document.getElementById('give'))"
 TEXT = "document.body.innerText.includes({text!r})"
 START_S, TRIES = 60.0, 6
 
@@ -68,32 +67,6 @@ def test_a_user_takes_control_drives_and_stops_a_vehicle(chromium, tmp_path):
         show_text(tab, "STOPPED")
         assert not tab.errors
         tab.close()
-
-
-def test_a_driver_hands_the_control_over_to_another_browser_by_name(chromium, tmp_path):
-    with program(
-        "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
-        env={**os.environ, "BAQUEANO_BACKEND": "python"},
-    ) as page:  # fmt: skip
-        tabs, port = [chromium.tab(), chromium.tab()], port_of(page)
-        for tab in tabs:
-            tab.goto(f"http://127.0.0.1:{port}/")
-            tab.wait("baqueano.page.hello?.you", START_S)
-        first, second = tabs
-        name = second.js("baqueano.page.hello.you")
-        second.js(  # a tab in the background draws nothing, so it loses the control again at once
-            "(({ hand }) => { const lease = hand.lease.bind(hand);"
-            "hand.lease = (word) => { if (word.you) globalThis.took = true; lease(word); }; })(baqueano.page)"
-        )
-        end = time.monotonic() + START_S
-        while not second.js("globalThis.took"):  # a busy machine loses control: it is taken again
-            assert time.monotonic() < end, first.js("document.body.innerText")
-            take(first)
-            first.js(GIVE.format(name=name))
-            time.sleep(0.3)
-        assert not first.js("baqueano.page.hand.mine")
-        for tab in tabs:
-            tab.close()
 
 
 TUNE = "baqueano.page.screens.tune"
