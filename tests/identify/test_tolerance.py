@@ -31,7 +31,7 @@ def test_a_given_tolerance_is_written_with_its_provenance():
     provenance = with_tolerance(load("car"), {"sensors.imu.gyro_scale": 0.01}).provenance[
         "sensors.imu.gyro_scale"
     ]
-    assert provenance.run == "told, ± 1 %"
+    assert provenance.run == "stated, ± 1 %"
     assert provenance.sd == pytest.approx(0.01 / np.sqrt(3.0) * load("car").sensors.imu.gyro_scale, rel=5e-3)
 
 

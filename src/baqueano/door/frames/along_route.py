@@ -24,7 +24,7 @@ class AlongRoute:
         p = np.asarray(route.eta[:, :2], dtype=float)
         d = np.diff(p, axis=0)
         length = np.hypot(d[:, 0], d[:, 1])
-        has_length = length > 1e-9  # a turn on the spot has no length
+        has_length = length > 1e-9  # a turn in place does not have a length
         self._p, self._length = p[:-1][has_length], length[has_length]
         self._t = d[has_length] / self._length[:, None]
         self._s = np.concatenate([[0.0], np.cumsum(self._length)])[:-1]

@@ -1,11 +1,11 @@
-"""Slow down a vehicle while its estimate is doubtful, and stop it if the doubt persists.
+"""Slow down a vehicle while its estimate is unreliable, and stop it if this lasts.
 
-  doubt = a sensor is DEGRADED, or σ > SLOW_SHARE · max_position_std_m of the supervisor                     (1)
-  pace  = SLOW while there is doubt, 0 after WAIT_S of severe doubt, 1 again once the doubt is over          (2)
-  stop  after STAND_S at pace 0 under severe doubt                                                           (3)
+  unreliable = a sensor is DEGRADED, or σ > SLOW_SHARE · max_position_std_m of the supervisor                (1)
+  pace       = SLOW while it is unreliable, 0 after WAIT_S of a severe case, 1 again afterwards              (2)
+  stop       after STAND_S at pace 0 in a severe case                                                        (3)
 
 The monitor (monitor/) sets a sensor DEGRADED. If the monitor cannot decide if the sensor or the model is wrong, the
-doubt is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate doubtful.
+case is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate unreliable.
 """
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge_diagnostics, note, stop
@@ -68,7 +68,7 @@ class Caution(Observer):
         return lines
 
     def _reason_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
-        """Return the doubt about the estimate, or None, and True if the doubt is severe.  (1)"""
+        """Return why the estimate is unreliable, or None, and True in a severe case.  (1)"""
         if not self._is_watching:
             return None, False
         std_m = float(position_std(record.estimate.cov))

@@ -93,7 +93,7 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
         value = np.asarray(get(vehicle_file, path), float)
         std = np.abs(value) * std_of_tolerance(relative_tolerance)
         values[path] = value.tolist()
-        origins[path] = Provenance(f"told, ± {100.0 * relative_tolerance:g} %", date.today(), std.tolist())
+        origins[path] = Provenance(f"stated, ± {100.0 * relative_tolerance:g} %", date.today(), std.tolist())
     return vehicle_file.with_values(values, origins) if values else vehicle_file
 
 

@@ -68,7 +68,7 @@ class Plan(NamedTuple):
     names: tuple[str, ...]  # of the parameters (p,)
     relative_std: (
         np.ndarray
-    )  # (p,) expected relative standard error; 1 for a parameter on which the drive has no information
+    )  # (p,) expected relative standard error; 1 if the drive does not determine the parameter
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
     @property

@@ -35,7 +35,7 @@ WITNESS_OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor
 COVER_AFTER_S, WINDOW_S, KEEP_BEFORE_S = 2.0, 1.0, 5.0
 MIN_REFUSALS, Z, MIN_NIS_RATIO = 3, 3.72, 1.3
 MIN_INNOVATIONS = 6  # innovations in a window
-MIN_LASTED_S = 1.0  # of a fault: before this time, a missing notice has no meaning
+MIN_LASTED_S = 1.0  # duration of a fault after which a missing notice counts
 WHEELS = ("wheels", "encoders", "odometer")
 
 
