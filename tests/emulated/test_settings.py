@@ -9,7 +9,6 @@ from baqueano.robot.uno.frames import (
     AskSettings,
     Config,
     Drive,
-    DriveFlag,
     Driver,
     Encoders,
     Info,
@@ -201,7 +200,3 @@ def test_r15_settings_can_be_stored_thousands_of_times(uno):
         uno.reset(ResetCause.EXTERNAL)
         assert uno.next_frame(Info, 0.1).boots
         assert settings_of(uno) == settings
-
-
-def test_the_three_drive_flags_occupy_the_lowest_three_bits():
-    assert DriveFlag.ARM | DriveFlag.CLEAR_STOP | DriveFlag.BRAKE == 7

@@ -1,11 +1,11 @@
 """A real car whose model is chosen on one run and judged on the other. Skipped, by name, without the recordings."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from baqueano.study.recorded import cpm
-from baqueano.study.recorded.bars import row
 
 pytestmark = pytest.mark.long
 
@@ -37,6 +37,11 @@ def test_rows_are_flat_and_serialisable_to_json(rows):
     assert json.dumps(rows, allow_nan=False)
 
 
-def test_a_row_below_its_requirement_is_not_ok():
-    assert cpm.MIN_EXPLAINED == {"a": 0.94, "b": 0.98}
-    assert row("x", "y", 0.5, "≥ 0.94", ok=0.5 >= 0.94)["ok"] is False
+@pytest.mark.parametrize(
+    ("turn", "offset_s", "is_ok"),
+    [(0.966, 0.045, [True, True]), (0.980, 0.045, [False, True]), (0.966, 0.060, [True, False])],
+)
+def test_a_calibration_outside_its_tolerance_is_not_ok(turn, offset_s, is_ok):
+    values = {"sensors.imu.gyro_scale": 1.0 / turn, "clock.truth": offset_s}
+    calibration = SimpleNamespace(value=values.__getitem__)
+    assert [row["ok"] for row in cpm.calibration_rows(calibration, "a")] == is_ok
