@@ -240,7 +240,7 @@ TEMPLATES: dict[str, str] = {
     "cli.page-waits": 'take control on the page and press "By hand"; Ctrl-C ends it',
     "cli.page-over": "This drive is over. Its run is in the folder {folder}",
     "cli.page-gone": "The page process has ended.",
-    "cli.page-by-hand": 'This page belongs to a manual drive. Press "By hand" on it.',
+    "cli.page-by-hand": 'This page is for driving by hand. Press "By hand" on it.',
     "cli.page-set": (
         "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on the page of another "
         "command."

@@ -50,7 +50,7 @@ TEMPLATES: dict[str, str] = {
     "web.title-paused": "PAUSED",
     "web.stopped": "Stopped: {cause}. Clear the stop to continue",
     "web.disarmed": "Not ready: {cause}",
-    "web.ready": "The vehicle is at rest. Teach a route, repeat one, or drive manually",
+    "web.ready": "The vehicle is at rest. Teach a route, repeat one, or drive by hand",
     "web.begins": "The drive begins",
     "web.lap-of": "Lap {lap} of {laps}",
     "web.lap": "Lap {lap}",
