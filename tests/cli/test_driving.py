@@ -15,9 +15,15 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
+from baqueano.drive import teach
 from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S, START_S
+from baqueano.drive.closure import closure, lap_closure
 from baqueano.drive.session import marks_of, stop_of
+from baqueano.errors import AnswerNo
+from baqueano.guides.shapes import circle, eight
 from baqueano.runs import read_run
+from baqueano.vehicle_file.history import Provenance
+from tests.codes import refused
 from tests.drive.test_closure import drive_of_turns
 
 pty = pytest.importorskip("pty", reason="a terminal of Unix")
@@ -281,3 +287,44 @@ def test_the_heading_option_is_refused_without_driving_by_keys(baqueano):
     end = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
     assert end.code == 2
     assert (end.reason.code, end.reason.figures["driver"]) == ("cli.hand-options", "circle")
+
+
+GYRO = 0.97
+
+
+def test_a_taught_eight_writes_the_gyro_scale_into_the_vehicle_file(baqueano, tmp_path, monkeypatch):
+    measured = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
+    noise = {
+        "disturbance_std": [0.03, 0.8],
+        "disturbance_fade_s": [1.0, 2.5],
+        "velocity_walk_std": [0.01, 0.01, 1e-4],
+    }
+    values = {f"estimator.{name}": value for name, value in noise.items()}  # of an identified robot
+    vehicle_file.load("small").with_values(values, measured).save(tmp_path / "vehicle.toml")
+
+    def drive_by_hand(verb, file, robot, seed, backend, path, **_options):
+        true_file = file.with_values({"sensors.imu.gyro_scale": GYRO})  # this driver returns to the start
+        return teach(true_file, eight(1.0, 0.25), seed=seed, backend=backend, path=path).run
+
+    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)
+    end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--update")
+    assert end.code == 0
+    assert "closed" in end.out
+    imu = vehicle_file.load("vehicle.toml").sensors.imu
+    assert imu.gyro_scale == pytest.approx(GYRO, abs=3.0 * GYRO * imu.gyro_scale_std)
+    assert imu.gyro_scale_std < 0.004
+    run = read_run(next((tmp_path / "runs").glob("*.mcap")))
+    with refused("marks.too-few", AnswerNo):
+        closure(run, vehicle_file.load("vehicle.toml"))
+    with refused("marks.no-gyro", AnswerNo):
+        lap_closure(replace(run, sensors={}), vehicle_file.load("vehicle.toml"))
+
+
+def test_an_unidentified_vehicle_needs_marks_for_its_gyro_scale(baqueano, monkeypatch):
+    def drive_by_hand(verb, file, robot, seed, backend, path, **_options):
+        return teach(file, circle(0.3, 0.25), path=path).run
+
+    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)
+    end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--vehicle", "small")
+    assert end.code == 0
+    assert "press m" in end.err + end.out

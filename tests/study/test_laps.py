@@ -206,5 +206,5 @@ def test_the_limits_depend_on_the_gyro_and_the_position_sensor():
 
 def test_the_study_combines_every_position_sensor_with_every_route():
     cases = all_cases()
-    assert len(cases) == len(set(cases)) == 27
+    assert len(cases) == len(set(cases)) == 48
     assert {(case.fix, case.route) for case in cases} == {(fix, shape) for fix in FIXES for shape in SHAPES}

@@ -4,11 +4,13 @@
   σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)
   ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v: no closure shows the scale of the speed       (3)
   s_v = s₀ ∫ z_v / s₀ dt / L                 L measured along the path, driven forward                   (4)
+  s_ω = s₀ e^κ,  κ = −σ_κ² Jᵀ (P + M)⁻¹ e,  σ_κ⁻² = σ₀⁻² + Jᵀ (P + M)⁻¹ J                                (5)
 
 z_ω is the reading of the gyro, and s₀ its scale in the vehicle file. c is the cosine of its tilt, b its zero at rest
 in the same run. σ_w is the random walk of b, σ_z the noise of a sample, δ the sampling interval, σ_mark = 2°
-[assumed]. (1) is not computed if k = 0. k is certain if the scale is wrong by less than MAX_TURN_ERROR and |k| < 1 / (2
-MAX_TURN_ERROR). Derivation: docs/derivations/repeat_and_drift.md.
+[assumed]. (1) is not computed if k = 0. If the vehicle returns to the same place too, e is the pose that its estimator
+finds at t₂ relative to t₁, P its covariance for a known scale, M that of the mark, J = ∂e/∂κ, σ₀ the deviation of s₀
+in the file. (5) holds for k = 0 too, as on an eight. Derivation: docs/derivations/repeat_and_drift.md.
 """
 
 from dataclasses import dataclass
@@ -22,13 +24,16 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
+from baqueano.drive.verbs import replay
 from baqueano.errors import AnswerNo
+from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
 from baqueano.runs import Channel, Run
-from baqueano.signals import Motion, seconds
+from baqueano.signals import NANOSECONDS, Motion, seconds
 from baqueano.vehicle_file.file import VehicleFile
 
 MARK_STD_RAD = np.radians(2.0)
+SCALE_STEP = 0.005  # of κ, for J; the second step of (5) uses the same J
 MAX_TURN_ERROR = 0.1
 MAX_TURNS = 4  # most turns between two marks
 REST_S, MIN_REST_S = 1.0, 1.0  # at rest after this time without a command; least duration of rest
@@ -42,10 +47,13 @@ class Closure(Result):
     turns: int
     turned_rad: float  # measured by the gyro with the scale in the vehicle file
     scale: float  # of the gyro
-    sd: float  # (2)
+    sd: float  # (2) or (5)
     values: dict[str, object]  # of the vehicle file: path → value
     travelled: dict[str, float]  # speed sensor → metres with its scale in the vehicle file
     length_m: float | None
+    gap_m: float | None = (
+        None  # of (5): distance between the estimated poses at both marks, with the file's scale
+    )
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per scale."""
@@ -60,15 +68,20 @@ class Closure(Result):
     def table(self) -> str:
         """Return the results as sentences, with the options to type."""
         degrees = np.degrees(self.turned_rad)
+        figures = {"gyro": self.gyro, "degrees": degrees, "scale": self.scale, "sd": self.sd}
         lines = [
             _(
                 "marks: turned {turns:+d} times between the first and the last; {gyro} measured {degrees:+.1f} deg: "
                 "gyro_scale {scale:.4f} +- {sd:.4f}",
                 turns=self.turns,
-                gyro=self.gyro,
-                degrees=degrees,
-                scale=self.scale,
-                sd=self.sd,
+                **figures,
+            )
+            if self.gap_m is None
+            else _(
+                "the lap returned to its start; with the old scale its end was {gap_m:.2f} m away, and {gyro} "
+                "measured {degrees:+.1f} deg: gyro_scale {scale:.4f} +- {sd:.4f}",
+                gap_m=self.gap_m,
+                **figures,
             )
         ]
         lines += [
@@ -98,9 +111,7 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     marks = marks_of(run)
     if len(marks) < 2:
         raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
-    name = next((n for n, s in vehicle_file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
-    if name is None or name not in run.sensors:
-        raise AnswerNo(fault("marks.no-gyro", name=run.name))
+    name = _gyro_of(run, vehicle_file)
     sensor, channel = getattr(vehicle_file.sensors, name), run.sensors[name]
     bias, bias_std = _bias_at_rest(run, channel)
     cosine = _gain(sensor) / sensor.gyro_scale
@@ -112,8 +123,7 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (
         2.0 * np.pi * cosine * abs(turns)
     )  # (2)
-    path = f"sensors.{name}.gyro_scale"
-    values: dict[str, object] = {path: _rounded(scale), f"{path}_std": float(f"{std / scale:.2g}")}
+    values = _gyro_values(name, scale, std)
     distances = _distances(run, vehicle_file, marks[0], marks[-1]) if length_m else {}
     for wheels, metres in distances.items():
         path, old_scale = _speed_scale(wheels, getattr(vehicle_file.sensors, wheels))
@@ -123,6 +133,76 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
         )
     turn_rad = sum(raw) / sensor.gyro_scale
     return Closure(name, turns, float(turn_rad), float(scale), std, values, distances, length_m)
+
+
+def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> Closure:
+    """Return the gyro scale that follows from a lap which returned to its start: same place, same heading.
+
+    The estimator of `vehicle_file` computes the end of the lap, so the model must be identified.  (5)
+
+    Parameters
+    ----------
+    run : Run
+        The lap, between its first and its last mark, or from its first to its last tick.
+    vehicle_file : VehicleFile
+        The vehicle with its identified model and its estimator.
+    place_std_m : float
+        Standard deviation [m] with which the driver returned to the place. For the heading it is 2°.
+
+    Returns
+    -------
+    Closure
+        The gyro scale, its standard deviation, and both as values of the vehicle file.
+
+    Raises
+    ------
+    AnswerNo
+        If the run or the file lacks a gyro.
+    FileError
+        If the file lacks the noise of its estimator: `identify` finds it.
+    """
+    name = _gyro_of(run, vehicle_file)
+    sensor = getattr(vehicle_file.sensors, name)
+    t_s = seconds(np.array(marks_of(run) if len(marks_of(run)) > 1 else run.t_ns), run.t_ns[0])
+    lap, mark_cov = run.cut(0.0, float(t_s[-1]) + 1e-9), np.square([place_std_m, place_std_m, MARK_STD_RAD])
+
+    def end(kappa: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return e (3,), P (3, 3), and the turn of the lap [rad], with the scale s₀ e^κ."""
+        path, scale = f"sensors.{name}.gyro_scale", sensor.gyro_scale * float(np.exp(kappa))
+        log = replay(
+            lap, vehicle_file.with_values({path: scale, f"{path}_std": 0.0}), backend="python"
+        ).estimate
+        assert log is not None
+        eta = log.eta[np.searchsorted(log.t_ns, run.t_ns[0] + round(t_s[0] * NANOSECONDS)) :]
+        e = eta[-1] - eta[0]
+        psi = np.unwrap(eta[:, 2])
+        return np.array([e[0], e[1], wrap(e[2])]), log.cov[-1, :3, :3], float(psi[-1] - psi[0])
+
+    e, P, turn_rad = end(0.0)
+    change = end(SCALE_STEP)[0] - e
+    J = np.array([change[0], change[1], wrap(change[2])]) / SCALE_STEP
+    weight = np.linalg.inv(P + np.diag(mark_cov))
+    information = sensor.gyro_scale_std**-2.0 if sensor.gyro_scale_std > 0.0 else 0.0
+    variance = float(1.0 / (information + J @ weight @ J))
+    kappa = -variance * float(J @ weight @ e)
+    kappa -= variance * float(J @ weight @ end(kappa)[0] + information * kappa)
+    scale, std = sensor.gyro_scale * float(np.exp(kappa)), sensor.gyro_scale * float(np.sqrt(variance))
+    turns, gap_m = round(turn_rad / (2.0 * np.pi)), float(np.hypot(e[0], e[1]))
+    return Closure(name, turns, turn_rad, scale, std, _gyro_values(name, scale, std), {}, None, gap_m)
+
+
+def _gyro_of(run: Run, vehicle_file: VehicleFile) -> str:
+    """Return the name of the sensor with a gyro. Raise AnswerNo if the file or the run does not have one."""
+    name = next((n for n, s in vehicle_file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
+    if name is None or name not in run.sensors:
+        raise AnswerNo(fault("marks.no-gyro", name=run.name))
+    return name
+
+
+def _gyro_values(name: str, scale: float, std: float) -> dict[str, object]:
+    """Return the values of the vehicle file for a gyro scale."""
+    path = f"sensors.{name}.gyro_scale"
+    return {path: _rounded(scale), f"{path}_std": float(f"{std / scale:.2g}")}
 
 
 def _turn_std(sensor: Tree, bias_std: float, t_s: float) -> float:

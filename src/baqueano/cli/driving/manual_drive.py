@@ -174,7 +174,7 @@ def finish_manual_drive(run: "Run", path: Path, robot: str) -> None:
 
 
 def scales_from_marks(
-    run: "Run", vehicle_file: "VehicleFile", length_m: float | None
+    run: "Run", vehicle_file: "VehicleFile", length_m: float | None = None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
     """Return the scales of the sensors that the marks of a run determine, as text and as values of the vehicle file.
 
@@ -188,6 +188,23 @@ def scales_from_marks(
         return note("cli.marks-too-few"), {}
     try:
         result = closure(run, vehicle_file, length_m)
+    except AnswerNo as error:
+        return note("cli.marks", cause=error.diagnostic), {}
+    return result.table(), result.values
+
+
+def scale_from_lap(run: "Run", vehicle_file: "VehicleFile") -> tuple[Diagnostic | str, dict[str, object]]:
+    """Return the gyro scale that a lap back to its start determines, as text and as values of the vehicle file.
+
+    A file without an identified model cannot compute the end of the lap; then only the marks count.
+    """
+    from baqueano.drive.closure import lap_closure
+    from baqueano.errors import AnswerNo
+
+    if vehicle_file.is_guess:
+        return scales_from_marks(run, vehicle_file)
+    try:
+        result = lap_closure(run, vehicle_file)
     except AnswerNo as error:
         return note("cli.marks", cause=error.diagnostic), {}
     return result.table(), result.values

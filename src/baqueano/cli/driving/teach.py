@@ -14,6 +14,7 @@ from baqueano.cli.driving.manual_drive import (
     finish_manual_drive,
     hold_option,
     pad_option,
+    scale_from_lap,
     scales_from_marks,
 )
 from baqueano.cli.driving.targets import open_target
@@ -65,6 +66,12 @@ SHAPES = (  # of guides.shapes, which loads numpy
     show_default=True,
     help="Radius of a circle, or half the length of another shape [m].",
 )
+@click.option(
+    "--closed",
+    is_flag=True,
+    help="You drive a lap back to its start, with the same heading; the lap then gives the scale of the gyro.",
+)
+@click.option("--update", is_flag=True, help="Write the scale from the lap into the vehicle file.")
 @options.seed
 @options.backend
 @options.runs_folder
@@ -73,21 +80,21 @@ SHAPES = (  # of guides.shapes, which loads numpy
 @options.as_json
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, pad: str | None,
-    hold: bool, speed_m_s: float, size_m: float, seed: int, backend: str, folder: str, out: Path | None,
-    shown: bool, pace: float, as_json: bool,
+    hold: bool, speed_m_s: float, size_m: float, closed: bool, update: bool, seed: int, backend: str, folder: str,
+    out: Path | None, shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.drive import route_of
+    from baqueano.drive import replay, route_of
     from baqueano.drive.mission import Mission
     from baqueano.runs.route_file import write_route
 
-    if driver != "keys" and (pad is not None or not hold):
+    if driver != "keys" and (pad is not None or not hold or closed or update):
         raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
         drive = drive_from_page(folder, pace) if shown else partial(drive_by_hand, pad=pad)
-        run, is_closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), False
+        run, is_closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), closed
     else:
         target_route = shape_or_route(driver, speed_m_s, size_m)
         with (
@@ -106,6 +113,10 @@ def command(
         is_closed = target_route.closed
     print_message(note("cli.run", path=path))
     finish_manual_drive(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
+    text, values = "", {}
+    if driver == "keys":
+        text, values = (scale_from_lap if closed else scales_from_marks)(run, vehicle_file)
+        run = replay(run, vehicle_file.with_values(values)) if closed and values else run
     try:
         taught_route = route_of(run, is_closed)
     except AnswerNo as error:
@@ -121,8 +132,10 @@ def command(
     if options.route_path(route).exists():
         print_message(note("cli.route-replaced", path=options.route_path(route)))
     answer(LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json)
-    if driver == "keys":
-        print_message(scales_from_marks(run, vehicle_file, None)[0])
+    if text:
+        print_message(text)
+    if values and update:
+        options.save_update(vehicle_file.with_values(values), update)
     vehicle_options = options.naming_options(vehicle_file)
     tune = baqueano_command("tune", "--route", route, *vehicle_options, "--update")
     print_message(note("cli.taught", repeat=baqueano_command("repeat", route, *vehicle_options), tune=tune))

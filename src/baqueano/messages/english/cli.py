@@ -95,7 +95,8 @@ TEMPLATES: dict[str, str] = {
         "The emulated vehicle does not run in real time, so it cannot be driven manually. Type: {fix}"
     ),
     "cli.hand-options": (
-        "--pad and --no-hold are only for a manual drive, but here the driver is {driver}. Type: {fix}"
+        "--pad, --no-hold, --closed and --update are only for a manual drive, but here the driver is {driver}. "
+        "Type: {fix}"
     ),
     "cli.fit-interrupted": "stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
     "cli.options-conflict": (

@@ -70,7 +70,7 @@ def all_cases(
         for route in routes
         for fix in fixes
         for read in READ_FAULTS
-        if (gyro == "calibrated" or (fix in ("none", "tags") and read == "no reading lost"))
+        if (gyro != "uncalibrated" or (fix in ("none", "tags") and read == "no reading lost"))
         and (fix != "none" or read == "no reading lost")
     ]
 

@@ -1,9 +1,10 @@
 """Identify robots of the independent truth. Each gets the vehicle file that its owner would obtain.
 
 The gyro scale has an error of up to ± 3 % (corridor/vehicles.py). The gyro stays uncalibrated, or two turns on a mark
-calibrate it before the experiment, as in `baqueano drive`. The file of a robot without a fix is identified from the
-experiment only. The files with a fix also use laps of a rectangle over tags, because these laps show the speed error
-of the model.
+calibrate it before the experiment, as in `baqueano drive`. Or a taught lap, which a person drives from a mark back to
+this mark, calibrates it after the experiment, as in `baqueano teach --closed`. The file of a robot without a fix is
+identified from the experiment only. The files with a fix also use laps of a rectangle over tags, because these laps
+show the speed error of the model.
 """
 
 from collections.abc import Sequence
@@ -12,19 +13,21 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.drive.closure import closure
+from baqueano.drive.closure import closure, lap_closure
 from baqueano.drive.recording import MARK_SOURCE
 from baqueano.errors import AnswerNo
+from baqueano.guides.repeat import Repeat
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
+from baqueano.identify.result.fit_result import Fit
 from baqueano.messages.language import mark as N_
 from baqueano.runs import Run
 from baqueano.runs.logs import Event
 from baqueano.runs.run import Channel
-from baqueano.signals import NANOSECONDS
+from baqueano.signals import NANOSECONDS, Estimate, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
-from baqueano.study.driving import FREE, SHAPES, experiments, guess
+from baqueano.study.driving import FREE, SHAPES, Loop, experiments, guess
 from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, follow
 from baqueano.study.laps.fixes import with_fix
 from baqueano.study.truth import PassingFaults, Robots, TruthWorld
@@ -32,12 +35,10 @@ from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 
 LEARNING_LAPS, SPEED_M_S = 5, 0.3
-GYROS = (N_("uncalibrated"), N_("calibrated"))
-STANDING_S, TURNS, MAX_TURN_S = 3.0, 2, 20.0
-TURN_U, MARK_RAD = (
-    0.6,
-    np.radians(2.0),
-)  # command during the turns; standard deviation of the heading at the final mark
+GYROS = (N_("uncalibrated"), N_("calibrated"), N_("taught"))
+STANDING_S, SETTLE_S, TURNS, MAX_TURN_S = 3.0, 1.0, 2, 20.0
+TURN_U = 0.6  # command during the turns
+MARK_M, MARK_RAD = 0.01, np.radians(2.0)  # standard deviations of the place and the heading at the final mark
 
 
 class Teams(NamedTuple):
@@ -54,6 +55,11 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
     starts = calibrate(robots, seeds) if gyro == "calibrated" else [guess()] * len(seeds)
     runs = experiments(robots, seeds)
     fits = [identify(run, start, FREE, options=options) for run, start in zip(runs, starts, strict=True)]
+    if gyro == "taught":
+        fits = [
+            identify(run, start, FREE, options=options)
+            for run, start in zip(runs, calibrate_by_lap(robots, seeds, fits, runs), strict=True)
+        ]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in usable]
     alone = [
@@ -99,12 +105,73 @@ def calibrate(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
     return vehicle_files
 
 
+def calibrate_by_lap(
+    robots: Robots, seeds: Sequence[int], fits: Sequence[Fit], runs: Sequence[Run]
+) -> list[VehicleFile]:
+    """Return the guess with the gyro scale of each robot by a taught lap; unchanged for a refused fit."""
+    files = [
+        guess() if fit.verdict == Verdict.REFUSED else measure_noise(fit, run).updated_file(fit.vehicle_file)
+        for fit, run in zip(fits, runs, strict=True)
+    ]
+    laps = taught_laps(robots, seeds, files)
+    return [
+        guess()
+        if fit.verdict == Verdict.REFUSED
+        else guess().with_values(lap_closure(lap, vehicle_file, MARK_M).values)
+        for fit, lap, vehicle_file in zip(fits, laps, files, strict=True)
+    ]
+
+
+def taught_laps(
+    robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile], shape: str = "rectangle"
+) -> list[Run]:
+    """Return a lap of each robot, driven by a person: a rest on the mark, a lap, and a rest on the mark.
+
+    The person sees the pose of the robot, with an error that grows to that of the final mark.
+    """
+    route, n = SHAPES[shape](SPEED_M_S), len(seeds)
+    world = TruthWorld(
+        robots, [seed + 9_000 for seed in seeds], np.tile(route.eta[0], (n, 1)), STEP_S, fast=function
+    )
+    errors = np.array([[MARK_M, MARK_M, MARK_RAD] * draw(seed, 62).standard_normal(3) for seed in seeds])
+    loops, guide = [Loop(vehicle_file, True, "auto") for vehicle_file in files], Repeat.along(route)
+    states, progress = [loop.start(route.eta[0]) for loop in loops], guide.init()
+    begin_s, end_s = STANDING_S, STANDING_S + float(route.t_s[-1]) + SETTLE_S
+    t_ns = tick_times(round((end_s + STANDING_S) * RATE_HZ), RATE_HZ)
+    u, z, current_u = np.zeros((len(t_ns), n, 3)), np.zeros((len(t_ns), n, 3)), np.zeros((n, 3))
+    for k, t in enumerate(t_ns.tolist()):
+        z[k], u[k] = world.tick(current_u, 1.0 / RATE_HZ), current_u
+        now, t_s = world.truth, t / NANOSECONDS
+        reference = Reference(t, route.eta[0], np.zeros(3), 0.0)
+        if t_s >= begin_s:
+            progress, reference = guide.step(
+                progress, Estimate(t, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
+            )
+        perceived_eta = now.eta + errors * np.clip((t_s - begin_s) / (end_s - begin_s), 0.0, 1.0)
+        for i, loop in enumerate(loops):
+            slot = Slot(1.0, np.concatenate([perceived_eta[i], now.nu[i]]))
+            states[i], (command, _) = loop.step(states[i], Tick(t, u[k, i], loop.slots(slot)), reference)
+            current_u[i] = command if begin_s <= t_s < end_s else 0.0
+    return [
+        Run(
+            f"lap {seed}", None, t_ns, u[:, i], sensors={"imu": Channel(t_ns, t_ns, z[:, i])},
+            vehicle_text=files[i].text, metadata={"kind": "teach", "rate_hz": f"{RATE_HZ:g}"},
+        )
+        for i, seed in enumerate(seeds)
+    ]  # fmt: skip
+
+
+def draw(seed: int, stream: int) -> np.random.Generator:
+    """Return the random numbers of a robot; each stream is independent."""
+    return np.random.default_rng([seed, stream])
+
+
 def turned_twice(robots: Robots, seeds: Sequence[int]) -> list[Run]:
     """Return a run of each robot: it rests, then turns twice, with a mark event before and after the turns."""
     n, vehicle_file = len(seeds), guess()
     world = TruthWorld(robots, [seed + 7_000 for seed in seeds], step_s=STEP_S, fast=function)
     t_ns = tick_times(round(MAX_TURN_S * RATE_HZ), RATE_HZ)
-    mark_error_rad = np.array([np.random.default_rng([seed, 61]).normal(0.0, MARK_RAD) for seed in seeds])
+    mark_error_rad = np.array([draw(seed, 61).normal(0.0, MARK_RAD) for seed in seeds])
     end, ends, current_u = 2.0 * np.pi * TURNS + mark_error_rad, np.full(n, np.nan), np.zeros((n, 3))
     u, z, psi = np.zeros((len(t_ns), n, 3)), np.zeros((len(t_ns), n, 3)), np.zeros(n)
     for k, t in enumerate(t_ns.tolist()):
