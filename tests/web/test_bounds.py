@@ -6,6 +6,7 @@ from contextlib import AsyncExitStack
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.frames import Frame, Opcode
 
 from baqueano.web import server as serving
 from baqueano.web.feed import HEAD_LAYOUT
@@ -45,6 +46,21 @@ def test_ne5_messages_are_limited_in_size_and_rate(folder):
                 with pytest.raises(ConnectionClosed):
                     await visitor.next("never")
                 assert visitor.line.close_code == 1008
+
+    run_page(job)
+
+
+@pytest.mark.parametrize("opcode", [Opcode.CONT, Opcode.PING])
+def test_ne5_frames_without_a_message_are_limited_in_rate(folder, opcode):
+    beginning = Frame(Opcode.TEXT, b"", fin=False).serialize(mask=True) if opcode is Opcode.CONT else b""
+    flood = beginning + Frame(opcode, b"", fin=opcode is Opcode.PING).serialize(mask=True) * 150
+
+    async def job():
+        async with recorded_page(folder, "circle") as server, line_to(server) as line:
+            line.transport.write(flood)
+            with pytest.raises(ConnectionClosed):
+                await asyncio.wait_for(line.recv(), WAIT_S)
+            assert line.close_code == 1008
 
     run_page(job)
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MAX_MESSAGES = 64
 MAX_MESSAGE_BYTES = 16 << 10  # most bytes of a message from a browser
-MAX_MESSAGE_RATE_HZ = 50.0  # messages per second from a browser
+MAX_MESSAGE_RATE_HZ = 50.0  # messages per second from a browser, and frames of any kind
 MAX_UNREAD_BYTES = 4 << 20  # most bytes that wait for the kernel: more than the largest piece
 FRAGMENT_BYTES = 16 << 10  # bytes of a long message that are encoded at once
 SEND_BUFFER_BYTES = 64 << 10  # bytes in the socket's buffer
@@ -146,13 +146,16 @@ class Visitor:
     def _messages_in(self, frame: object) -> "list[JsonObject]":
         """Return the message that this frame completes, [] without one.
 
-        Close the connection if the message is binary or malformed, or exceeds the rate.
+        Close the connection if the message is binary or malformed, or if the frames exceed the rate. Each frame counts,
+        because a browser sends a message in one frame, and an empty frame or a ping costs as much time as a message.
         """
         opcode, data, is_last = (
             getattr(frame, "opcode", None),
             getattr(frame, "data", b""),
             getattr(frame, "fin", True),
         )
+        if self.open and not self._rate.one_more():
+            self.leave(POLICY)
         if opcode is Opcode.PONG:
             self.way_s = min(MAX_TRIP_S, time.monotonic() - self._pinged_s)
         if opcode is Opcode.BINARY:
@@ -161,9 +164,6 @@ class Visitor:
             return []
         self._parts = [data] if opcode is Opcode.TEXT else [*self._parts, data]
         if not is_last:
-            return []
-        if not self._rate.one_more():
-            self.leave(POLICY)
             return []
         try:
             message = json.loads(b"".join(self._parts))
