@@ -1,6 +1,8 @@
 """A sweep: figures equal to other programs, intervals with coverage, and the same rows in every execution mode."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from baqueano.sweep.cell import SweepBlocks
 from baqueano.sweep.figures import figures_of, joining_distance
 from baqueano.sweep.grid import sweep as one_process
 from baqueano.sweep.result import SweepResult
-from baqueano.sweep.stored_drives import digest
+from baqueano.sweep.stored_drives import _write, digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
 from tests.figure_files import width_mm
@@ -26,6 +28,11 @@ from baqueano.controllers import Kanayama
 class Mine(Kanayama):
     """Kanayama's, under a name of mine."""
 '''
+SCALED = """
+    def velocity_law(self, memory, tracking):
+        memory, (v, r) = super().velocity_law(memory, tracking)
+        return memory, ({scale} * v, r)
+"""
 
 
 def rows_of(result: SweepResult) -> str:
@@ -126,12 +133,52 @@ def test_the_name_of_a_stored_drive_depends_on_block_source_and_seed(tmp_path, m
         blocks = SweepBlocks(controller="my.py:Mine")
         file = FileText(small.text, small.label, small.path, small.on_disk)
         names.add(
-            digest(SweepJob(SweepCell("m", "", "", ""), "d", file, blocks, SweepSettings(), ROUTE, seed))
+            digest(SweepJob(SweepCell("m", "", "", ""), "d", file, blocks, SweepSettings(), ROUTE, seed), {})
         )
     assert len(names) == 3
     from_class = one_process(small, routes=ROUTE, controllers=["my.py:Mine", "kanayama"], processes=1)
     by_class, by_text = from_class.drives
     assert by_class.figures == by_text.figures
+
+
+def test_a_stored_drive_is_not_used_after_a_change_of_a_block_that_the_file_names(
+    tmp_path, monkeypatch, small
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "vehicle.toml").write_text(
+        small.text.replace('kind = "pd_feedforward"', 'kind = "my.py:Mine"'), encoding="utf-8"
+    )
+    efforts = []
+    for scale in (1.0, 0.5):
+        text = MINE.replace("Kanayama", "PdFeedforward") + SCALED.format(scale=scale)
+        (tmp_path / "my.py").write_text(text, encoding="utf-8")
+        result = one_process(
+            bq.load("vehicle.toml"), routes=ROUTE, processes=1, keep=tmp_path / "keep", backend="python"
+        )
+        efforts.append(result.drives[0].figures["effort"])
+    assert len(list((tmp_path / "keep").iterdir())) == 2
+    assert efforts[1] != efforts[0]
+
+
+def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
+    from baqueano.sweep.cell import FileText, SweepJob, SweepSettings
+    from baqueano.sweep.result import SweepCell
+
+    file = FileText(small.text, small.label, small.path, small.on_disk)
+    law = small.controller("lqr")
+    laws = [law, replace(law, e_max=law.e_max * (1.0 + 1e-12))]
+    cell, settings = SweepCell("m", "", "", ""), SweepSettings()
+    names = {
+        digest(SweepJob(cell, "d", file, SweepBlocks(controller=law), settings, ROUTE, 0), {}) for law in laws
+    }
+    assert len(names) == 2
+
+
+def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):
+    path = tmp_path / "drive.json"
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda k: [_write(path, {"figures": k}) for _ in range(200)], range(4)))
+    assert [each.name for each in tmp_path.iterdir()] == ["drive.json"]
 
 
 def test_recorded_runs_are_replayed_only_through_estimators(small):

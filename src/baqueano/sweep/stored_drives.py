@@ -2,25 +2,28 @@
 repeated.
 
 The file name is the digest of all inputs of a row: version, columns, vehicle file, route or run, blocks, seed and
-settings. A block of the user is included with its source text. JSON stores doubles exactly, so a stored drive equals
-the original.
+settings. A block of the user is included with its source text, even if only the vehicle file names it. JSON stores
+doubles exactly, so a stored drive equals the original.
 """
 
 import json
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 
 from baqueano import __version__
 from baqueano.block_checks.source_text import is_ours, source_text
-from baqueano.blocks import resolve
+from baqueano.blocks import LOOP_ROLES, resolve
+from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.sweep.cell import SweepJob, as_row, of_row, work
+from baqueano.sweep.cell import FileText, SweepJob, as_row, of_row, work
 from baqueano.sweep.pieces import Pieces
 from baqueano.sweep.workers import spread_over
 
@@ -44,7 +47,10 @@ def run_all(
     """
     if resources.keep is not None:
         resources.keep.mkdir(parents=True, exist_ok=True)
-    names = [digest(job) for job in jobs] if resources.keep is not None else [""] * len(jobs)
+    names = [""] * len(jobs)
+    if resources.keep is not None:
+        texts = {file_text: _texts_in_file(file_text) for file_text in {job.file_text for job in jobs}}
+        names = [digest(job, texts[job.file_text]) for job in jobs]
     advance, rows = advance or (lambda n: None), {}
     for k, name in enumerate(names):
         if resources.keep is not None and (row := _stored_row(resources.keep / f"{name}.json")) is not None:
@@ -80,7 +86,7 @@ def _run_and_store(job: NumberedJob, keep: Path | None, names: dict[int, str]) -
 
 
 def _write(path: Path, row: dict) -> None:
-    temporary_path = path.with_suffix(".half")
+    temporary_path = path.with_name(f".{uuid4().hex}.half")  # another sweep can store the same drive now
     temporary_path.write_text(json.dumps(row), encoding="utf-8")
     temporary_path.replace(path)
 
@@ -106,12 +112,14 @@ def _travels(jobs: Sequence[NumberedJob]) -> bool:
     return True
 
 
-def digest(job: SweepJob) -> str:
-    """Return the digest under which the drive of a job is stored."""
+def digest(job: SweepJob, texts_in_file: dict[str, str]) -> str:
+    """Return the digest under which the drive of a job is stored; the texts are those of `_texts_in_file`."""
     import hashlib
 
     parts = [__version__, *Pieces._fields, job.file_text.text, repr(job.settings), str(job.seed), job.drive]
+    replaced = {role: block for role, block in job.blocks._asdict().items() if block is not None}
     parts += [_block_text(role, block, job) for role, block in job.blocks._asdict().items()]
+    parts += [text for role, text in texts_in_file.items() if role not in replaced]
     hasher = hashlib.sha256("\0".join(parts).encode())
     for part in _arrays(job):
         hasher.update(np.ascontiguousarray(part).tobytes())
@@ -135,8 +143,24 @@ def _block_text(role: str, block: object, job: SweepJob) -> str:
         kind, numbers = resolve(role, block, folder), block
     else:
         kind = block if isinstance(block, type) else type(block)
-        numbers = kind.__qualname__ if isinstance(block, type) else repr(block)
+        with np.printoptions(
+            threshold=sys.maxsize, floatmode="unique"
+        ):  # all entries of an array, with all digits
+            numbers = kind.__qualname__ if isinstance(block, type) else repr(block)
     return numbers if is_ours(kind) else f"{numbers}\n{source_text(kind)}"
+
+
+def _texts_in_file(file_text: FileText) -> dict[str, str]:
+    """Return, by role, the source text of each block of the user that the vehicle file itself names."""
+    vehicle_file = file_text.parse()
+    classes = {role: vehicle_file.kind(role) for role in LOOP_ROLES}
+    parts = {"vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
+    classes |= {
+        f"{role} {k}": type(part)
+        for role, block in parts.items()
+        for k, part in enumerate(optional.nested_blocks(block))
+    }
+    return {role: source_text(kind) for role, kind in classes.items() if not is_ours(kind)}
 
 
 def on_cluster(
