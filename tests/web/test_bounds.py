@@ -56,11 +56,11 @@ def test_ne5_frames_without_a_message_are_limited_in_rate(folder, opcode):
     flood = beginning + Frame(opcode, b"", fin=opcode is Opcode.PING).serialize(mask=True) * 150
 
     async def job():
-        async with recorded_page(folder, "circle") as server, line_to(server) as line:
-            line.transport.write(flood)
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+            visitor.line.transport.write(flood)
             with pytest.raises(ConnectionClosed):
-                await asyncio.wait_for(line.recv(), WAIT_S)
-            assert line.close_code == 1008
+                await visitor.next("never")
+            assert visitor.line.close_code == 1008
 
     run_page(job)
 
