@@ -1,10 +1,13 @@
 """The fastest speed along a path: equal to hand calculations, and reached by the simulated vehicle."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from baqueano.controllers import PdFeedforward
 from baqueano.errors import UsageError
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, clothoid, line, rectangle, sinuous_circle
 from baqueano.routes import at_speed, examine, fastest
 from baqueano.routes.capability import Capability
@@ -83,6 +86,28 @@ def test_wheels_saturate_on_a_lap_faster_than_the_fastest_lap(lap):
         shares.append(np.mean(wheels > 0.97))
     assert shares[0] < 0.02
     assert shares[1] > 0.4
+
+
+def test_examine_finds_a_short_part_that_is_too_fast_in_half_an_hour_of_driving():
+    """A gap of 0.7 s between two samples of the check would hide it."""
+    t_s, v = np.arange(0.0, 1800.0, 0.05), np.full(36_000, 0.2)
+    v[13_320:13_334] = 2.0
+    x = np.append(0.0, np.cumsum(0.05 * v[:-1]))
+    eta, nu = (np.column_stack([column, 0.0 * v, 0.0 * v]) for column in (x, v))
+    report = examine(Route(t_s, eta, nu, False), load("small"))
+    assert [finding.code for finding in report.findings] == ["route.speed-too-high"]
+    assert report.findings[0].figures["at_m"] == pytest.approx(x[13_326], abs=0.7)
+
+
+def test_examine_of_a_route_of_a_nanosecond_needs_little_memory():
+    eta = np.array([[0.0, 0.0, 0.0], [1e-10, 0.0, 0.0]])
+    route = Route(np.array([0.0, 1e-9]), eta, np.full((2, 3), [0.1, 0.0, 0.0]), False)
+    tracemalloc.start()
+    try:
+        examine(route, load("small"))
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_examine_reports_where_the_route_needs_too_much_yaw_rate():

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
-MAX_POSES = 600  # number of poses of a route that are judged
+MIN_POSES, MAX_POSES = 600, 100_000  # number of poses of a route that are judged, if it has so many
+MAX_STEP_S = 0.1  # largest time between two of them, up to MAX_POSES: a third of MIN_LACK_S
 MAX_SHARE = 1.05  # share of the command up to which a route passes
 MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
 MIN_SPEED_M_S = 1e-3  # below it a curvature is not defined
@@ -262,17 +263,24 @@ def _demand(route: Route, s: np.ndarray, capability: Capability | None) -> Deman
 
 
 def _times(route: Route) -> np.ndarray:
-    return np.linspace(0.0, route.t_s[-1], min(MAX_POSES, max(len(route.t_s), 2)))
+    duration_s = max(1e-9, float(route.t_s[-1]))  # above 0, because _demand divides by its steps
+    count = max(2, min(MIN_POSES, len(route.t_s)), int(min(MAX_POSES - 1.0, duration_s / MAX_STEP_S)) + 1)
+    return np.linspace(0.0, duration_s, count)
 
 
 def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return the moving mean (m,) of x (m,) over MEAN_WINDOW_S."""
-    n = max(1, round(MEAN_WINDOW_S / max(t_s[1] - t_s[0], 1e-9)))
+    n = _count_in(MEAN_WINDOW_S, t_s)
     return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
 
 
 def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     """Return the least share (m,) in the MIN_LACK_S after each time: the share that lasts at least MIN_LACK_S."""
-    n = max(1, round(MIN_LACK_S / max(t_s[1] - t_s[0], 1e-9)))
+    n = _count_in(MIN_LACK_S, t_s)
     padded_share = np.pad(share, (0, n - 1), mode="edge")
     return np.min(np.lib.stride_tricks.sliding_window_view(padded_share, n), axis=1)
+
+
+def _count_in(span_s: float, t_s: np.ndarray) -> int:
+    """Return the number of the equidistant times (m,) in a span, from 1 to m."""
+    return max(1, round(min(span_s / (t_s[1] - t_s[0]), len(t_s))))
