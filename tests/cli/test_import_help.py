@@ -124,6 +124,15 @@ def test_a_draft_of_a_map_is_a_valid_map(baqueano, tmp_path):
     assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").reason.code == "cli.file-exists"
 
 
+def test_a_draft_takes_columns_with_the_package_names_of_commands_as_commands(baqueano, tmp_path):
+    rows = "".join(f"{0.02 * k},0.5,0.1,{0.01 * k},0,0\n" for k in range(60))
+    (tmp_path / "log.csv").write_text("t,u_x,u_psi,x_m,y_m,psi_rad\n" + rows, encoding="utf-8")
+    assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").code == 0
+    signal_map = load_map(tmp_path / "log.toml")
+    assert signal_map.names == ("u_x", "u_psi")
+    assert baqueano("runs", "import", "log.toml", "log.csv").code in (0, 1)
+
+
 def test_an_unknown_unit_must_be_stated_by_the_user(baqueano, tmp_path):
     (tmp_path / "log.csv").write_text(
         "t,gyro\n" + "".join(f"{0.02 * k},{k}\n" for k in range(9)), encoding="utf-8"

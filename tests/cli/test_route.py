@@ -1,6 +1,7 @@
 """`baqueano route`: each command stores a route that the next command accepts; an impossible route is refused before a
 drive."""
 
+import numpy as np
 import pytest
 
 from baqueano.errors import AnswerNo
@@ -40,6 +41,13 @@ def test_spreadsheet_points_are_converted_to_a_route(lab, tmp_path):
     (row,) = end.reply["rows"]
     assert row["closed"]
     assert row["length_m"] == pytest.approx(5.0, abs=0.3)
+
+
+def test_points_below_a_metre_in_millimetres_with_decimal_commas_are_converted_to_a_route(lab, tmp_path):
+    rows = [f"{0.01 * k:.3f};{0.002 * k:.3f}" for k in range(100)]
+    (tmp_path / "points.csv").write_text("x;y\n" + "\n".join(rows).replace(".", ","), encoding="utf-8")
+    (row,) = lab("route", "import", "points.csv", "line", "--json").reply["rows"]
+    assert row["length_m"] == pytest.approx(0.99 * np.hypot(1.0, 0.2), abs=0.02)
 
 
 def test_a_run_is_converted_to_a_route(lab):

@@ -57,6 +57,8 @@ from baqueano.diagnostics import fault
         ("blocks check ekf --room kitchen", "cli.block-room", "estimator"),
         ("runs export 1 --to xls", "cli.usage", "'csv', 'tum'"),
         ("runs cut 1 --from x", "cli.number", "[s]"),
+        ("route scale lap 0", "cli.number", "'expected': '> 0, ≤ 1000'"),
+        ("route scale lap 0", "cli.number", "baqueano route scale --help"),
     ],
 )
 def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, code, message):

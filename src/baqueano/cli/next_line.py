@@ -15,7 +15,7 @@ from baqueano.diagnostics import Diagnostic, fault
 from baqueano.messages.printable import baqueano_command
 
 USAGE, BAD_FILE = 2, 3
-GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
+GROUPS = (["runs"], ["route"], ["study"], ["blocks"], ["robot"])
 MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
 DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
 ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")

@@ -10,14 +10,15 @@ from baqueano.errors import UsageError
 
 
 class Number(click.ParamType):
-    """A finite number of `unit` from `low` to `high`; `low` itself is excluded if `exclude_low` is True."""
+    """A finite number of `unit` ("" without one) from `low` to `high`; `low` itself is excluded if `exclude_low` is True."""
 
     name = "number"
 
     def __init__(self, unit: str, low: float = 0.0, high: float = math.inf, exclude_low: bool = True) -> None:
         self.low, self.high, self.exclude_low = low, high, exclude_low
         upper_text = f", ≤ {high:g}" if math.isfinite(high) else ""
-        self.range = f"{'>' if exclude_low else '≥'} {low:g}{upper_text} [{unit}]"
+        unit_text = f" [{unit}]" if unit else ""
+        self.range = f"{'>' if exclude_low else '≥'} {low:g}{upper_text}{unit_text}"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the typed number. Raise UsageError for any other text, and for a number outside the range."""

@@ -20,7 +20,7 @@ UNIT_OF_ENDING = {  # ends of names → unit
 }  # fmt: skip
 TIME_PATTERN = r"(^|_)(t|time|timestamp|stamp|elapsed|millis|micros)(_|$)"
 LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izquierda|l)(_|$)", r"(^|_)(right|derecha|r)(_|$)"
-COMMAND_PATTERN, SPEED_PATTERN = r"pwm|duty|cmd|command|throttle", r"rpm|speed|vel|encoder|wheel|rps"
+COMMAND_PATTERN, SPEED_PATTERN = r"pwm|duty|cmd|command|throttle|^u_", r"rpm|speed|vel|encoder|wheel|rps"
 IMU_PATTERNS = (
     r"(^|_)(ax|acc(el)?_x)(_|$)",
     r"(^|_)(ay|acc(el)?_y)(_|$)",
