@@ -11,6 +11,7 @@ from websockets.frames import Frame, Opcode
 from baqueano.web import server as serving
 from baqueano.web.feed import HEAD_LAYOUT
 from baqueano.web.guard import Rate
+from baqueano.web.lab.handle import Lab
 from baqueano.web.visitor import FRAGMENT_BYTES
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import WAIT_S, browser, drive, folder_of, line_to, recorded_page, request, run_page
@@ -61,6 +62,30 @@ def test_ne5_frames_without_a_message_are_limited_in_rate(folder, opcode):
             with pytest.raises(ConnectionClosed):
                 await visitor.next("never")
             assert visitor.line.close_code == 1008
+
+    run_page(job)
+
+
+@pytest.mark.parametrize("question", [{"what": "identify"}, {"what": "compare"}])
+def test_ne5_a_browser_with_many_waiting_questions_is_disconnected(folder, monkeypatch, question):
+    async def never(lab, do, **words):
+        await asyncio.Event().wait()
+
+    async def job():
+        async with (
+            recorded_page(folder, "circle") as server,
+            browser(server) as visitor,
+            browser(server) as other,
+        ):
+            run = visitor.hello["runs"][0]["id"]
+            await visitor.next("runs")
+            monkeypatch.setattr(Lab, "request", never)
+            for number in range(40):
+                await visitor.send("ask", id=number, run=run, runs=[run], **question)
+            with pytest.raises(ConnectionClosed):
+                await visitor.next("never")
+            assert visitor.line.close_code == 1008
+            assert await other.request("ping")
 
     run_page(job)
 

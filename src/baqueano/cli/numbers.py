@@ -10,7 +10,7 @@ from baqueano.errors import UsageError
 
 
 class Number(click.ParamType):
-    """A finite number of `unit` ("" without one) from `low` to `high`; `low` itself is excluded if `exclude_low` is True."""
+    """A finite number of `unit`, which can be "", from `low` to `high`; with `exclude_low` above `low`."""
 
     name = "number"
 

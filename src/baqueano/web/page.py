@@ -4,6 +4,7 @@ All texts are made here, in the language of each browser. Text from a browser is
 """
 
 import asyncio
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -40,6 +41,7 @@ LABELS = {
 SLOW = ("mission", "swap", "write", "ask")  # messages that can need an answer of a worker
 LONGEST_NAME = 40  # most characters of a name
 LONGEST_FILTER = 200
+MAX_QUESTIONS = 32  # most questions of a browser that wait for an answer; the page itself asks a few at once
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
 
@@ -87,6 +89,7 @@ class BrowserPage:
         self.source: Callable[[], JsonObject | None] = lambda: first  # the subject of questions
         self.questions = Questions(shelf, lambda: self.source())
         self._count = 0
+        self._waiting: Counter[Visitor] = Counter()  # questions that wait for an answer
         self._reading: set[asyncio.Task[None]] = set()
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -180,16 +183,33 @@ class BrowserPage:
         return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
 
     async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Answer a question: "ping", "identify" for a run, or a question for questions.py."""
-        reply: JsonObject = {}
-        if word["what"] == "identify":
-            path = self._shelf.paths().get(word["run"])
-            if path is None:
-                raise UsageError(fault("web.no-run"))
-            reply = await self._identifying.identify_run(path, visitor.language)
-        elif word["what"] != "ping":
-            self.questions.start_answer(visitor, word)
+        """Answer "ping" at once, and another question within the limit of the browser."""
+        if word["what"] == "ping":
+            visitor.send({"is": "answer", "to": "ask", "id": word.get("id")})
+        elif word["what"] == "identify":
+            await self._within_limit(visitor, self._identify_run(visitor, word))
+        else:
+            await self._within_limit(visitor, self.questions.answer(visitor, word))
+
+    async def _within_limit(self, visitor: Visitor, job: Coroutine[None, None, None]) -> None:
+        """Wait for an answer to a browser; disconnect the browser instead if MAX_QUESTIONS of its questions wait."""
+        if self._waiting[visitor] >= MAX_QUESTIONS:
+            job.close()
+            visitor.leave(POLICY)
             return
+        self._waiting[visitor] += 1
+        try:
+            await job
+        finally:
+            self._waiting[visitor] -= 1
+            self._waiting += Counter()  # removes browsers without a waiting question
+
+    async def _identify_run(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Answer the question "identify" for a run of the list."""
+        path = self._shelf.paths().get(word["run"])
+        if path is None:
+            raise UsageError(fault("web.no-run"))
+        reply = await self._identifying.identify_run(path, visitor.language)
         visitor.send({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -220,7 +240,7 @@ class BrowserPage:
         visitor.send_all(self._pieces(visitor, selection))
 
     async def _runs(self, visitor: Visitor, word: "JsonObject") -> None:
-        self._later(self._list(visitor))
+        self._later(self._within_limit(visitor, self._list(visitor)))
 
     async def _list(self, visitor: Visitor) -> None:
         """Let the worker read the list of runs, and send it to a browser."""

@@ -46,11 +46,8 @@ class Questions:
             "block": self._block, "check": self._check, "compare": self._compare,
         }  # fmt: skip
 
-    def start_answer(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Start a task that answers a question, so that the next message of this browser does not wait.
-
-        Raise UsageError for an unknown question.
-        """
+    async def answer(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Answer a question. Raise UsageError for an unknown question."""
         question = str(word["what"])
         if question not in self.words:
             raise UsageError(fault("web.no-question", what=one_line(question)[:LONGEST_NAME]))
@@ -59,6 +56,7 @@ class Questions:
         task = asyncio.create_task(self._answer(visitor, word))
         self._running.add(task)
         task.add_done_callback(self._running.discard)
+        await task
 
     async def close(self) -> None:
         """Cancel the waiting questions, and end the workers."""
