@@ -146,8 +146,8 @@ class Visitor:
     def _messages_in(self, frame: object) -> "list[JsonObject]":
         """Return the message that this frame completes, [] without one.
 
-        Close the connection if the message is binary or malformed, or if the frames exceed the rate. Each frame counts,
-        because a browser sends a message in one frame, and an empty frame or a ping costs as much time as a message.
+        Close the connection if the message is binary or malformed, or if the frames exceed the rate. Each frame counts:
+        an empty frame or a ping costs as much time as a message, which a browser sends in one frame.
         """
         opcode, data, is_last = (
             getattr(frame, "opcode", None),
