@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from baqueano.sweep.paired import paired_difference
+from baqueano.sweep.paired import UNKNOWN, paired_difference
 from baqueano.sweep.pieces import Pieces, correlation_time, pieces_of
 
 DT_S = 0.1
@@ -96,6 +96,22 @@ def test_a_sample_that_spans_two_segments_is_not_counted():
 def test_a_short_remainder_is_added_to_the_previous_segment():
     t_ns = np.arange(250) * 100_000_000
     assert pieces_of(t_ns, np.ones(250)).samples == (100.0, 150.0)
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        (Pieces((1.0, 0.0), (5.0, 0.0)), Pieces((0.0, 1.0), (0.0, 5.0))),  # no segment is in both drives
+        (
+            Pieces((0.0, 1.0), (5.0, 5.0)),
+            Pieces((1.0,), (5.0,)),
+        ),  # one drive ended before the other had an error
+    ],
+)
+def test_drives_without_common_errors_are_left_out(pair):
+    assert paired_difference([pair[0]], [pair[1]]) == UNKNOWN
+    full = Pieces((1.0,), (1.0,)), Pieces((4.0,), (1.0,))
+    assert paired_difference([pair[0], full[0]], [pair[1], full[1]]).ratio == 0.5
 
 
 def test_few_drives_are_compared_by_segments():

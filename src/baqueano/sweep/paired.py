@@ -61,9 +61,8 @@ UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
 
 def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> PairedDifference:
     """Return the ratio of two cells; drive k of `ours` and of `theirs` is the same drive.  (1)"""
-    block_pairs = [
-        _blocks(a, b) for a, b in zip(ours, theirs, strict=True) if sum(a.squares) * sum(b.squares) > 0.0
-    ]
+    block_pairs = [_blocks(a, b) for a, b in zip(ours, theirs, strict=True)]
+    block_pairs = [blocks for blocks in block_pairs if np.all(np.sum(blocks, axis=0) > 0.0)]
     if not block_pairs:
         return UNKNOWN
     logs, n = (
@@ -86,7 +85,7 @@ def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
     longer.
     """
     rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them can have been stopped
-    valid_rows = np.array([row for row in rows if row[1] and row[3]])
+    valid_rows = np.array([row for row in rows if row[1] and row[3]]).reshape(-1, 4)
     block_size = max(
         1, int(np.ceil(BLOCK_CORRELATION_TIMES * max(a.correlation_s, b.correlation_s) / a.length_s))
     )
