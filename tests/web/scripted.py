@@ -181,6 +181,7 @@ class ScriptedServer:
         self.tick, self.running, self.frozen = 6000, True, False
         self.paused, self.pace, self.shared = False, 1.0, False
         self.faults = Faults()
+        self._showing = threading.Lock()  # no frame between the history of a guest and its first picture
 
     def __enter__(self) -> "ScriptedServer":
         self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.1"])  # pyright: ignore
@@ -263,11 +264,12 @@ class ScriptedServer:
     def _guest(self, guest: ServerConnection) -> None:
         language = json.loads(guest.recv())["lang"]
         guest.send(json.dumps(self._hello(language)))
-        if self.mode == "live":
-            if self.world == "simulated":
-                guest.send(json.dumps(ledger(language)))
-            guest.send(packed_rows(0, self.tick - 2000, 2000))
-        self.guests.append((guest, language))
+        if self.mode == "live" and self.world == "simulated":
+            guest.send(json.dumps(ledger(language)))
+        with self._showing:
+            if self.mode == "live":
+                guest.send(packed_rows(0, self.tick - 2000, 2000))
+            self.guests.append((guest, language))
         self._lease()
         try:
             for text in guest:
@@ -366,14 +368,18 @@ class ScriptedServer:
             if self.mode != "live" or self.frozen:
                 continue
             number += 1
-            moves = self.state in ("MISSION", "MANUAL")
-            frame = packed_rows(number, self.tick, 5 if moves else 0)
-            self.tick += 5 if moves else 0
-            for guest, _ in list(self.guests):
-                try:
-                    guest.send(frame)
-                except Exception:  # it has disconnected; its own thread removes it from the list
-                    continue
+            with self._showing:
+                self._show(number)
+
+    def _show(self, number: int) -> None:
+        moves = self.state in ("MISSION", "MANUAL")
+        frame = packed_rows(number, self.tick, 5 if moves else 0)
+        self.tick += 5 if moves else 0
+        for guest, _ in list(self.guests):
+            try:
+                guest.send(frame)
+            except Exception:  # it has disconnected; its own thread removes it from the list
+                continue
 
 
 def _file(connection: ServerConnection, request: Request) -> Response | None:

@@ -173,7 +173,7 @@ def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
         async with live_page(tmp_path) as (server, link, live):
             for k in range(60):
                 link.frame(float(k), 400)
-            whole = sum(map(len, live.feed.history()))
+            whole = sum(map(len, await anext(live.feed.history())))
             assert whole > 20 * FRAGMENT_BYTES
             async with AsyncExitStack() as lines:
                 for _ in range(12):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
-from baqueano.web.feed import HEAD_LAYOUT, RING_S, Feed
+from baqueano.web.feed import HEAD_LAYOUT, Feed
 from baqueano.web.guard import Role
 from tests.web.fake_vehicle import COLUMNS, VEHICLE, live_page, until
 from tests.web.page_client import WAIT_S, browser, run_page
@@ -28,26 +28,6 @@ def test_the_hello_message_describes_vehicle_routes_and_fields(tmp_path):
                 assert [field["name"] for field in hello["fields"]] == COLUMNS
                 assert hello["fields"][0]["label"] == "tiempo"
                 assert hello["state"]["state"] == "READY"
-
-    run_page(job)
-
-
-def test_a_browser_that_connects_during_a_drive_receives_the_last_minute(tmp_path):
-    async def job():
-        async with live_page(tmp_path) as (server, link, live):
-            for k in range(80):
-                link.frame(float(k), 100, **{"eta.x": k})
-            async with browser(server) as visitor:
-                await until_frames(visitor, 1)
-                rows = visitor.rows(0, len(COLUMNS))
-                assert rows[0, 0] >= 79 - RING_S
-                assert len(rows) == 61 * 100
-                await visitor.send("history", **{"from": 75.0})
-                await until_frames(visitor, 2)
-                assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
-            link.frame(0.01)  # another drive begins
-            head, *rows = live.feed.history()
-            assert HEAD_LAYOUT.unpack(head)[1] == len(rows) == 1
 
     run_page(job)
 

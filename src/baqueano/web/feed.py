@@ -8,7 +8,7 @@ import sys
 import time
 from array import array
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -69,16 +69,23 @@ class Feed:
             return 0.0
         return next((self._now() - made_s for n, made_s in self._made_s if n == number), float("inf"))
 
-    def history(self, from_s: float = 0.0) -> tuple[bytes, ...]:
-        """Return the rows from the drive time `from_s` [s] on, as the parts of one frame; () without such rows.
+    async def history(self, from_s: float = 0.0) -> "AsyncIterator[tuple[bytes, ...]]":
+        """Yield the rows from the drive time `from_s` [s] on, as the parts of one frame, and then the later rows.
 
-        The parts are the byte strings of the ring and not copies, so that many waiting browsers share them.
+        The later rows arrived while the previous frame was sent, so no row is missing before the next picture. If they
+        do not become fewer, the browser is slower than the drive, and the history ends. The parts are the byte strings
+        of the ring and not copies, so that many waiting browsers share them.
         """
-        pieces = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
-        if not pieces:
-            return ()
-        head = HEAD_LAYOUT.pack(self.number, sum(rows for _, rows, _ in pieces), pieces[0][0])
-        return (head, *(data for _, _, data in pieces))
+        frames = [frame for frame in self._ring if frame[0] >= from_s]
+        longest = len(frames)
+        while frames:
+            number = self.number
+            head = HEAD_LAYOUT.pack(number, sum(rows for _, rows, _ in frames), frames[0][0])
+            yield (head, *(data for _, _, data in frames))
+            missed = min((self.number - number) % FRAME_NUMBER_COUNT, len(self._ring))
+            if missed >= longest:
+                return
+            longest, frames = missed, list(self._ring)[len(self._ring) - missed :]
 
     def value(self, name: str) -> float:
         """Return the newest value of a column, or NaN if the column does not exist or is empty."""

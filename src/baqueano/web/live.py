@@ -7,7 +7,7 @@ import asyncio
 import math
 import secrets
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 from uuid import uuid4
@@ -30,7 +30,6 @@ from baqueano.web.visitor import Visitor, binary_frame
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
-    from baqueano.web.visitor import Piece
 
 HZ = 20.0
 STATE_S = 0.4  # between states
@@ -109,7 +108,7 @@ class Live:
             self._say_event(visitor, t_s, message)
         if self._ledger:
             self._say_ledger(visitor)
-        visitor.send_all(self._history(0.0))
+        visitor.catch_up(self.feed.history())
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
         """Execute a message of a browser. Raise UsageError if the message names another vehicle and is not a stop."""
@@ -222,14 +221,10 @@ class Live:
         self._link.send("pace", factor=float(word["factor"]))
 
     def _send_history(self, visitor: Visitor, word: "JsonObject") -> None:
-        visitor.send_all(self._history(float(word.get("from") or 0.0)))
+        visitor.catch_up(self.feed.history(float(word.get("from") or 0.0)))
 
     def _identify(self, visitor: Visitor, word: "JsonObject") -> None:
         self.identifying.look(visitor, bool(word["on"]))
-
-    async def _history(self, from_s: float) -> "AsyncIterator[Piece]":
-        if parts := self.feed.history(from_s):
-            yield parts
 
     def _needs(self, visitor: Visitor, role: Role) -> None:
         if visitor.role is None or visitor.role < role:

@@ -1,8 +1,9 @@
 """Represent a connected browser: its messages, and the queues of messages, pieces and pictures to send.
 
   words     a queue of MAX_MESSAGES messages, which are never dropped; if it is full, the browser is disconnected (1)
-  pieces    parts of a history or a run, each made only after the previous piece has been sent                  (2)
+  history   frames of the drive so far, each made only after the previous one has been sent, before the picture (2)
   picture   one place: the newest frame replaces a frame that has not been sent                                 (3)
+  pieces    parts of a run, each made only after the previous piece has been sent                               (4)
 
 The I/O-free protocol of `websockets` encodes the bytes. The socket's buffer is small, so that pictures are recent.
 """
@@ -56,6 +57,7 @@ class Visitor:
         self.spoke = False
         self._reader, self._writer, self._protocol = reader, writer, protocol
         self._messages: deque[JsonObject] = deque()
+        self._history: AsyncIterator[Piece] | None = None
         self._pieces: AsyncIterator[Piece] | None = None
         self._picture: bytes | None = None
         self._waiting, self._last_word_s = asyncio.Event(), time.monotonic()
@@ -88,15 +90,21 @@ class Visitor:
 
         The picture is a message encoded by `binary_frame`.
         """
-        waits = self._messages or self._picture or self._pieces is not None or self._ending is not None
+        following = (self._picture, self._history, self._pieces, self._ending)
+        waits = self._messages or any(item is not None for item in following)
         if self.open and not waits and not self._writer.transport.get_write_buffer_size():
             self._writer.write(picture)
             return
         self._picture = picture
         self._waiting.set()
 
+    def catch_up(self, history: "AsyncIterator[Piece]") -> None:
+        """Send these frames one by one before the next picture; each contains all rows until it is made.  (2)"""
+        self._history = history
+        self._waiting.set()
+
     def send_all(self, pieces: "AsyncIterator[Piece]") -> None:
-        """Send these pieces one by one, in place of pieces that have not been sent.  (2)"""
+        """Send these pieces one by one, in place of pieces that have not been sent.  (4)"""
         self._pieces = pieces
         self._waiting.set()
 
@@ -175,7 +183,7 @@ class Visitor:
         return [message]
 
     async def _send_messages(self) -> None:
-        with suppress(OSError, StopAsyncIteration):
+        with suppress(OSError):
             while self.open:
                 await self._waiting.wait()
                 self._waiting.clear()
@@ -184,7 +192,7 @@ class Visitor:
                     pass
 
     async def _send_next(self) -> bool:
-        """Send the next waiting item: messages before a picture, a picture before a piece.
+        """Send the next waiting item: messages, then the history, a picture, and a piece.
 
         Return False if no item waits.
         """
@@ -192,19 +200,22 @@ class Visitor:
             await self._write(self._messages.popleft())
         elif self._ending is not None:
             self.leave(self._ending)
+        elif (history := self._history) is not None:
+            if (frame := await anext(history, None)) is not None:
+                self._picture = None  # its rows are in the frame
+                await self._write(frame)
+            elif self._history is history:
+                self._history = None
         elif self._picture is not None:
             picture, self._picture = self._picture, None
             self._writer.write(picture)
             await self._drain()
         elif self._pieces is not None:
             pieces = self._pieces
-            try:
-                piece = await anext(pieces)
-            except StopAsyncIteration:
-                if self._pieces is pieces:
-                    self._pieces = None
-                return True
-            await self._write(piece)
+            if (piece := await anext(pieces, None)) is not None:
+                await self._write(piece)
+            elif self._pieces is pieces:
+                self._pieces = None
         else:
             return False
         return True
