@@ -2,13 +2,16 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
 
 import pytest
+from websockets.sync.client import connect
 
 from baqueano.cli.demo import command
+from baqueano.diagnostics import note
 from benchmarks.processes import before_others
 from tests.web.test_serve import START_S
 
@@ -71,6 +74,41 @@ def test_a_demo_opens_a_tab_within_20_s_and_ends_by_itself(tmp_path):
     assert record["screens"] == ["drive", "identify", "tuned", "drive"], record
     assert record["frames"] > 20
     assert (tmp_path / "demo" / "report.html").exists()
+
+
+def greeting(address):
+    """Return the hello message of the page at an address."""
+    host = address.split("/")[2]
+    with connect(
+        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+    ) as line:
+        line.send(json.dumps({"is": "hello", "lang": "en"}))
+        return json.loads(line.recv(START_S))
+
+
+def test_the_page_of_a_demo_is_served_before_the_first_kernel_is_compiled(tmp_path, monkeypatch, capfd):
+    """The work of the demo, and so its first kernel, begins when the page already answers."""
+    cache, greetings = tmp_path / "cache", []
+
+    def begins(folder, seed, backend, progress, *show):
+        progress(note("demo.experiment"))
+        assert not list(cache.rglob("*"))
+        address = re.search(r"http://127\.0\.0\.1:\d+/", capfd.readouterr().err)
+        assert address, "no page is served"
+        end = time.monotonic() + START_S
+        while not greetings or (greetings[-1]["state"]["title"] != "PREPARING" and time.monotonic() < end):
+            greetings.append(greeting(address[0]))
+        raise SimulationCall
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    monkeypatch.setenv("CI", "1")  # no browser
+    monkeypatch.setattr("baqueano.study.demo.demo", begins)
+    with pytest.raises(SimulationCall):
+        command.main(["--page"], standalone_mode=False)
+    state = greetings[-1]["state"]
+    assert (state["title"], state["severity"]) == ("PREPARING", "info")
+    assert "experiment" in state["sentence"]
 
 
 class SimulationCall(Exception):

@@ -10,7 +10,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.report_files import ReportFiles, figure_options
 from baqueano.cli.terminal import answer, print_message, show_activity, steps
-from baqueano.diagnostics import note
+from baqueano.diagnostics import Diagnostic, note
 
 
 def program_name() -> str:
@@ -25,6 +25,12 @@ def unused_folder() -> Path:
     """Return the first folder of demo, demo-2, demo-3, … that does not exist, so that earlier demos are kept."""
     names = (Path("demo" if k == 1 else f"demo-{k}") for k in count(1))
     return next(path for path in names if not path.exists())
+
+
+def _picture_file(path: Path) -> Path:
+    from baqueano.report.animation import picture_file
+
+    return picture_file(path)
 
 
 @click.command(
@@ -65,15 +71,21 @@ def command(
     as_json: bool,
 ) -> None:
     from baqueano.cli.page.motion import run_with_page
-    from baqueano.report.animation import picture_file
-    from baqueano.report.page import save_text
-    from baqueano.study.demo import demo
 
-    picture_path = None if animation is None else picture_file(animation)
+    picture_path = None if animation is None else _picture_file(animation)
     out = out or unused_folder()
     with run_with_page(out, shown, pace) as motion:
+        from baqueano.report.page import save_text  # these modules are loaded while the page starts
+        from baqueano.study.demo import demo
+
+        motion.wait_until_served()
         with steps() as begin:
-            result = demo(out, seed, backend, begin, motion.show, motion.show_tuning)
+
+            def begin_step(step: Diagnostic) -> object:
+                motion.show_step(step)
+                return begin(step)
+
+            result = demo(out, seed, backend, begin_step, motion.show, motion.show_tuning)
         answer(result, as_json)
         report.write(result.page, out / "report.html")
         if picture_path is not None:

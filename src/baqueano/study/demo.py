@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison, compare
-from baqueano.diagnostics import Verdict, fault, merge_diagnostics
+from baqueano.diagnostics import Diagnostic, Verdict, fault, merge_diagnostics, note
 from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
@@ -216,21 +216,21 @@ def demo(
     folder: Path,
     seed: int = 0,
     backend: str = "auto",
-    progress: Callable[[str], object] = lambda text: None,
+    progress: Callable[[Diagnostic], object] = lambda step: None,
     show: Callable[[Path], object] = lambda run: None,
     show_gains: Callable[[TuneResult], object] = lambda result: None,
 ) -> Demo:
     """Run the demo and write its runs, route.csv and vehicle.toml into `folder`.
 
-    `show` is called with the file of each run, `show_gains` with the tuned gains. Raise AnswerNo if the fit is
-    refused.
+    `progress` is called with each step, `show` with the file of each run, and `show_gains` with the tuned gains. Raise
+    AnswerNo if the fit is refused.
     """
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, vehicle_file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
     options = {"truth": truth, "backend": backend}
 
-    progress(_("1/6 experiment  60 s of random steps"))
+    progress(note("demo.experiment"))
     u = excitation("random_steps", vehicle_file.command.limit, 60.0, vehicle_file.rate_hz, seed, rest_s=2.0)
     # one run with this model does not repay compiling C
     single_run_backend = "python" if resolve_backend(backend) == "c" else backend
@@ -238,15 +238,15 @@ def demo(
         vehicle_file, u, seed=seed, path=folder / EXPERIMENT_FILE, truth=truth, backend=single_run_backend
     )
     show(folder / EXPERIMENT_FILE)
-    progress(_("2/6 identify    the model from commands and IMU"))
+    progress(note("demo.identify"))
     fit = identify(run, vehicle_file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("demo.refused", cause=merge_diagnostics(fit.reasons)))
     vehicle_file = fit.vehicle_file
-    progress(_("3/6 noise       covariances of sensors and model"))
+    progress(note("demo.noise"))
     noise = measure_noise(fit, run, backend=backend)
     vehicle_file = noise.updated_file(vehicle_file, run.name)
-    progress(_("4/6 tune        gains on the identified model"))
+    progress(note("demo.tune"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = resolve_backend(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     tune_options = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
@@ -254,7 +254,7 @@ def demo(
     show_gains(tune_result)
     vehicle_file = tune_result.updated_file()
     vehicle_file.save(folder / "vehicle.toml")
-    progress(_("5/6 teach       a sinuous circle"))
+    progress(note("demo.teach"))
     lesson = teach(
         vehicle_file,
         shape,
@@ -266,7 +266,7 @@ def demo(
     )
     show(folder / "2-teach.mcap")
     write_route(lesson.route, folder / "route.csv")
-    progress(_("6/6 repeat      {laps} laps", laps=LAPS))
+    progress(note("demo.repeat", laps=LAPS))
     repeat_run = repeat(
         vehicle_file, lesson.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options
     )

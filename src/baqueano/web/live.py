@@ -251,7 +251,9 @@ class Live:
                 visitor.show(picture)
 
     def _on_state(self, word: "JsonObject") -> None:
-        if any(word.get(k) != self._state.get(k) for k in ("state", "mission", "paused", "pace", "scene")):
+        if any(
+            word.get(k) != self._state.get(k) for k in ("state", "mission", "paused", "pace", "scene", "step")
+        ):
             self._changed = True
         if word["state"] != self._state["state"] and word["state"] == "STOPPED":
             self._state = word

@@ -39,6 +39,7 @@ class PageOptions:
     address: str = ""  # address in the network; found automatically if ""
     browser: bool = True  # a tab is opened
     routes: Path = Path("routes")  # the folder of the stored routes
+    greeting_s: float = GREETING_TIMEOUT_S  # longest wait for the description of a simulated vehicle
 
 
 async def show_runs(
@@ -103,7 +104,7 @@ async def show_vehicle(
     ending: asyncio.Task[None] | None = None
     try:
         # a robot sends its description only with its first drive
-        greeting_s = GREETING_TIMEOUT_S if robot is None else LEAVE_TIMEOUT_S
+        greeting_s = options.greeting_s if robot is None else LEAVE_TIMEOUT_S
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))

@@ -41,6 +41,7 @@ def state_message(
         if is_driving
         else STATE_TEXTS.get(name, "web.title-ready")
     )
+    title = "web.title-prepares" if name == "READY" and "step" in state else title
     title = "web.title-paused" if state.get("paused") and is_driving else title
     parts = _driving(state, feed, lap, laps) if is_driving else [_standing(state)]
     grave = Severity.ERROR if name == "STOPPED" else Severity.WARNING if odd else Severity.INFO
@@ -62,7 +63,8 @@ def _standing(state: "JsonObject") -> Diagnostic:
         return cause
     if state["state"] == "DISARMED":
         return note("web.disarmed", cause=cause or "")
-    return note("web.ready")
+    step = state.get("step")  # of the work before the drives of a demo
+    return step if isinstance(step, Diagnostic) else note("web.ready")
 
 
 def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from baqueano.tune import TuneResult
 
 POINTS = 200  # of the curve of costs
+SERVES_S = 20.0  # a busy laptop starts Python
 
 
 class PageOfDrives:
@@ -43,6 +45,17 @@ class PageOfDrives:
         """Show an event on the page."""
         self._send({"say": message.to_json()})
 
+    def show_step(self, step: Diagnostic) -> None:
+        """Show a step of the work on the page, until the next step and while no run is played."""
+        self._send({"step": step.to_json()})
+
+    def wait_until_served(self) -> None:
+        """Wait until the page is served, or its process has ended, at most SERVES_S."""
+        if self._program is not None and self._program.stdout is not None:
+            reading = threading.Thread(target=self._program.stdout.readline, name="page", daemon=True)
+            reading.start()
+            reading.join(SERVES_S)
+
     def _send(self, word: dict[str, object]) -> None:
         if self._program is not None and self._program.stdin is not None:
             with suppress(OSError, ValueError):
@@ -63,7 +76,7 @@ def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[Pag
         return
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "baqueano.web.lab.playback", str(folder), "--pace", str(pace)]
-    program = subprocess.Popen(command, stdin=subprocess.PIPE)
+    program = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
         yield PageOfDrives(program)
         assert program.stdin is not None
@@ -75,10 +88,11 @@ def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[Pag
     finally:
         with suppress(OSError):
             program.terminate()
+        for pipe in (program.stdin, program.stdout):  # first, because the process reads its stdin to the end
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
         program.wait()
-        if program.stdin is not None:
-            with suppress(OSError):
-                program.stdin.close()
 
 
 def _display() -> bool:

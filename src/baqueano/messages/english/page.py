@@ -44,6 +44,7 @@ TEMPLATES: dict[str, str] = {
     "web.title-experiment": "EXPERIMENT",
     "web.title-first-drive": "FIRST DRIVE",
     "web.title-ready": "READY",
+    "web.title-prepares": "PREPARING",
     "web.title-stopped": "STOPPED",
     "web.title-disarmed": "NOT READY",
     "web.title-over": "OVER",

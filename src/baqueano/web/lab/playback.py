@@ -2,9 +2,10 @@
 
   python -m baqueano.web.lab.playback FOLDER [--pace F] [--no-browser]
 
-stdin contains lines of JSON: {"play": path}, {"tuned": …} and {"say": diagnostic}. After the end of stdin the remaining
-entries are played while a browser watches, then the program ends. The playback does not slow down the simulation that
-records the runs.
+stdin contains lines of JSON: {"play": path}, {"tuned": …}, {"say": diagnostic} and {"step": diagnostic}. A step of the
+work is shown at once, while no run is played. stdout receives a line once the page is served. After the end of stdin
+the remaining entries are played while a browser watches, then the program ends. The playback does not slow down the
+simulation that records the runs.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from array import array
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
@@ -38,6 +39,16 @@ FIT_SHOWN_S = 4.0  # time to show the parameters after an experiment
 GAINS_SHOWN_S = 7.0  # time to show the gains
 
 
+class WorkStep(NamedTuple):
+    """The step of the work that records the runs."""
+
+    message: Diagnostic
+
+
+if TYPE_CHECKING:
+    Entry = Path | Diagnostic | JsonObject | WorkStep | None
+
+
 class RunPlayer:
     """A service that plays recorded runs as its drives."""
 
@@ -49,11 +60,19 @@ class RunPlayer:
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
         self._scene: JsonObject = {"screen": "drive"}  # shown by browsers in which no screen was selected
+        self._step: Diagnostic | None = None
         self._patience_s = 0.0  # time until which to wait for a browser; 0 before the first run
 
-    def put(self, item: "Path | Diagnostic | JsonObject | None") -> None:
-        """Queue a run to play, tuned gains to show, or a diagnostic to send; None ends the playback."""
-        self._waiting.put_nowait(item)
+    def put(self, item: "Entry") -> None:
+        """Queue a run to play, tuned gains to show, or a diagnostic to send; None ends the playback.
+
+        A step is shown at once.
+        """
+        if item is None or isinstance(item, WorkStep):
+            self._step = None if item is None else item.message
+            self._tell()
+        if not isinstance(item, WorkStep):
+            self._waiting.put_nowait(item)
 
     def send(self, do: str, **words: object) -> None:
         """Execute a message as a service does. Raise UsageError for a message that a recorded drive cannot execute."""
@@ -173,6 +192,7 @@ class RunPlayer:
                 "paused": self._paused,
             }
             | {"scene": self._scene}
+            | ({} if self._step is None else {"step": self._step})
             | ({} if self._stop_reason is not None else self._mission)
         )
 
@@ -196,10 +216,14 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     reading = loop.run_in_executor(
         None, read, sys.stdin.buffer, partial(loop.call_soon_threadsafe, playback.put)
     )
-    notify = partial(print, file=sys.stderr, flush=True)
 
     async def start() -> RunPlayer:
         return playback
+
+    def notify(message: Diagnostic | str) -> None:
+        print(text(message), file=sys.stderr, flush=True)
+        if isinstance(message, Diagnostic) and message.code == "web.at":
+            print(flush=True)  # for the process that records the runs
 
     def meet(viewers: Callable[[], int]) -> None:
         playback.viewers = viewers
@@ -207,8 +231,8 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     try:
         await show_vehicle(
             start,
-            PageOptions(folder, browser=browser),
-            lambda message: notify(text(message)),
+            PageOptions(folder, browser=browser, greeting_s=0.0),
+            notify,
             lasting=False,
             meet=meet,
         )
@@ -217,13 +241,15 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     await reading
 
 
-def read(coming: BinaryIO, put: "Callable[[Path | Diagnostic | JsonObject | None], object]") -> None:
+def read(coming: BinaryIO, put: "Callable[[Entry], object]") -> None:
     """Pass the entry in each line of stdin to `put`, and None at its end; skip malformed lines."""
     for line in coming:
         try:
             entry = json.loads(line)
             if "tuned" in entry:
                 put(dict(entry["tuned"]))
+            elif "step" in entry:
+                put(WorkStep(Diagnostic.of_json(entry["step"])))
             else:
                 put(Path(entry["play"]) if "play" in entry else Diagnostic.of_json(entry["say"]))
         except (ValueError, KeyError, TypeError):

@@ -15,5 +15,11 @@ TEMPLATES: dict[str, str] = {
     "study.gain-at-bound": "{subject}: the search ended at a bound of {gains}",
     "study.stopped": "{subject}: {stopped} drives were stopped",
     "study.fits-refused": "the fits of these robots were refused: {robots}",
+    "demo.experiment": "1/6 experiment  60 s of random steps",
+    "demo.identify": "2/6 identify    the model from commands and IMU",
+    "demo.noise": "3/6 noise       covariances of sensors and model",
+    "demo.tune": "4/6 tune        gains on the identified model",
+    "demo.teach": "5/6 teach       a sinuous circle",
+    "demo.repeat": "6/6 repeat      {laps} laps",
     "demo.refused": "the fit of the demo was refused: {cause}",
 }
