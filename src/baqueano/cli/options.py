@@ -1,4 +1,4 @@
-"""Define options that several verbs share, and the functions that evaluate them."""
+"""Define options that several subcommands share, and the functions that evaluate them."""
 
 from collections.abc import Callable
 from functools import reduce

@@ -8,8 +8,8 @@
     at a limit   the share of ticks with |u_i| ≥ limit_i, or |w_k| ≥ limit of channel k,  w = mix(u)     (4)
 
 (1) also grows with a wrong model: a dead zone that is wrong by 10 % causes 15 % of speed error. (2) excludes a constant
-error and keeps a visible stutter. If the reference speed is constant, e − ē is the speed minus its 1 s mean. Compared
-with (1), (2) weights a stutter of 1.4 Hz, the worst case, with 1.22, and a stutter of 5 Hz or more with 1. An unknown
+error and keeps the fluctuations. If the reference speed is constant, e − ē is the speed minus its 1 s mean. Compared
+with (1), (2) weights a fluctuation of 1.4 Hz, the worst case, with 1.22, and one of 5 Hz or more with 1. An unknown
 value is NaN.
 """
 

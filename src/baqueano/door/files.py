@@ -41,7 +41,7 @@ class RunFiles:
         return self._list
 
     def fetch(self, guest: Guest, name: str, is_connected: Callable[[Guest], bool]) -> None:
-        """Send a run in chunks to a guest while `is_connected` returns True for it; the last chunk has `left` 0.
+        """Send a run in chunks to a client while `is_connected` returns True for it; the last chunk has `left` 0.
 
         A thread sends each chunk once few bytes wait for the guest. Raise Invalid if the run does not exist, or if too
         many transfers are under way. Raise OSError if the file cannot be opened.

@@ -2,7 +2,7 @@
 
 lines     at most MAX_BACKLOG lines wait, with LONG_BYTES bytes in total, and one mission; further lines are dropped,
           except a stop                                                                                          (1)
-messages  at most MAX_PENDING_BYTES bytes wait; a guest for which more bytes wait is disconnected                (2)
+messages  at most MAX_PENDING_BYTES bytes wait; a client for which more bytes wait is disconnected                (2)
 frame     a frame is sent only if no other message waits, so that each frame is recent                           (3)
 """
 
@@ -60,17 +60,17 @@ class Guest:
 
     @property
     def is_overloaded(self) -> bool:
-        """Return True if too many bytes wait to be sent to the guest.  (2)"""
+        """Return True if too many bytes wait to be sent to the client.  (2)"""
         return self._waiting > MAX_PENDING_BYTES
 
     @property
     def waiting(self) -> int:
-        """Return the number of bytes that wait to be sent to the guest."""
+        """Return the number of bytes that wait to be sent to the client."""
         return self._waiting
 
     @property
     def has_output(self) -> bool:
-        """Return True if a message waits to be sent to the guest.  (3)"""
+        """Return True if a message waits to be sent to the client.  (3)"""
         return bool(self._going)
 
     def enqueue(self, message: "JsonObject") -> None:

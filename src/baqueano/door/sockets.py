@@ -143,7 +143,7 @@ class Door:
         return max(0.0, (int(now_s * fastest) + 1) / fastest - now_s)
 
     def _tell_all(self) -> bool:
-        """Queue the outgoing messages for all guests; return True if there were any."""
+        """Queue the outgoing messages for all clients; return True if there were any."""
         outbox_size = len(self._outbox)
         while self._outbox:
             message = self._outbox.popleft()
@@ -178,7 +178,7 @@ class Door:
         self._selector.register(connection, selectors.EVENT_READ, guest)
 
     def _turn_away(self, guest: Guest) -> None:
-        """Refuse and disconnect a guest that connected when all places were occupied; only its stops are accepted."""
+        """Refuse and disconnect a client that connected when all places were occupied; only its stops are accepted."""
         self._refuse(guest, note("door.full", Severity.ERROR, most=MAX_GUESTS), 1)
         self._last_words(guest)
 
@@ -211,7 +211,7 @@ class Door:
             self._last_words(guest)
 
     def _answer_all(self) -> None:
-        """Answer the waiting lines of all guests in turn, at most MAX_LINES lines or MAX_TURN_S."""
+        """Answer the waiting lines of all clients in turn, at most MAX_LINES lines or MAX_TURN_S."""
         for guest in [peer for peer in self._until if peer.lines]:
             self._turn_away(guest)
         self._busy, end_s = 0, time.monotonic() + MAX_TURN_S
@@ -288,7 +288,7 @@ class Door:
             self._until[guest] = time.monotonic() + STOPPED_S
 
     def _watch(self, guest: Guest, request: "JsonObject") -> None:
-        """Begin to send frames of the next ticks to a guest, at `hz`, at most MAX_FRAME_RATE_HZ; 0 ends this."""
+        """Begin to send frames of the next ticks to a client, at `hz`, at most MAX_FRAME_RATE_HZ; 0 ends this."""
         hz, names = float(request["hz"]), request.get("fields")
         guest.hz, guest.drive = (min(hz, MAX_FRAME_RATE_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))
@@ -298,7 +298,7 @@ class Door:
         self._introduce(guest)
 
     def _introduce(self, guest: Guest) -> None:
-        """Send a guest the description and the columns of the present drive, once per drive."""
+        """Send a client the description and the columns of the present drive, once per drive."""
         drive, descriptions = self.frames.drive()
         if drive is None or drive.number == guest.drive or guest.hz <= 0.0:
             return
@@ -317,7 +317,7 @@ class Door:
             guest.enqueue(message)
 
     def _show_all(self, at_once: bool = False) -> None:
-        """Send new rows to the guests for which they are due, or to all if `at_once`; equal rows are encoded once."""
+        """Send new rows to the clients for which they are due, or to all if `at_once`; equal rows are encoded once."""
         watching = [guest for guest in self._guests if guest.hz > 0.0]
         (drive, _), frames_by_columns, self._behind = self.frames.drive(), {}, False
         if drive is None or not watching:
@@ -338,7 +338,7 @@ class Door:
                 guest.send_line(frames_by_columns[key])
 
     def _stays(self, guest: Guest) -> bool:
-        """Return True while the guest is connected and the door is open."""
+        """Return True while the client is connected and the service is open."""
         return guest in self._guests and not self._end_event.is_set()
 
     def _send_all(self) -> None:

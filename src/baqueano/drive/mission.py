@@ -33,10 +33,11 @@ MAX_LAPS = 10**9
 class Mission:
     """A mission as data. The constructor raises UsageError for an unknown kind or a missing `u` or route.
 
-    An experiment needs `u`, a repetition needs a route. A lesson has a route, or None if a person drives. In the kind
-    "drive" a person drives without teaching a route. UsageError is also raised for a damaged `start` or `precautions`.
+    An experiment needs `u`, a repetition needs a route. The kind "teach" has a route, or None if a person drives. In
+    the kind "drive" a person drives without teaching a route. UsageError is also raised for a damaged `start` or
+    `precautions`.
 
-    >>> lesson_by_hand = Mission("teach")
+    >>> taught_by_hand = Mission("teach")
     >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
     >>> Mission.of_json(spin.json()).u.shape
     (100, 3)
@@ -134,7 +135,8 @@ def perform(
     """Execute a mission with the vehicle of the file, and return the run.
 
     `hand` returns the present command (n,) of a person. Options are as in `session.drive` and its `Conditions`; with
-    the `world` `worlds.Robot`, a real vehicle drives. Raise UsageError for a lesson without a route and without `hand`.
+    the `world` `worlds.Robot`, a real vehicle drives. Raise UsageError for the kind "teach" without a route
+    and without `hand`.
 
     >>> from baqueano.vehicle_file import load
     >>> run = perform(Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (50, 1))), load("small"))

@@ -1,4 +1,4 @@
-"""Drive a vehicle for an experiment, a lesson or a repetition, or replay a run. Each function returns a run."""
+"""Drive a vehicle to experiment, to teach a route or to repeat one, or replay a run. Each function returns a run."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias

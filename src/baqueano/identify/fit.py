@@ -155,7 +155,7 @@ def solve(
     progress : callable, optional
         Receives the progress as text; True from it ends the search.
     again : bool
-        If the search is not sound, begin it again from other starts.
+        If the result of the search is not plausible, begin it again from other starts.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Compute the cost of a set of gains: the paper's cost of a drive along its route, plus prices of the command.
+"""Compute the cost of a set of gains: the paper's cost of a drive along its route, plus weights on the command.
 
     C(g) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
     r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,   k r − ½ k² beyond                             (2)
@@ -8,8 +8,8 @@ g: gains; η: pose of the simulated vehicle ("obtained by simulating the system 
 reference; u: command; Δ: errors. The paper adds metres and radians; here w [m] is the weight of a radian. Its default
 is half the track (errata 13): the distance of a wheel per radian of a turn in place. The paper does not define h; k is
 0.1 m by default. Huber's norm is of the whole vector, so that a rotation of the map does not change it. The paper does
-not have a price on the command, and its optimum oscillates along the route. q [m²] is the price of jerks, by default
-0.1. The price p [m²] of effort is 0 by default, because the route needs most of the effort. For the cost of the paper
+not weight the command, and its optimum oscillates along the route. q [m²] is the weight of jerks, by default 0.1. The
+weight p [m²] of effort is 0 by default, because the route needs most of the effort. For the cost of the paper
 set jerk_m2 = 0 and aside_m = 0, a start on the route.
 """
 
@@ -56,13 +56,13 @@ def path_cost(weights: Weights, output: Tree) -> Tree:
 
 
 def jerk(limit: np.ndarray, output: Tree) -> Tree:
-    """Return the squared change of the command at a tick, relative to its limit; q is its price.  (3)"""
+    """Return the squared change of the command at a tick, relative to its limit; q is its weight.  (3)"""
     change = (output.record.command.u - output.record.tick.u) / _scale(limit)
     return np.sum(change * change)
 
 
 def effort(limit: np.ndarray, output: Tree) -> Tree:
-    """Return the square of the command at a tick, relative to its limit; p is its price.  (3)"""
+    """Return the square of the command at a tick, relative to its limit; p is its weight.  (3)"""
     relative_command = output.record.command.u / _scale(limit)
     return np.sum(relative_command * relative_command)
 

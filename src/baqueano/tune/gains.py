@@ -1,4 +1,4 @@
-"""Tune gains: minimise the paper's cost plus a price on jerks (cost.py), with exact gradients of the compiled loop.
+"""Tune gains: minimise the paper's cost plus a weight on jerks (cost.py), with exact gradients of the compiled loop.
 
 The vehicle starts `aside_m` behind and beside its route, so that the feedback has an effect. On its route, a vehicle
 with an exact model does not need feedback. jerk_m2 = 0 and aside_m = 0 select the cost of the paper, whose gains
@@ -69,7 +69,7 @@ def tune(
 
     References
     ----------
-    Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route. jerk_m2=0 and
+    Grotz et al., `equ:controller_cost_function`, with a weight on jerks and a start beside the route. jerk_m2=0 and
     aside_m=0 select the cost of the paper (cost.py).
 
     Examples

@@ -2,7 +2,7 @@
 
     C(g, q) = C_path(g) + q C_jerk(g)                                      cost.py (1) to (3)             (1)
 
-g are the gains, q is the price of jerks. The two terms are returned separately, so another q does not need another lap.
+g: gains; q: weight of jerks. The two terms are returned separately, so another q does not need another lap.
 The vehicle is the model of the file with exact pose. It starts `aside_m` behind and beside the route, as in `tune`.
 """
 
@@ -92,7 +92,7 @@ class SimulatedLaps:
         return sums[:, [_LapTick._fields.index(name) for name in ("path", "jerk")]]
 
     def cost_and_gradient(self, gains: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """Return C and ∂C/∂gains (p,) for a price of jerks [m²].  (1)"""
+        """Return C and ∂C/∂gains (p,) for a weight of jerks [m²].  (1)"""
         y, derivatives = self._kernel.sensitivities(self._inputs, gains, carry=self._start)
         path, jerks = (_LapTick._fields.index(name) for name in ("path", "jerk"))
         cost = float(np.sum(y[:, path]) + price * np.sum(y[:, jerks]))

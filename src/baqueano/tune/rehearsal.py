@@ -257,8 +257,8 @@ def rehearse(
 
     `controller` replaces the controller of the file. `gains` are the names of the tuned parameters, by default all,
     and `bounds` their bounds. The drive has `laps` laps of each route, or takes `duration_s`. `radian_m` is the
-    weight of a radian; the cost of errors beyond `huber_m` is linear. `jerk_m2` is the price of a change of the
-    command by its limit within a tick. `effort_m2` is the price of a tick at the limit; the paper lacks both prices.
+    weight of a radian; the cost of errors beyond `huber_m` is linear. `jerk_m2` is the weight of a change of the
+    command by its limit within a tick. `effort_m2` is the weight of a tick at the limit; the paper lacks both.
     `aside_m` is the distance of the vehicle's start behind and to the left of the route's start; 0 in the paper.
     `estimator` adds the estimator to the loop, with the noise of `seeds` seeds from `seed` on. `draws` is the number
     of vehicles from the covariance of the fit. Raise UsageError for an invalid `aside_m` or weight, or without a

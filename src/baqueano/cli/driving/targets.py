@@ -1,4 +1,4 @@
-"""Provide the target of a verb: a simulated, emulated or real vehicle, all with the same interface."""
+"""Provide the target of a subcommand: a simulated, emulated or real vehicle, all with the same interface."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,1 +1,1 @@
-"""Define the verbs for runs and vehicle files: simulate, runs, identify, tune, forecast, compare, report, study."""
+"""Define the subcommands for runs and models: simulate, runs, identify, tune, forecast, compare, report, study."""

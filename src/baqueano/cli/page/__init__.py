@@ -1,1 +1,1 @@
-"""Define the verbs that open the page."""
+"""Define the subcommands that open the page."""

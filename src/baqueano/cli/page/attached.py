@@ -1,4 +1,4 @@
-"""`python -m baqueano.cli.page.attached FOLDER`: serve the page of the verb that started this process, over pipes."""
+"""`python -m baqueano.cli.page.attached FOLDER`: serve a page over pipes for the program that started it."""
 
 import argparse
 import asyncio
@@ -17,7 +17,7 @@ LOOK_S = 0.05  # between two counts of the viewers
 
 
 async def serve(options: PageOptions) -> None:
-    """Serve the drives of the verb until the verb closes its end of the pipes, and report the number of viewers."""
+    """Serve the drives of a subcommand until it closes its end of the pipes, and report the number of viewers."""
     link: list[Link] = []
     viewers: list[Callable[[], int]] = []
     counting: list[asyncio.Task[None]] = []

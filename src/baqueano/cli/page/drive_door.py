@@ -1,4 +1,4 @@
-"""Open a door in the process of a verb. The page is its only guest, and receives the drives as from a service.
+"""Serve a page in the process of a subcommand: the page receives the drives as from the service of a vehicle.
 
 here     the loop runs in this process, in wall time, and shows each tick                        (`local_options`)
 there    a robot drives: its messages are sent to the page, and the page's stop to the robot     (`remote_options`)
@@ -52,7 +52,7 @@ class WorldWithBody(World, Protocol):
 
 
 class DriveDoor:
-    """The door of the drives of one verb. With `by_hand`, a person drives from the page and decides when to begin."""
+    """The connection of one subcommand to the page. With `by_hand`, a person drives from the page, and begins."""
 
     def __init__(
         self, file: "VehicleFile", world: str, folder: Path, pace: float = 1.0, by_hand: bool = False

@@ -1,4 +1,4 @@
-"""Show the drives of a verb in a browser during the drive (--page), with a separate page process."""
+"""Show the drives of a subcommand in a browser during the drive (--page), with a separate page process."""
 
 import socket
 import subprocess
@@ -57,7 +57,7 @@ class LivePage:
 def live_page(
     shown: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, by_hand: bool = False
 ) -> Iterator[LivePage | None]:
-    """Open a page for the drives of a verb, and yield it; None if it is not `shown`.
+    """Open a page for the drives of a subcommand, and yield it; None if it is not `shown`.
 
     With a display, first wait up to COMES_S for a browser. The page always ends with the verb.
     """

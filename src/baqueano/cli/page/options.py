@@ -1,4 +1,4 @@
-"""Define options of the verbs that open the page, and the functions that run it."""
+"""Define options of the subcommands that open the page, and the functions that run it."""
 
 import asyncio
 from collections.abc import Coroutine

@@ -1,1 +1,1 @@
-"""Define the verbs of `baqueano robot`: setup, maintenance and settings of a real vehicle. robot.py lists all verbs."""
+"""Define the subcommands of `baqueano robot`: setup, maintenance and settings of a real vehicle. robot.py lists all."""

@@ -1,4 +1,4 @@
-"""Define `baqueano robot`: `run` runs the service on the vehicle; other verbs maintain a vehicle from any computer."""
+"""Define `baqueano robot`: `run` runs the service on the vehicle; the others maintain a vehicle from any computer."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Define the verbs of `baqueano robot` that install a vehicle on a Raspberry Pi, and remove it: card, setup, remove."""
+"""Define the subcommands of `baqueano robot` that install a vehicle on a Pi, or remove it: card, setup, remove."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Define the verbs of `baqueano robot` that maintain the hardware, here or at a HOST: doctor, flash, calibrate."""
+"""Define the subcommands of `baqueano robot` that maintain the hardware here or at HOST: doctor, flash, calibrate."""
 
 from pathlib import Path
 from typing import Any

@@ -49,7 +49,7 @@ class MissionPlan:
     mission: Mission
     vehicle_file: "VehicleFile"
     name: str = ""  # name of its route
-    keep: str = ""  # the name under which a lesson's route is stored
+    keep: str = ""  # the name under which a taught route is stored
     closed: bool | None = None  # True for a closed route; None: closed if the drive returned to its start
     seed: int | None = None
     shake: tuple[Fault, ...] = ()

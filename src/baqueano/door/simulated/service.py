@@ -179,7 +179,7 @@ class SimulatedService:
             self.publish()
 
     def _stored_lesson(self, plan: MissionPlan, path: Path) -> JsonObject:
-        """Store the route of a lesson; return {route}, its name, or {why, code} if it could not be stored."""
+        """Store the route of a mission of kind "teach"; return {route}, its name, or {why, code} after a failure."""
         try:
             write_route(route_of(read_run(path), plan.closed), self.routes.path(plan.keep))
         except BaqueanoError as error:

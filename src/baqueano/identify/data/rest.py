@@ -58,7 +58,7 @@ def with_gyro_at_rest(
 
 
 def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
-    """Return True if a run begins at rest, judged by its commands and the readings of `sensors`.  (2)"""
+    """Return True if a run begins at rest, according to its commands and the readings of `sensors`.  (2)"""
     driven_ticks = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # NaN counts as driven
     first_ns = run.t_ns[max(driven_ticks[0] - 1, 0)] if len(driven_ticks) else run.t_ns[-1]
     is_quiet = not len(driven_ticks) or driven_ticks[0] > 0

@@ -72,7 +72,7 @@ class Composer:
         return np.mean(2.0 * np.sum(np.log(diagonal), axis=-1), axis=-1)
 
     def search(self) -> float:
-        """Fill the places, or improve the pieces in them, and return J minus the price of the pieces."""
+        """Fill the places, or improve the pieces in them, and return J minus the cost of the pieces."""
         if not self.chosen:
             self._fill_greedily()
         best_score = float(self.score(self.F[self.chosen].sum(axis=0)) - self.price[self.chosen].sum())
@@ -142,9 +142,9 @@ class Composer:
             pose = in_map(pose, self.path[k, :, -1])
 
     def _sort_by_price(self) -> None:
-        """Sort the chosen pieces by price, the highest last, if that order stays inside.
+        """Sort the chosen pieces by cost, the highest last, if that order stays inside.
 
-        After pieces with a high price the position is uncertain. J does not change.
+        After pieces with a high cost the position is uncertain. J does not change.
         """
         order = sorted(self.chosen, key=lambda k: self.price[k])
         if self._stays_inside(self._start(), np.array(order[:1]), order[1:])[0]:
@@ -153,7 +153,7 @@ class Composer:
     def _improve_place(self, place: int, best_score: float) -> float:
         """Put a better piece in the place if the search finds one.
 
-        Return J of the sequence minus the price of its pieces.
+        Return J of the sequence minus the cost of its pieces.
         """
         earlier, later = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
@@ -172,7 +172,7 @@ class Composer:
     def _first_inside(
         self, other_information: np.ndarray, pose: np.ndarray, later: list[int], min_score: float
     ) -> tuple[int, float] | None:
-        """Return the index of a good piece to add to F = `other_information` (M, q, q), and J minus the price of the
+        """Return the index of a good piece to add to F = `other_information` (M, q, q), and J minus the cost of the
         piece. Return None if no tested piece exceeds `min_score`. At most the MAX_TRIED_PIECES pieces with the
         highest bounds are tested. The piece and all pieces of `later` must stay inside from the poses (L, 3) on.
         """

@@ -1,6 +1,6 @@
 """Test many effects that a model lacks by score tests, without a new fit.
 
-    D⊥ = D − d A⁻¹ dᵀ w D,   A = dᵀ w d           the part of D that θ cannot imitate                     (1)
+    D⊥ = D − d A⁻¹ dᵀ w D,   A = dᵀ w d           the part of D that θ cannot explain                     (1)
     δ  = D⊥ᵀ ψ / (D⊥ᵀ w D⊥)                       the size of the effect                                  (2)
     Δθ = A⁻¹ dᵀ w D δ                             the change of θ if the effect were in the model                 (3)
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
@@ -28,7 +28,7 @@ MAX_BLOCKS = 60
 MIN_BLOCK_ROWS = 20  # rows
 PROMISING_Z = 3.0  # standard errors of white noise
 EFFECTS_AT_ONCE = 16  # effects
-MIN_OWN_FRACTION = 1e-6  # an effect with a smaller part that θ cannot imitate is not tested
+MIN_OWN_FRACTION = 1e-6  # an effect with a smaller part that θ cannot explain is not tested
 
 
 class NuisanceDerivatives(NamedTuple):
@@ -259,7 +259,7 @@ def _score_tests(
         total = total - nuisance_ties[-1] @ _product(nuisance.d, fit.clipped_residuals[nuisance.columns])
     is_shown = power > MIN_OWN_FRACTION * np.maximum(
         sums.energy, 1e-300
-    )  # otherwise θ imitates the effect, or it does not change a measurement
+    )  # otherwise θ explains the effect, or it does not change a measurement
     size = np.where(is_shown, total / np.where(is_shown, power, 1.0), 0.0)
     candidates = np.flatnonzero(
         is_shown & (np.abs(total) > PROMISING_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))

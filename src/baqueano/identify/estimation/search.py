@@ -81,7 +81,7 @@ class Search(NamedTuple):
 
 
 def best_search(task: Task, begin: np.ndarray) -> Search:
-    """Return the search from `begin` (p,). If this search is not sound, return the best of several searches."""
+    """Return the search from `begin` (p,). If its result is not plausible, return the best of several searches."""
     best_end = search(task, begin)
     signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     is_gain = np.array(

@@ -1,4 +1,4 @@
-"""Estimate which part of the misfit of the wheels the accelerometer also measures; the remainder is slip of the wheels.
+"""Estimate which part of the error of the wheels the accelerometer also measures; the remainder is slip of the wheels.
 
 In the innovations of the wheels, slip and an unmodelled force look alike. A filter that treats slip as a force
 follows the slip. The forward accelerometer separates them. With the residuals r_v of the wheels' speed and r_a of the
@@ -7,10 +7,10 @@ accelerometer, over two consecutive windows of τ,
     B = (r_v(t + τ) − 2 r_v(t) + r_v(t − τ))/τ,   A = (∫ r_a from t to t + τ − ∫ r_a from t − τ to t)/τ   (1)
     φ = Σ w A B / Σ w (B² − 6 q/τ²),   q the variance of white noise in r_v, w = 1/mean A² of each τ     (2)
 
-φ is 1 if the accelerometer measures the whole misfit, 0 if only the wheels do; its noise does not change the mean. An
+φ is 1 if the accelerometer measures the whole error, 0 if only the wheels do; its noise does not change the mean. An
 accelerometer does not measure the push of a sloping floor. That push depends on the heading, so the part of B that cos
 ψ, sin ψ and their integrals explain is removed. The upper end of the 95 % interval of φ is used, from blocks drawn with
-replacement, so misfit that is not clearly contradicted stays.
+replacement. So an error stays unless it is clearly contradicted.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Estimate the noise of the recommended filter: the misfit of the model and the noise of the sensors.
+"""Estimate the noise of the recommended filter: the error of the model and the noise of the sensors.
 
     J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of correcting channels) (1)
     of an inertial channel:  σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
@@ -8,8 +8,8 @@ y and S are the innovations of the filter over the log (augmented_ekf.py), r the
 most_likely.py. The second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A
 rest with more scatter than this limit is not used. A channel that does not correct the motion has the noise of its
 residuals. A sensor with fewer than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities, for
-example of a counter, have σ² ≥ step²/12. With only an IMU, (3) estimates the misfit of the speed from the forward
-accelerometer. If wheels measure the speed, misfit that the accelerometer does not measure is slip
+example of a counter, have σ² ≥ step²/12. With only an IMU, (3) estimates the error of the speed from the forward
+accelerometer. If wheels measure the speed, an error that the accelerometer does not measure is slip
 (accelerometer_misfit.py). The least `course_std` is the angle between the course and the heading of the model.
 """
 
@@ -137,7 +137,7 @@ def _crab_rad(fit: "Fit") -> float:
 
 
 def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """Return the filter without the part of the speed misfit that is slip of wheels (accelerometer_misfit.py)."""
+    """Return the filter without the part of the speed error that is slip of wheels (accelerometer_misfit.py)."""
     share = np.sqrt(accelerometer_share(ekf, fit, inertial))
     for path, low, _ in (FORWARD_NOISE[0], FORWARD_NOISE[2]):
         ekf = put(ekf, path, max(low, float(share * get(ekf, path))))
@@ -145,7 +145,7 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
 
 
 def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """Return the filter with the speed misfit from the residuals of the forward accelerometer.
+    """Return the filter with the speed error from the residuals of the forward accelerometer.
 
     With too few residuals the filter is unchanged.  (3)
     """

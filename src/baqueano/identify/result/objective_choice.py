@@ -87,7 +87,7 @@ def choose_objective(
 
 
 def _open_loop(comparison: "LeftOutBlocks") -> Diagnostic:
-    """Return a note on the open-loop error of the innovations' fit on held-out blocks."""
+    """Return a note on the open-loop error of the fit by innovations on held-out blocks."""
     if not np.isfinite(comparison.percent):
         return note("cost.runs-away")
     percent = abs(comparison.percent)
@@ -132,17 +132,17 @@ class LeftOutBlocks(NamedTuple):
 
     @property
     def percent(self) -> float:
-        """Return the relative increase of the cost with the innovations' fit [%], negative for a decrease."""
+        """Return the relative increase of the cost with the fit by innovations [%], negative for a decrease."""
         return 100.0 * float(self.cost_changes.sum()) / max(self.cost, 1e-300)
 
     @property
     def is_better(self) -> bool:
-        """Return True if the innovations' fit has the smaller error on the held-out blocks."""
+        """Return True if the fit by innovations has the smaller error on the held-out blocks."""
         return bool(self.cost_changes.sum() < 0.0)
 
     @property
     def is_worse(self) -> bool:
-        """Return True if the innovations' fit has a significantly larger error on the held-out blocks."""
+        """Return True if the fit by innovations has a significantly larger error on the held-out blocks."""
         return self.z > student_quantile(1.0 - LARGER_ERROR_P_VALUE, len(self.cost_changes) - 1)
 
     @property

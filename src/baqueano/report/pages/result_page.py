@@ -45,7 +45,7 @@ def report(
     Parameters
     ----------
     result : Run, Fit, Comparison, CorridorAhead, SweepResult, AtRest or ParameterHistory
-        The subject of the page. A lesson, an import and a first drive have the page of their run.
+        The subject of the page. The results of `teach`, of an import and of a first drive have the page of their run.
     path : path, optional
         File to which the page is written, as self-contained HTML.
     alignment : str

@@ -111,7 +111,7 @@ def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
 
     >>> from baqueano.robot.uno.frames import Driver
     >>> with open_uno() as uno:
-    ...     kept = uno.settings()  # what its EEPROM says of the wiring
+    ...     kept = uno.settings()  # the wiring stored in its EEPROM
     >>> print(Driver(kept.driver).name)
     L298N
     """

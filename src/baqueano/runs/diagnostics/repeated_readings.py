@@ -1,9 +1,9 @@
 """Find readings that repeat the previous reading: a driver that reads too fast, or the steps of an encoder.
 
 A signal that moves by more than one level of its converter at a time does not repeat a value. So a value that repeats
-between two such jumps was held by the driver. Next to a jump to the adjacent level, a value can repeat because the
-signal moves by less than a step. If the wheel of an encoder rolls evenly, 1 to 4 % of the values between jumps repeat.
-If a driver reads twice as fast as the chip measures, all of them repeat.
+between two such jumps was repeated by the driver. If a signal jumps only to the adjacent level, a value can repeat
+because the signal moves by less than a step. If the wheel of an encoder rolls evenly, 1 to 4 % of the values between
+jumps repeat. If a driver reads twice as fast as the chip measures, all of them repeat.
 """
 
 from typing import NamedTuple

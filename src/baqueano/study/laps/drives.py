@@ -1,7 +1,8 @@
 """Laps in a closed loop: robots of the independent truth, each with its identified vehicle file.
 
-All robots drive in parallel, each with its fix. As in `baqueano repeat`, a robot is stopped by its supervisor, or if
-it might touch a wall of the room (room_watch.py). The walls are CLEARANCE_M from the body of a vehicle on the route.
+All robots drive in parallel, each with its sensor of the position (a fix). As in `baqueano repeat`, a robot is stopped
+by its supervisor, or if it might touch a wall of the room (room_watch.py). The walls are CLEARANCE_M from the body of a
+vehicle on the route.
 """
 
 from collections.abc import Sequence

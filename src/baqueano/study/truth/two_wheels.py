@@ -9,7 +9,7 @@ The origin of the body is between the wheels, and the centre of mass is c in fro
     unequal wheels   of radius r relative to their mean: each has g K / r, and half of the motors' drag a,
                      a / r² at the speed of its rim                                                       (6)
 
-A wheel that toes in also pushes sideways. The factor k raises a dead zone while its wheel is at rest. Between (2) and
+A wheel that toes in also pushes sideways. While a wheel is at rest, its dead zone is multiplied by k. Between (2) and
 (3) is transmission.py, with ½ a as the back-EMF of a motor. Published values of small gear motors are 0.6 m/s and
 dead zones of 0.27 to 0.34.
 """

@@ -1,7 +1,7 @@
 """Manage the files of a robot on this computer: its vehicle file, the folder of routes, and the folder of its runs.
 
 A robot cannot read these files, so each mission is sent whole. When the mission ends, its run is copied to this
-computer, and the route of a lesson is made from the run. A worker reads and writes the files.
+computer, and a taught route is made from the run. A worker reads and writes the files.
 """
 
 import asyncio
@@ -28,7 +28,7 @@ class LocalFiles:
         self._lab = Lab()
         self._requested: dict[
             str, tuple[str, str]
-        ] = {}  # id of a mission → its kind, and the route of a lesson
+        ] = {}  # id of a mission → its kind, and the name of the route to teach
         self._fetching: set[asyncio.Task[None]] = set()
 
     async def describe(self) -> "JsonObject":
@@ -49,7 +49,7 @@ class LocalFiles:
     def fetch(
         self, done: "JsonObject", report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
     ) -> None:
-        """Copy the run of an expected mission after its message "done", and store the route of a lesson.
+        """Copy the run of an expected mission after its message "done", and store the route that it taught.
 
         `report` receives a message, and a row for each stored route, or None in place of the rows if the copy failed.
         """

@@ -204,7 +204,7 @@ def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
 
 
 def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
-    """Copy a run of a robot into the folder of runs, and store the route of a lesson; return all routes."""
+    """Copy a run of a robot into the folder of runs, and store the route that it taught; return all routes."""
     from baqueano.door.remote import connect
     from baqueano.drive.verbs import route_of
     from baqueano.runs import read_run
