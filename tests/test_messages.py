@@ -29,7 +29,7 @@ MACHINES_WORDS = {
 }  # fmt: skip
 NAMES = {  # with a space: cases of studies, verdicts on a filter
     "cannot tell", "not reported", "too sure", "too cautious", "at its limit", "no reading lost", "wrong start",
-    "left inverted", "right inverted", "sound, other start",
+    "left inverted", "right inverted", "clean, other start",
 }  # fmt: skip
 LISTS_OF_NAMES = {
     "UNDAMAGED",

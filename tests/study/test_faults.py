@@ -1,4 +1,4 @@
-"""The study of faults at one seed: no wrong fit is called usable, no sound run is refused; its table and rows."""
+"""The study of faults at one seed: no wrong fit is usable, no run without faults is refused; its table and rows."""
 
 import json
 
@@ -10,7 +10,7 @@ from baqueano.study.faults.detection import UNDAMAGED, FaultJob, FaultOutcome
 from baqueano.study.wrong import wrong
 
 SOME = (
-    "sound", "sound, other start", "gyro in °/s", "time jumps a day", "time jumps seconds", "repeated samples",
+    "clean", "clean, other start", "gyro in °/s", "time jumps a day", "time jumps seconds", "repeated samples",
     "frames as zero", "second vehicle",
 )  # fmt: skip
 
@@ -55,21 +55,21 @@ def outcome_of(fault, verdict, off):
 
 
 def test_one_wrong_fit_called_usable_fails_the_study():
-    study = Faults((outcome_of("sound", "USABLE", False), outcome_of("lag", "USABLE", True)), 2, 2)
+    study = Faults((outcome_of("clean", "USABLE", False), outcome_of("lag", "USABLE", True)), 2, 2)
     assert study.verdict == "REFUSED"
     assert "1 wrong fits with lag were called USABLE" in study.reasons
 
 
 def test_a_fit_that_crashes_fails_the_study():
-    study = Faults((outcome_of("sound", "USABLE", False), outcome_of("lag", "CRASH", False)), 2, 2)
+    study = Faults((outcome_of("clean", "USABLE", False), outcome_of("lag", "CRASH", False)), 2, 2)
     assert study.verdict == "REFUSED"
     assert study.reasons == ("1 fits with lag crashed",)
 
 
 def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
-    sound = [outcome_of("sound", "USABLE", False)] * 49
-    assert Faults((*sound, outcome_of("sound", "REFUSED", False)), 50, 50).verdict == "USABLE"
-    assert Faults((*sound[:48], outcome_of("sound", "REFUSED", False)), 49, 49).verdict == "REFUSED"
+    sound = [outcome_of("clean", "USABLE", False)] * 49
+    assert Faults((*sound, outcome_of("clean", "REFUSED", False)), 50, 50).verdict == "USABLE"
+    assert Faults((*sound[:48], outcome_of("clean", "REFUSED", False)), 49, 49).verdict == "REFUSED"
 
 
 def test_a_fit_without_parameters_is_excluded_from_the_ratio():
@@ -80,7 +80,7 @@ def test_a_fit_without_parameters_is_excluded_from_the_ratio():
 
 
 def test_repeated_samples_do_not_reduce_the_information_of_other_samples(study):
-    """The remaining readings equal, one by one, the readings of the sound run without the repeated ones."""
+    """The remaining readings equal, one by one, the readings of the clean run without the repeated ones."""
     rows = {row["fault"]: row for row in study.rows()}
     assert 0.3 < rows["repeated samples"]["lost"] < 0.9
     assert 0.02 < rows["frames as zero"]["lost"] < 0.35
@@ -140,7 +140,7 @@ def test_the_faults_command_exits_with_1_if_the_detectors_fail(monkeypatch, caps
     from baqueano.cli import main
     from baqueano.study import faults as room
 
-    study = Faults((outcome_of("sound", "USABLE", False), outcome_of("lag", "USABLE", off)), 2, 2)
+    study = Faults((outcome_of("clean", "USABLE", False), outcome_of("lag", "USABLE", off)), 2, 2)
     monkeypatch.setattr(room, "faults", lambda *args, **options: study)
     with pytest.raises(SystemExit) as exit_info:
         main(["study", "faults", "--seeds", "1", "--json"])
@@ -155,7 +155,7 @@ def test_a_stopped_study_reports_its_completed_part(monkeypatch, capsys):
     from baqueano.study import faults as room
 
     monkeypatch.setattr(
-        room, "faults", lambda *args, **options: Faults((outcome_of("sound", "USABLE", False),), 9, 1)
+        room, "faults", lambda *args, **options: Faults((outcome_of("clean", "USABLE", False),), 9, 1)
     )
     with pytest.raises(SystemExit) as exit_info:
         main(["study", "faults", "--seeds", "1"])

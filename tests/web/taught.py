@@ -5,10 +5,10 @@ from typing import Any
 
 KNOWN = [  # path, label in both languages, value, unit
     ("friction.quadratic[1]", ("drag sideways, ∝ v²", "rozamiento lateral, ∝ v²"), 2.1, "N s²/m²"),
-    ("friction.quadratic[0]", ("drag ahead, ∝ v²", "rozamiento al avanzar, ∝ v²"), 0.84, "N s²/m²"),
+    ("friction.quadratic[0]", ("drag forward, ∝ v²", "rozamiento al avanzar, ∝ v²"), 0.84, "N s²/m²"),
     ("friction.linear[1]", ("drag sideways", "rozamiento lateral"), 40.2, "N s/m"),
-    ("friction.coulomb[0]", ("dry friction ahead", "fricción seca al avanzar"), 0.248, "N"),
-    ("friction.linear[0]", ("drag ahead", "rozamiento al avanzar"), 3.3, "N s/m"),
+    ("friction.coulomb[0]", ("dry friction forward", "fricción seca al avanzar"), 0.248, "N"),
+    ("friction.linear[0]", ("drag forward", "rozamiento al avanzar"), 3.3, "N s/m"),
     ("friction.quadratic[2]", ("drag in turning, ∝ r²", "rozamiento al girar, ∝ r²"), 0.0003, "N m s²/rad²"),
     ("actuator_matrix[0,0]", ("motor force", "fuerza motriz"), 3.38, "N/u"),
     ("friction.coulomb[2]", ("dry friction in turning", "fricción seca al girar"), 0.01, "N m"),
@@ -16,20 +16,20 @@ KNOWN = [  # path, label in both languages, value, unit
     ("friction.linear[2]", ("drag in turning", "rozamiento al girar"), 0.0115, "N m s/rad"),
     (
         "drivetrain.dead_zone_forward[1]",
-        ("dead zone ahead, motor 2", "zona muerta adelante, motor 2"),
+        ("dead zone forward, motor 2", "zona muerta adelante, motor 2"),
         0.27,
         "u",
     ),
     ("actuator_matrix[2,2]", ("motor torque", "par motor"), 0.203, "N m/u"),
     (
         "drivetrain.dead_zone_backward[0]",
-        ("dead zone back, motor 1", "zona muerta atrás, motor 1"),
+        ("dead zone backward, motor 1", "zona muerta atrás, motor 1"),
         0.34,
         "u",
     ),
     (
         "drivetrain.dead_zone_backward[1]",
-        ("dead zone back, motor 2", "zona muerta atrás, motor 2"),
+        ("dead zone backward, motor 2", "zona muerta atrás, motor 2"),
         0.29,
         "u",
     ),

@@ -1,4 +1,4 @@
-"""Define the command line: each verb is a short function, which is imported only when it is called."""
+"""Define the command line: each subcommand is a short function, which is imported only when it is called."""
 
 import importlib
 import os
@@ -27,7 +27,7 @@ VERBS = {
     ),
     "forecast": "Predict, before a drive, the uncertainty of the position along a route.",
     "repeat": "Drive a taught route again, for N laps or for ever.",
-    "replay": "Send a run through the same blocks again, or through others.",
+    "replay": "Process a run again with the same blocks, or with others.",
     "compare": "Show errors and consistency of one or more runs.",
     "runs": "List, show, cut, recover, import and export runs.",
     "serve": "Open the page of a vehicle in a browser: watch, drive, teach, repeat, stop.",
@@ -55,7 +55,7 @@ BACKENDS = ("auto", "c", "python", "numpy")
 
 
 def unknown_verb_error(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
-    """Return the error for an unknown verb, with the nearest name."""
+    """Return the error for an unknown subcommand, with the nearest name."""
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
 
@@ -66,7 +66,7 @@ def unknown_verb_error(verb: str, verbs: list[str], ctx: click.Context) -> Excep
 
 
 class Verbs(click.Group):
-    """A command group: a verb with subcommands."""
+    """A group of subcommands."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -88,7 +88,7 @@ class Verbs(click.Group):
 
 
 def command_of(verb: str) -> click.Command:
-    """Import a verb of VERBS, and return its command with help in the current language."""
+    """Import a subcommand of VERBS, and return its command with help in the current language."""
     subpackage = next(
         (f"{subpackage}." for subpackage, verbs in VERBS_BY_SUBPACKAGE.items() if verb in verbs), ""
     )
@@ -128,7 +128,7 @@ def _metavar(option: click.Option) -> str | None:
 
 
 class _LazyVerbs(click.Group):
-    """A group that imports a verb only when it is called, so that --help is fast."""
+    """A group that imports a subcommand only when it is called, so that --help is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -144,7 +144,7 @@ class _LazyVerbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section(_("Verbs")):
+        with formatter.section(_("Commands")):
             formatter.write_dl([(verb, _(help_text)) for verb, help_text in VERBS.items()])
 
 

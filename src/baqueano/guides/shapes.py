@@ -347,7 +347,7 @@ class SinuousCircle:
     """
 
     radius_m: float = parameter("m", "mean radius", low=0.01, high=1e3, default=0.5)
-    amplitude_m: float = parameter("m", "swing of the radius", low=0.0, high=1e3, default=0.05)
+    amplitude_m: float = parameter("m", "amplitude of the radius", low=0.0, high=1e3, default=0.05)
     speed_m_s: float = parameter("m/s", "speed along the path", low=1e-3, high=100.0, default=0.25)
     waves: int = 6
     laps: int = 1

@@ -16,7 +16,7 @@ The file `vehicle.toml` contains guesses. The simulation drives the vehicle that
 
 robot = bq.load("vehicle.toml")  # our present model of the vehicle
 robot"""),
-    N_("""## 1. Drive it, and identify it
+    N_("""## 1. Drive the vehicle, and identify it
 Random commands excite all of its dynamics. The fit gives each parameter with its error bar, and a verdict."""),
     """u = bq.excitation("random_steps", robot.command.limit, 30.0, robot.rate_hz)
 run = bq.experiment(robot, u)

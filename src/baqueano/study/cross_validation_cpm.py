@@ -39,7 +39,9 @@ SHORT_NAMES = {"cpm_run_a": "a", "cpm_run_b": "b"}
 SENSORS_USED = ("odometer", "imu[2]")
 MIN_EXPLAINED = 0.9  # part of the variance of speed and yaw rate, on a run that was not used for the fit
 MAX_EXTRAPOLATION = 0.1  # of the range of a command: beyond it the model extrapolates
-MAX_POSITION_ERROR = 0.05  # of the distance driven: an estimate with a larger rms error has lost the car
+MAX_POSITION_ERROR = (
+    0.05  # of the distance driven: an estimate with a larger rms error has diverged from the car
+)
 CAVEATS = (
     N_("The model is simulated from the commands alone, from the first tick to the last."),
     N_(
@@ -185,7 +187,7 @@ class CrossValidation:
                 judged_on=judgement.judged_on,
             )
             if judgement.is_lost:
-                out.append(_("{where}: the estimate lost the car", where=run_text))
+                out.append(_("{where}: the estimate diverged from the car", where=run_text))
             if judgement.held_out and np.min(judgement.predicted.explained_variance) < MIN_EXPLAINED:
                 out.append(
                     _(
@@ -200,7 +202,7 @@ class CrossValidation:
             if judgement.held_out and judgement.figures["nees_pose_is"] == "too sure"
         ]
         out += (
-            [_("the filter is too sure of its pose ({sure})", sure=", ".join(significant))]
+            [_("the filter is overconfident about its pose ({sure})", sure=", ".join(significant))]
             if significant
             else []
         )
@@ -208,7 +210,7 @@ class CrossValidation:
 
     @property
     def verdict(self) -> Verdict:
-        """Return REFUSED if a fit is refused or an estimate lost the car, WARN with other reasons, else USABLE."""
+        """Return REFUSED if a fit is refused or an estimate diverged, WARN with other reasons, else USABLE."""
         is_refused = any(fitted_run.fit.verdict == Verdict.REFUSED for fitted_run in self.fitted.values())
         if is_refused or any(judgement.is_lost for judgement in self.judged):
             return Verdict.REFUSED

@@ -116,7 +116,7 @@ class FirstDrives:
     def table(self) -> str:
         """Return the rows and reasons as a text table."""
         head = (
-            f"{_('wiring'):16}{_('drives'):>7}{_('touched'):>9}{_('left over'):>11}{_('named'):>7}"
+            f"{_('wiring'):16}{_('drives'):>7}{_('touched'):>9}{_('free space'):>11}{_('named'):>7}"
             f"{_('gain'):>7}{_('time'):>7}"
         )
         lines = [_("room {room} m", room=ROOM_SIZE), head]

@@ -60,13 +60,13 @@ PLAIN_MEANINGS = {  # keys without a unit: what they mean
     ),
     "port": N_('`"auto"`, or the serial line of the Uno: `"/dev/serial/by-id/..."`'),
     "imu_axes": N_(
-        'axes of the chip that point ahead, left and up: `["-y", "x", "z"]` if it is turned to the left'
+        'axes of the chip that point forward, left and up: `["-y", "x", "z"]` if it is turned to the left'
     ),
     "rate_hz": N_("commands a second"),
     "laps": N_("number of laps; 0 means without end"),
     "waves": N_("waves of the radius in a lap"),
-    "run": N_("the run in which the value was found"),
-    "date": N_("the day on which the value was found"),
+    "run": N_("the run from which the value was estimated"),
+    "date": N_("the day on which the value was estimated"),
     "sd": N_("standard deviation; `nan` where not known"),
     "verdict": N_("USABLE, WARN or REFUSED; GUESS if it was not measured"),
     "low": N_("smallest value of each name in the data of the last fit"),

@@ -125,12 +125,12 @@ class Drivetrain:
     dead_zone_forward: np.ndarray = parameter(
         "unit of u", "channel below which a motor does not turn, forward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="forward commands just above the dead zone of the {nth} motor",
-        symbol="z_{f}", label="dead zone ahead, {nth} motor",
+        symbol="z_{f}", label="dead zone forward, {nth} motor",
     )  # fmt: skip
     dead_zone_backward: np.ndarray = parameter(
         "unit of u", "channel below which a motor does not turn, backward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="backward commands just above the dead zone of the {nth} motor",
-        symbol="z_{b}", label="dead zone back, {nth} motor",
+        symbol="z_{b}", label="dead zone backward, {nth} motor",
     )  # fmt: skip
     gain: np.ndarray = parameter(
         "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None,

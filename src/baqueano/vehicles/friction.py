@@ -45,7 +45,7 @@ class Friction:
         "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=NO_FRICTION, shape=(3,),
         shown_by=("driving forward and back, and coasting", "sliding sideways, as in fast tight turns",
         "turning, and coasting out of the turn"), symbol="d_{l}",
-        label=("drag ahead", "drag sideways", "drag in turning"),
+        label=("drag forward", "drag sideways", "drag in turning"),
     )  # fmt: skip
     quadratic: np.ndarray = parameter(
         "N s²/m², N s²/m², N m s²/rad²", "quadratic friction d_c", low=0.0, high=1e6, default=NO_FRICTION,
@@ -54,14 +54,14 @@ class Friction:
         shown_by=("driving forward both slowly and at full speed",
         "sliding sideways both slowly and fast, as in turns at many speeds",
         "turning both slowly and at full rate"), symbol="d_{c}",
-        label=("drag ahead, ∝ v²", "drag sideways, ∝ v²", "drag in turning, ∝ r²"),
+        label=("drag forward, ∝ v²", "drag sideways, ∝ v²", "drag in turning, ∝ r²"),
     )  # fmt: skip
     coulomb: np.ndarray = parameter(
         "N, N, N m", "dry friction d_k", low=0.0, high=1e6, default=NO_FRICTION, shape=(3,), role="term",
         term=("dry friction forward", "dry friction sideways", "dry friction turning"),
         shown_by=("driving slowly and stopping, many times", "sliding sideways slowly",
         "turning slowly and stopping, many times"), symbol="d_{k}",
-        label=("dry friction ahead", "dry friction sideways", "dry friction in turning"),
+        label=("dry friction forward", "dry friction sideways", "dry friction in turning"),
     )  # fmt: skip
     coulomb_speed: np.ndarray = parameter(
         "m/s, m/s, rad/s", "speed over which dry friction changes sign", low=1e-4, high=1e3,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from baqueano.diagnostics import Diagnostic
 
 
-@click.command(help="Send RUN through the same blocks again, or through others, and compare.")
+@click.command(help="Process RUN again with the same blocks, or with others, and compare.")
 @click.argument("run")
 @options.vehicle
 @click.option(

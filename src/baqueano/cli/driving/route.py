@@ -30,7 +30,7 @@ def command() -> None: ...
 
 
 vehicle = options.vehicle
-new_name = click.option("-o", "--out", "name", metavar="NAME", help="Route to write; default: NAME-verb.")
+new_name = click.option("-o", "--out", "name", metavar="NAME", help="Route to write; default: NAME-command.")
 room_option = click.option(
     "--room",
     metavar="WIDTHxHEIGHT",
@@ -232,7 +232,7 @@ def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
     type=numbers.Number("", high=1.0),
     default=0.8,
     show_default=True,
-    help="Share of the command to use; the rest stays for the controller.",
+    help="Fraction of the command to use; the rest stays for the controller.",
 )
 @click.option(
     "--sideways", "sideways_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
@@ -315,7 +315,7 @@ def with_route_name(diagnostic: Diagnostic, route: str) -> Diagnostic:
 def apply_edit(
     route: str, verb: str, name: str | None, as_json: bool, edit: "Callable[[Route], Route]"
 ) -> None:
-    """Apply an edit to a route, and store the result, by default as NAME-verb."""
+    """Apply an edit to a route, and store the result, by default as NAME-command."""
     try:
         result = edit(options.find_route(route))
     except UsageError as error:

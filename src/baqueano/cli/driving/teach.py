@@ -46,7 +46,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
 @options.robot
 @click.option(
     "--driver", default="sinuous-circle", show_default=True, metavar="SHAPE|keys|FILE",
-    help=f"Driver of the vehicle: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
+    help=f"Driver of the vehicle: a shape ({', '.join(SHAPES)}), a stored route, or a person with the keys.",
 )  # fmt: skip
 @pad_option
 @hold_option

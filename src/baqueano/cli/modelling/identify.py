@@ -23,7 +23,7 @@ GROUPS = {
     "Parameters": ("free", "fix", "bound", "per_run"),
     "Data": ("use", "segment", "clock", "measured", "tolerance"),
     "Method": ("cost", "speed_noise", "choose", "parameter_history"),
-    "Judgement": ("held_out", "route"),
+    "Evaluation": ("held_out", "route"),
     "Results": ("update", "no_noise", "table", "page", "figures", "file_format", "width", "as_json"),
 }
 

@@ -119,7 +119,7 @@ wheels = [                # or names = [...] and u = [...], one for each command
   { column = "pwm_left", unit = "raw", scale = 0.00392157 },    # of 255
   { column = "pwm_right", unit = "raw", scale = 0.00392157 },
 ]
-[sensors.imu]             # ahead, left, turning
+[sensors.imu]             # forward, left, turning
 z = [
   { column = "ax", unit = "g" },
   { constant = nan },     # not measured

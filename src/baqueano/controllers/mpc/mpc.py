@@ -72,7 +72,7 @@ class Mpc:
         default=(0.05, 0.02, 0.15),
     )  # fmt: skip
     change_max: float = parameter(
-        "1", "change of the command in a step, as a share of its limit, with the same weight as those errors",
+        "1", "change of the command in a step, as a fraction of its limit, with the same weight as those errors",
         low=1e-3, default=0.3,
     )  # fmt: skip
     wall_low: np.ndarray = parameter(

@@ -53,7 +53,7 @@ TEMPLATES: dict[str, str] = {
         "Terms are chosen with speeds and accelerations: remove the pose of the camera from {arg[use]}."
     ),
     "choose.short": (
-        "The validation runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive "
+        "The held-out runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive "
         "longer, or remove --choose."
     ),
     "clock.unreliable": (

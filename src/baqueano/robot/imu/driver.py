@@ -55,8 +55,8 @@ def open(
     device answers, or if the device that answers cannot be an IMU. Raise UsageError on a system other than Linux.
 
     >>> imu = open(notify=None)  # /dev/i2c-1
-    >>> print(imu.identity.chip, f"at 0x{imu.identity.address:02x} feels {imu.identity.accel_ms2:.1f} m/s²")
-    MPU-6050, 6000 or 9150 at 0x68 feels 9.8 m/s²
+    >>> print(imu.identity.chip, f"at 0x{imu.identity.address:02x} measures {imu.identity.accel_ms2:.1f} m/s²")
+    MPU-6050, 6000 or 9150 at 0x68 measures 9.8 m/s²
     """
     path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
     device, who_am_i, warnings = find(path, ADDRESSES if address is None else (address,))
@@ -120,7 +120,7 @@ def description_lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
         ),
         "  "
         + _(
-            "{rate_hz} Hz, {mode}; ±{accel_range_g} g, ±{gyro_range_dps} °/s; ahead, left, up: {axes}",
+            "{rate_hz} Hz, {mode}; ±{accel_range_g} g, ±{gyro_range_dps} °/s; forward, left, up: {axes}",
             rate_hz=s.rate_hz,
             mode=s.mode,
             accel_range_g=s.accel_range_g,

@@ -139,8 +139,8 @@ class MountedImu:
         """Return axes, biases, slope and turn as text."""
         a_x, a_y = self.accel
         return _(
-            "axes that point ahead, left, up: {axes}; {oblique_rad:.1f}° from upright\nat rest: "
-            "accelerometer ({a_x:+.3f}, {a_y:+.3f}) m/s² ahead and left, gyro {gyro:+.3f} °/s\nthe "
+            "axes that point forward, left, up: {axes}; {oblique_rad:.1f}° from upright\nat rest: "
+            "accelerometer ({a_x:+.3f}, {a_y:+.3f}) m/s² forward and left, gyro {gyro:+.3f} °/s\nthe "
             "floor slopes by {slope_rad:.1f}°; the turn was {turn_rad:.0f}°",
             axes=", ".join(self.axes),
             oblique_rad=np.degrees(self.oblique_rad),

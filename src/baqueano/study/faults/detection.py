@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 DRIVE_S = 30.0
 FAULTS_AT_ONCE = 16  # faults of a vehicle and seed that share their simulations
 UNDAMAGED = (
-    N_("sound"), N_("sound, 10 % outliers"), N_("sound, multisine"), N_("sound, 60 s"), N_("sound, other start"),
+    N_("clean"), N_("clean, 10 % outliers"), N_("clean, multisine"), N_("clean, 60 s"), N_("clean, other start"),
 )  # fmt: skip
 REPAIRED = (
     N_("repeated time"), N_("time jumps a day"), N_("time jumps seconds"), N_("repeated samples"), N_("stuck"),
@@ -164,7 +164,7 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
         if job.fault in STRUCTURES:
             plan = STRUCTURES[job.fault](subject, u, undamaged_drive, rng)
             plans += [] if plan is None else [(job, plan, u)]
-        elif job.fault == "sound, multisine":
+        elif job.fault == "clean, multisine":
             plans.append((job, FaultPlan(subject.vehicle, multisine, subject.vehicle_file), multisine))
         elif job.fault in UNDAMAGED:
             inputs_of_jobs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
@@ -183,12 +183,12 @@ def _undamaged_inputs(
     subject: FaultSubject, job: FaultJob, undamaged_drive: Run, rng: np.random.Generator
 ) -> FaultInputs:
     vehicle_file, run = subject.vehicle_file, undamaged_drive
-    if job.fault == "sound, 60 s":
+    if job.fault == "clean, 60 s":
         u = subject.signal(2.0 * DRIVE_S)
         (run,) = subject.runs([subject.vehicle], [u], [u])
-    elif job.fault == "sound, 10 % outliers":
+    elif job.fault == "clean, 10 % outliers":
         run = outliers(_copy(undamaged_drive), vehicle_file, rng)
-    elif job.fault == "sound, other start":
+    elif job.fault == "clean, other start":
         vehicle_file = _with_other_friction(vehicle_file, rng)
     return FaultInputs(vehicle_file, run, subject.free, subject.truth)
 
@@ -293,13 +293,13 @@ class Faults:
         if refusals > 0.02 * undamaged_fits:
             reasons_found.append(
                 _(
-                    "{refused} of {sound} sound runs were refused, more than 2 %",
+                    "{refused} of {sound} runs without faults were refused, more than 2 %",
                     refused=refusals,
                     sound=undamaged_fits,
                 )
             )
         if not undamaged_fits:
-            reasons_found.append(_("no sound run was fitted"))
+            reasons_found.append(_("no run without faults was fitted"))
         return tuple(reasons_found)
 
     @property
@@ -312,8 +312,8 @@ class Faults:
     def table(self) -> str:
         """Return the counts and error ratios of each fault as a text table."""
         head = (
-            f"{_('fault'):<22}{_('fits'):>5}{_('wrong'):>7}{_('called usable'):>15}{_('sound refused'):>15}   "
-            f"{_('usable/warn/refused'):<20}{_('error/clean'):>12}{_('lost'):>8}{_('error/left'):>12}"
+            f"{_('fault'):<22}{_('fits'):>5}{_('wrong'):>7}{_('called usable'):>15}{_('clean refused'):>15}   "
+            f"{_('usable/warn/refused'):<20}{_('error/clean'):>12}{_('lost'):>8}{_('err/reduced'):>12}"
         )
         lines = [head, "-" * len(head)]
         for r in self.rows():
@@ -332,7 +332,10 @@ class Faults:
             )
         sound = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
         warnings = sum(o.verdict == Verdict.WARN for o in sound)
-        lines += ["", _("{warned} of {sound} sound runs with a warning", warned=warnings, sound=len(sound))]
+        lines += [
+            "",
+            _("{warned} of {sound} runs without faults have a warning", warned=warnings, sound=len(sound)),
+        ]
         if self.tried < self.requested:
             lines.append(_("interrupted: {tried} of {asked} fits", tried=self.tried, asked=self.requested))
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])

@@ -97,7 +97,7 @@ class Identification:
     def table(self) -> str:
         """Return a text table of each case, and of the parameters of the first case."""
         head = (
-            f"{_('case'):36}{_('fits'):>5}{_('holds'):>10}{_('rmse'):>8}{_('sd'):>7}{_('usable'):>9}"
+            f"{_('case'):36}{_('fits'):>5}{_('coverage'):>10}{_('rmse'):>8}{_('sd'):>7}{_('usable'):>9}"
             f"{_('wrong'):>7}{_('named'):>8}"
         )
         rows, lines = (
@@ -114,8 +114,8 @@ class Identification:
         lines += [
             "",
             _(
-                "holds: coverage of the 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: wrong fits "
-                "that were called USABLE."
+                "coverage: of the 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: wrong fits "
+                "with the verdict USABLE."
             ),
         ]
         return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or message}"])

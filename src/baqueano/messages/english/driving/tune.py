@@ -27,7 +27,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "tune.no-gains": (
         "{kind} does not declare a gain to tune. Write each gain as a field with unit and bounds. Use "
-        'baqueano.parameter: k: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, '
+        'baqueano.parameter: k: float = parameter("unit of u per m", "forward push", low=0.0, high=20.0, '
         "default=3.0)"
     ),
     "tune.no-such-gain": "{kind} does not have the gain {found}: it has {known}.",

@@ -7,7 +7,7 @@ TEMPLATES: dict[str, str] = {
     "damage.log-message": "a message that is not a log message ({error})",
     "damage.times": "times that do not fit into 64 bits",
     "damage.channel-size": "a channel without the number of values per message",
-    "damage.memory": "a content that needs more than {size} of memory",
+    "damage.memory": "contents that need more than {size} of memory",
     "damage.field": "a field of {size} bytes in a record with {left} bytes left",
     "damage.not-utf8": "a text that is not UTF-8",
     "damage.map-entries": "a map of more than {most} entries",
@@ -16,7 +16,7 @@ TEMPLATES: dict[str, str] = {
     "damage.chunk-ends": "a chunk that ends inside a record",
     "damage.record-beyond": "a record that is longer than its chunk",
     "damage.no-times": "a message without times",
-    "damage.second-end": "a second end of the file",
+    "damage.second-end": "a second end-of-file record",
     "damage.summary-checksum": "a wrong checksum of the summary",
     "damage.attachment-checksum": "a wrong checksum of the attachment '{name}'",
     "damage.too-large": "unpacks from {size} to {need} of memory or more; at most {most} are accepted",
@@ -96,7 +96,7 @@ TEMPLATES: dict[str, str] = {
     "expect.file": 'file = "{first}", one of {known}',
     "expect.type": "{kind}, as in the maps of baqueano",
     "expect.finite": "a number that is finite",
-    "expect.lever-arm": "lever_arm_m = [ahead, left], in m",
+    "expect.lever-arm": "lever_arm_m = [forward, left], in m",
     "expect.no-mount": (
         "neither lever_arm_m nor heading_rad, because the heading is unknown. A fit can estimate "
         "the position of the mark: --use truth --free +sensors.truth.lever_arm_m"

@@ -224,7 +224,7 @@ TEMPLATES: dict[str, str] = {
         'Write in [files.{file}] of {map} which row to keep: repeats = "first" or repeats = "last"'
     ),
     "import.time-unit": 'time_unit = "{in_unit}"',
-    "import.time": "the right time and time_unit",
+    "import.time": "the correct time and time_unit",
     "map.absent": (
         'Map "{found}" does not exist. {near}. These maps are part of baqueano. For your own map, give a '
         ".toml file."
