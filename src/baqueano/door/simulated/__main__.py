@@ -1,6 +1,6 @@
 """`python -m baqueano.door.simulated VEHICLE`: the protocol of the door on stdin and stdout, or at a socket.
 
-It ends with its stdin, so that it does not outlive the process that started it.
+It ends with its stdin, and so with the process that started it.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
   every QUERY_PERIOD_S      ESC [ 5 n, a status query, which the terminal answers by ESC [ 0 n              (1)
   no answer for MAX_SILENCE_S   the terminal, or the connection to it, is lost                              (2)
-  no answer for START_S         at the start: this terminal never answers, so held keys are not trusted     (3)
+  no answer for START_S         at the start: this terminal never answers, so a command lasts a short time  (3)
 
 The answers arrive in order, so each belongs to the oldest query; the time between the two is the round trip. If this
 program was delayed, it did not send queries, so silence does not prove a loss. The time of (2) therefore begins at the

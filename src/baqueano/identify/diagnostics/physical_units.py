@@ -9,7 +9,7 @@
 (3) to (5) are signal maps (runs/diagnostics/signal_map.py). (3) and (4) use means over WINDOW_S or four samples, (5)
 uses samples. r is 1 if the units are correct, else 180/π or its inverse. A wrong unit is reported if r is within a
 factor MAX_UNIT_RATIO of that value. The factor is large because r is nearer to 1 if wheels skid, or if values of the
-file are guesses. A gyro that agrees with wheels or model is cleared. (4) cannot separate a gyro from an accelerometer
+file are guesses. A gyro that agrees with wheels or model is confirmed. (4) cannot separate a gyro from an accelerometer
 in another unit, and reports both.
 """
 
@@ -105,9 +105,9 @@ def _curve_message(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic 
 
 
 def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
-    """Return messages on gyros in another unit than the predictions with the file, and True if all gyros are cleared.
+    """Return messages on gyros in another unit than the predictions with the file, and True if all gyros are confirmed.
 
-    A gyro is cleared if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
+    A gyro is confirmed if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
     file. The start of the search is not evidence, so it is not used.  (3), (5)
     """
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()

@@ -7,7 +7,7 @@ verdicts. For a damage that a fit can repair, the fit is compared with the fit o
     over_clean = median over runs of |error damaged| / median over runs of |error clean|                  (1)
 
 The unit of errors is the standard error of the clean fit, all parameters together. (1) has two parts: the lost samples,
-and the harm in the remaining ones. The second part is measured by
+and the errors in the remaining ones. The second part is measured by
     over_left = median over runs of |error damaged| / median over runs of |error left|                    (2)
 
 "left" is the undamaged run without the readings that the fit of the damaged run excludes (undamaged.py).
