@@ -64,9 +64,7 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
     )
 
 
-@command.command(
-    "check", help="Check BLOCK (file.py:Class, or the name of a block), and explain what is wrong."
-)
+@command.command("check", help="Check BLOCK (file.py:Class, or the name of a block), and explain each fault.")
 @click.argument("block")
 @click.option(
     "--room",

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 OWN_FILE = Path("vehicle.toml")
 ROUTES = Path("routes")
 
-as_json = click.option("--json", "as_json", is_flag=True, help="One JSON object with rows and a verdict.")
+as_json = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object with rows and a verdict."
+)
 seed = click.option(
     "--seed", type=numbers.count_or_none, default=0, show_default=True,
     help="Seed of the random numbers.",

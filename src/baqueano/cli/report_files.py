@@ -85,7 +85,7 @@ _FIGURES = (
     click.option(
         "--figures",
         type=click.Path(path_type=Path, file_okay=False),
-        help="Folder: also write each figure as a separate file.",
+        help="Also write each figure as a file into this folder.",
     ),
     click.option(
         "--format", "file_format", type=click.Choice(["svg", "pdf", "png"]), default="svg", show_default=True,

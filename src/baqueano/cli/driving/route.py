@@ -41,7 +41,7 @@ start_option = click.option(
 )
 
 
-@command.command("ls", help="One line per stored route.")
+@command.command("ls", help="List the stored routes, one per line.")
 @options.as_json
 def ls(as_json: bool) -> None:
     from baqueano.routes import examine

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def command() -> None: ...
 
 
-@command.command("ls", help="One line per run.")
+@command.command("ls", help="List the runs, one per line.")
 @options.runs_folder
 @options.as_json
 def ls(folder: str, as_json: bool) -> None:
@@ -370,7 +370,10 @@ def noise(
 
 
 @command.command(
-    "wear", help=("Find the parameters that changed beyond their error bars over several RUNS, and when.")
+    "wear",
+    help=(
+        "Find the parameters that changed beyond their error bars over several RUNS, and between which runs."
+    ),
 )
 @click.argument("runs", nargs=-1, required=True)
 @options.vehicle

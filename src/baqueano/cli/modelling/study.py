@@ -44,7 +44,8 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
 
 @command.command(
     "identification",
-    help="Fit robots and cars of a second simulator: errors compared with the Cramér-Rao bound, intervals, verdicts.",
+    help="Fit robots and cars of a second simulator; compare errors and intervals with "
+    "the truth and the Cramér-Rao bound.",
 )
 @options.seed
 @click.option(
@@ -95,7 +96,10 @@ def identification(
 
 @command.command(
     "faults",
-    help=("Fit damaged recordings, and effects outside every model: test if a wrong fit is called USABLE."),
+    help=(
+        "Fit damaged recordings, and vehicles with effects outside the models; "
+        "count the wrong fits with the verdict USABLE."
+    ),
 )
 @options.seed
 @click.option(
@@ -121,7 +125,8 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
 
 
 @command.command(
-    "driving", help="Test how evenly identified robots of a second simulator drive on three routes."
+    "driving",
+    help="Drive identified robots of a second simulator on three routes, and measure the fluctuations of their speed.",
 )
 @options.seed
 @click.option(
@@ -149,7 +154,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
 
 @command.command(
     "controllers",
-    help="Compare all controllers on identified robots of a second simulator: known pose, own estimate, truth.",
+    help="Compare all controllers on identified robots of a second simulator, with a known pose and with an estimate.",
 )
 @options.seed
 @click.option(

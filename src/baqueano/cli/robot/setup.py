@@ -109,7 +109,7 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
         print_result(note("cli.is-a-vehicle", fix=baqueano_command("robot", "doctor", host), host=host))
 
 
-@click.command(help="Remove everything that setup installed at HOST. Its runs stay.")
+@click.command(help="Remove everything that setup installed at HOST, except the runs.")
 @host
 def remove(host: str) -> None:
     from baqueano.robot.setup.install import machine_at
