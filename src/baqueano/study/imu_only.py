@@ -83,7 +83,7 @@ def imu_only_study(
 
 
 def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, bar and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
         BARE_VALUES, {ZERO_PATH: Provenance("standing, run a", RECORDED_ON, ZERO_STD_RAD_S, Verdict.USABLE)}

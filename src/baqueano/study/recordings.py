@@ -33,7 +33,7 @@ class RecordingStudy:
     stopped: bool = False  # True after Ctrl-C, before all recordings were evaluated
 
     def rows(self) -> list["TableRow"]:
-        """Return the rows of all recordings, with recording, quantity, value, bar and ok."""
+        """Return the rows of all recordings, with recording, quantity, value, criterion (bar) and ok."""
         return list(self.each)
 
     @property
@@ -52,7 +52,7 @@ class RecordingStudy:
 
     @property
     def verdict(self) -> Verdict:
-        """Return WARN if a bar is missed or a recording is missing, else USABLE."""
+        """Return WARN if a criterion is not met or a recording is missing, else USABLE."""
         return Verdict.WARN if self.reasons or self.left_out else Verdict.USABLE
 
     def table(self) -> str:

@@ -1,4 +1,4 @@
-"""Create table rows that compare a result of a recording with its bar, the required limit."""
+"""Create table rows that compare a result of a recording with its criterion (bar)."""
 
 from typing import TYPE_CHECKING
 
@@ -7,5 +7,5 @@ if TYPE_CHECKING:
 
 
 def row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":
-    """Return a row of a table of recordings: a value, its bar, and True if it meets the bar."""
+    """Return a row of a table of recordings: a value, its criterion, and True if it is met."""
     return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

@@ -52,7 +52,10 @@ CAR = "cpm_mucar"
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, bar and ok. Raise FileError without recordings."""
+    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok.
+
+    Raise FileError without recordings.
+    """
     runs = {name: with_raw_clock(name) for name in MAPS}
     car = load("car").with_values(NEUTRAL_VALUES)
     out = []

@@ -3,7 +3,7 @@
 On each floor the 1st, 3rd, 5th … run are fitted together. The other runs are simulated from the throttle only, from
 rest, and compared with the encoder. The vehicle file (jetracer.toml) contains guesses. The free parameters are the
 drive of a car: gain, viscous and dry friction, drag of the driven motor, dead zone, delay. The dead zone is rounded to
-two digits, like its bar.
+two digits, like its criterion.
 """
 
 from collections.abc import Callable
@@ -49,7 +49,7 @@ def files() -> list[str]:
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, bar and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     out = []
     for floor, pattern in FLOORS.items():
         runs = runs_of(pattern)

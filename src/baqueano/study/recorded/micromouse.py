@@ -47,7 +47,7 @@ def files() -> list[str]:
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, bar and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     progress(_("micromouse: fitting a sweep of the duty, testing on another sweep"))
     run, test_run = run_of(FITTED_SWEEP), run_of(OTHER_SWEEP)
     fit = fit_sweep(run, backend)

@@ -33,7 +33,7 @@ AXES = "XYZ"
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, bar and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     progress(_("MPU-6050 at rest, 11 min"))
     statistics = at_rest(import_run(MAP).run)
     author = _published_statistics()

@@ -42,7 +42,7 @@ def files() -> list[str]:
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, bar and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     out = []
     for name in FILES:
         runs = runs_of(name)
