@@ -5,8 +5,8 @@
 To add a guide, put its file beside `repeat.py`, or name it in the vehicle file as "file.py:Class".
 
 The route of a drive fills the fields `t_s`, `eta`, `nu` and `closed` of the class, or only its field `route`. The
-number of laps fills `laps`. A guide without these fields computes its references from other data. A guide does not need
-a path onto the route, a pause or a path back: `InTurn` and `AtPace` add them to any guide.
+field `laps` receives the number of laps. A guide without these fields computes its references from other data. A guide
+does not need a path onto the route, a pause or a path back: `InTurn` and `AtPace` add them to any guide.
 """
 
 from baqueano.contracts.blocks import Guide

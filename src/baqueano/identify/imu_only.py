@@ -1,11 +1,11 @@
 """Fit a vehicle from its commands and its IMU only, without encoder or camera.
 
-The gyro leads the simulation (gyro_aided.py), and each channel is weighted by its information on slow motion
-(noise_level.py). The position l of the IMU along the vehicle is also free; it changes a_x by −l ν_ψ² and a_y by l
-ν̇_ψ. For a car, the delay of the commands is also free. The IMU itself does not show the scales of gyro and
+The gyro gives the yaw rate of the simulation (gyro_aided.py), and each channel is weighted by its information on slow
+motion (noise_level.py). The position l of the IMU along the vehicle is also free; it changes a_x by −l ν_ψ² and a_y by
+l ν̇_ψ. For a car, the delay of the commands is also free. The IMU itself does not show the scales of gyro and
 accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the
 zero of a car's gyro, which acts like a small steering offset. The error bars contain their possible errors
-(scale_uncertainty.py), and the scatter between parts of the run (jackknife.py). A change of the leading yaw rate
+(scale_uncertainty.py), and the scatter between parts of the run (jackknife.py). A change of the yaw rate of the gyro
 changes the best delay. So both are searched in turn until they are constant (at most MAX_ROUNDS times). A fit that
 starts from its own result then stays there.
 
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEVER_ARM = "lever_arm_m[0]"
-# options that are allowed if the gyro leads
+# options that are allowed in a gyro-aided fit
 ALLOWED_OPTIONS = "fixed", "bounds", "start", "gyro_leads", "backend"
-MAX_ROUNDS = 8  # rounds of updates of the leading yaw rate, at most
+MAX_ROUNDS = 8  # rounds of updates of the yaw rate of the gyro, at most
 SETTLED_SIGMA = (
     0.1  # standard deviations: the search is settled if a round moves all parameters together by less
 )
@@ -117,7 +117,7 @@ def fit_imu_only(
 
 
 def _settle(task: Task) -> tuple[Task, Search]:
-    """Search for the leading yaw rate and the delay in turn, at most MAX_ROUNDS times.
+    """Search for the yaw rate of the gyro and the delay in turn, at most MAX_ROUNDS times.
 
     Return the task and the search.
     """
@@ -180,7 +180,7 @@ def gyro_leads(
     vehicle_file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
-    """Return True if the gyro leads the fit. The option `gyro_leads` decides if it is set.
+    """Return True if the fit is gyro-aided. The option `gyro_leads` decides if it is set.
 
     Otherwise, return True for a car with only an IMU, if all changed options are in ALLOWED_OPTIONS.
     """
@@ -190,7 +190,7 @@ def gyro_leads(
 
 
 def _other_options(options: FitOptions) -> list[str]:
-    """Return the names of changed options that are not allowed if the gyro leads."""
+    """Return the names of changed options that are not allowed in a gyro-aided fit."""
     return [name for name in options.non_defaults if name not in ALLOWED_OPTIONS]
 
 

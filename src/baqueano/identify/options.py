@@ -41,7 +41,7 @@ class FitOptions:
     cost : str
         "simulation", or "innovations" with process noise (estimation/prediction_error.py).
     gyro_leads : bool, optional
-        The gyro leads the simulation (imu_only.py); None: only for a car with an IMU as its only sensor.
+        The gyro gives the simulated yaw rate (imu_only.py); None: only for a car with an IMU as its only sensor.
     diagnose : bool
         Test at the end for effects that the model lacks (diagnostics/residual_checks.py); it takes as long as the
         fit.

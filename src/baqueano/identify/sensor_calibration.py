@@ -369,7 +369,7 @@ def _clock_offset(regression: WindowRegression) -> list[CalibratedNumber]:
 
 def _gyro(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
     block, path = getattr(vehicle_file.sensors, name), f"sensors.{name}.gyro"
-    remark = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(fit.x[0]))
+    remark = _("the true rotation is {ratio:.4f} × that of the gyro", ratio=float(fit.x[0]))
     return [
         _number(fit, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), remark),
         _number(fit, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
@@ -380,7 +380,7 @@ def _odometer(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> 
     """Return the odometer's scale, and the mark's position and heading in body axes, with x along the rolling
     direction."""
     scale, path = float(getattr(vehicle_file.sensors, name).scale), f"sensors.{name}.scale"
-    remark = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*fit.x[:2])))
+    remark = _("the true distance is {ratio:.4f} × that of the odometer", ratio=float(np.hypot(*fit.x[:2])))
 
     def rotate(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))

@@ -1,4 +1,4 @@
-"""Compute the residuals of a vehicle with an IMU and without an encoder: its gyro leads the simulation.
+"""Compute the residuals of a vehicle with an IMU and without an encoder: its gyro gives the yaw rate.
 
     ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its derivative                        (1)
     r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
@@ -41,7 +41,7 @@ RATIOS = np.geomspace(1.0 / 64.0, 1024.0, 33)  # ρ, and τ in ticks
 TIME_CONSTANTS = np.geomspace(0.5, 256.0, 19)
 CLIP_SIGMA = 6.0
 MIN_LOG_GAIN = 2.0
-MIN_ROWS = 64  # rows of a segment, below which only the gyro leads
+MIN_ROWS = 64  # rows of a segment, below which only the gyro gives the yaw rate
 
 
 class GyroAidedState(NamedTuple):
@@ -69,7 +69,7 @@ class GyroAidedResiduals(Residuals):
         self._gyro = [rows[:, -EXTRA_COLUMNS] for rows in self._rows]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment |ν_x| (N,) of the simulation that the gyro leads."""
+        """Return for each segment |ν_x| (N,) of the gyro-aided simulation."""
         return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
     def following(self, theta: np.ndarray) -> "GyroAidedResiduals":
