@@ -41,10 +41,8 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-FIRST_SEARCH_PART, MIN_FIRST_ROWS = (
-    4,
-    1000,
-)  # without a compiler, the first search uses 1/FIRST_SEARCH_PART of the rows of a run, at least MIN_FIRST_ROWS
+# without a compiler, the first search uses 1/FIRST_SEARCH_PART of the rows of a run, at least MIN_FIRST_ROWS
+FIRST_SEARCH_PART, MIN_FIRST_ROWS = 4, 1000
 
 
 def identify(

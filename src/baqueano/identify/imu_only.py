@@ -56,9 +56,8 @@ LEVER_ARM = "lever_arm_m[0]"
 # options that are allowed in a gyro-aided fit
 ALLOWED_OPTIONS = "fixed", "bounds", "start", "gyro_leads", "backend"
 MAX_ROUNDS = 8  # rounds of updates of the yaw rate of the gyro, at most
-SETTLED_SIGMA = (
-    0.1  # standard deviations: the search is settled if a round moves all parameters together by less
-)
+# standard deviations: the search is settled if a round moves all parameters together by less
+SETTLED_SIGMA = 0.1
 
 
 def fit_imu_only(
@@ -165,11 +164,7 @@ def _with_all_errors(
     unknown_columns: tuple[np.ndarray, float],
 ) -> Information:
     """Return `info` with its covariance enlarged by the scatter between parts of the run, and by scales and zero."""
-    problem, theta, identifiable = (
-        end.problem,
-        end.solution.theta,
-        np.flatnonzero(identifiability.mask),
-    )
+    problem, theta, identifiable = (end.problem, end.solution.theta, np.flatnonzero(identifiability.mask))
     assert isinstance(problem, GyroAidedResiduals)
     cov = jackknife(problem, theta, identifiable, info.bread)
     info = info if cov is None else with_jackknife(info, identifiable, cov)

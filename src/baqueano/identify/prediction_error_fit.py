@@ -101,9 +101,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
     entries = np.r_[
-        second.end.identifiability.mask,
-        floor > 0.0,
-        np.ones(len(second.info.bread) - count - k, bool),
+        second.end.identifiability.mask, floor > 0.0, np.ones(len(second.info.bread) - count - k, bool)
     ]
     entries = np.flatnonzero(entries & (np.diagonal(second.info.bread) > 0.0))
     entry_cov = covariance_of(second.info, entries)

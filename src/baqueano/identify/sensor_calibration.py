@@ -385,10 +385,8 @@ def _odometer(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> 
     def rotate(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
 
-    forward, sideways = (
-        _("the mark ahead of the axle that does not slip"),
-        _("the mark to the left of that axle's middle"),
-    )
+    forward = _("the mark ahead of the axle that does not slip")
+    sideways = _("the mark to the left of that axle's middle")
     heading = _("heading of the mark, to the left of the rolling direction of the wheels")
     return [
         _number(fit, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, remark),

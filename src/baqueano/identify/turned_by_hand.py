@@ -34,10 +34,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 MIN_REST_S, PIECE_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
-QUIET_QUANTILE, MAX_SCATTER_RATIO = (
-    0.05,
-    3.0,
-)  # quantile of the windows' scatter; up to the second value times this scatter is a rest
+# quantile of the windows' scatter; up to the second value times this scatter is a rest
+QUIET_QUANTILE, MAX_SCATTER_RATIO = 0.05, 3.0
 MIN_TURN_RAD_S = 0.02  # rad/s: a mean that differs by more from the mean of the first rest is a turn
 SCALE_TOLERANCE = 0.06  # of a scale: twice the tolerance of a data sheet
 MARK_SIGMA = 4.0  # standard errors of placing the vehicle by hand

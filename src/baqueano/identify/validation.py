@@ -146,10 +146,8 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     per_run = [name for name in per_run if not name.startswith("clock.")]
     options = FitOptions(per_run=per_run, clocks=clocks, sigma=sigma, diagnose=False, backend=fit.backend)
     channels: list[ChannelFit] = []
-    vehicle_file, begins_at_rest_flags = (
-        fit.vehicle_file,
-        [begins_at_rest(run, fit.blocks.sensors) for run in runs],
-    )
+    vehicle_file = fit.vehicle_file
+    begins_at_rest_flags = [begins_at_rest(run, fit.blocks.sensors) for run in runs]
     for run, run_at_rest in zip(runs, begins_at_rest_flags, strict=True):
         channels += identify(
             run, vehicle_file, (), use=use, options=replace(options, at_rest=run_at_rest)
@@ -221,10 +219,8 @@ def _channel_metrics(
     """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs
     of the fit. Also return the evidence against the model.
     """
-    own_channels, e = (
-        [channel for channel in own_channels if np.isfinite(channel.explained)],
-        c.measured - c.predicted,
-    )
+    own_channels = [channel for channel in own_channels if np.isfinite(channel.explained)]
+    e = c.measured - c.predicted
     explained = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
     metrics = ChannelMetrics(
         c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), explained, np.nan, unit

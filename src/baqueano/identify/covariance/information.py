@@ -21,12 +21,10 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
-MAX_DERIVATIVE = (
-    1e100  # derivatives beyond it belong to a model that diverged; their squares are still finite
-)
-MIN_SEGMENTS_PER_PARAMETER = (
-    2  # segments for each shared parameter: with fewer, the fit pulls the sums of scores to 0
-)
+# derivatives beyond it belong to a model that diverged; their squares are still finite
+MAX_DERIVATIVE = 1e100
+# segments for each shared parameter: with fewer, the fit pulls the sums of scores to 0
+MIN_SEGMENTS_PER_PARAMETER = 2
 WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not treated as white noise
 
 
@@ -39,9 +37,8 @@ class Information(NamedTuple):
     autocorrelated: bool  # True if B is that of (2)
     autocorrelation: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
     sample_count: int
-    scores: np.ndarray | None = (
-        None  # (K, p) s_k of (3); None if the runs are not split, or the residuals are white
-    )
+    # (K, p) s_k of (3); None if the runs are not split, or the residuals are white
+    scores: np.ndarray | None = None
     shared: int = 0  # q
 
 

@@ -62,19 +62,15 @@ def jackknife(
         is_identifiable = position[index] >= 0
         positions = position[index[is_identifiable]]
         g, A_b = _block_sums(r, d, edges_of(record, block_s, len(r)))
-        g, A_b = (
-            g[:, is_identifiable] / root[positions],
-            A_b[:, is_identifiable][:, :, is_identifiable] / np.outer(root[positions], root[positions]),
-        )
+        g = g[:, is_identifiable] / root[positions]
+        A_b = A_b[:, is_identifiable][:, :, is_identifiable] / np.outer(root[positions], root[positions])
         # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g; C is the part of A⁻¹ for these
         remainder = (1.0 + MIN_REMAINDER) * np.eye(len(positions)) - A_b @ inverse[
             np.ix_(positions, positions)
         ]
         moves.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[positions] / root)
-        cross_cov, shared_cov = (
-            inverse[np.ix_(positions, shared_entries)],
-            inverse[np.ix_(shared_entries, shared_entries)],
-        )
+        cross_cov = inverse[np.ix_(positions, shared_entries)]
+        shared_cov = inverse[np.ix_(shared_entries, shared_entries)]
         if alike and _is_dominated_by_one_block(A_b, remainder, cross_cov, shared_cov, max_share):
             return None
     all_moves = np.concatenate(moves)

@@ -177,9 +177,8 @@ def _measurements(
     if max_offset_s > 0.0:
         age_s = np.zeros(row_count)
         age_s[row_index] = seconds(run.t_ns[tick[is_inside]], channel.t_ns[is_inside])
-        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * MAX_CLOCK_OFFSET_S))])] = (
-            0.0  # the delay line is not full yet
-        )
+        # the delay line is not full yet
+        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * MAX_CLOCK_OFFSET_S))])] = 0.0
         return Measurements(z, has, age_s)
     return Measurements(
         z, has, _sample_fraction(run, channel.t_ns[is_inside], tick[is_inside], row_index, row_count)

@@ -18,9 +18,8 @@ import numpy as np
 
 from baqueano.identify.data.record import FitRecord, Measurements
 
-MIN_RELATIVE_EIGENVALUE = (
-    1e-9  # of the largest eigenvalue of a start's information: directions below it are unobservable
-)
+# of the largest eigenvalue of a start's information: directions below it are unobservable
+MIN_RELATIVE_EIGENVALUE = 1e-9
 
 
 class ThetaLayout(NamedTuple):

@@ -44,14 +44,10 @@ if TYPE_CHECKING:
 
 PIECE_S = 4.0
 COVERED_FRACTION = 0.9
-SCOUT_VEHICLES = (
-    30  # vehicles that drive all pieces: with the nominal one, 31 fill four vectors of eight lanes
-)
-FIRST_PIECES, ROUNDS, PIECES_PER_ROUND = (
-    240,
-    5,
-    60,
-)  # pieces at first; rounds of variations, and variations in each round
+# vehicles that drive all pieces: with the nominal one, 31 fill four vectors of eight lanes
+SCOUT_VEHICLES = 30
+# pieces at first; rounds of variations, and variations in each round
+FIRST_PIECES, ROUNDS, PIECES_PER_ROUND = 240, 5, 60
 KEPT_PIECES, FINAL_PIECES = 300, 120  # pieces kept after a round, and those that all vehicles drive
 WEIGHED_VEHICLES = 3  # possible vehicles over which J is the mean
 NOISE_SLOTS = 8  # pieces that have different noise

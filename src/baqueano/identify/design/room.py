@@ -31,9 +31,8 @@ if TYPE_CHECKING:
 
 CORRIDOR_SIGMA = 3.0  # k of (1): one position in 370 of a normal distribution is further out
 TAIL_FACTOR = 1.5  # c of (3)
-MAX_SIDEWAYS_M_S2 = (
-    3.0  # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres almost do not slip
-)
+# half of the grip of rubber on a smooth floor, 0.6 g: below it tyres almost do not slip
+MAX_SIDEWAYS_M_S2 = 3.0
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
 RESERVE_M = 0.01  # distance that a chunk leaves for process noise at rest, and for the path between samples

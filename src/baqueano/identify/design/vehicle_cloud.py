@@ -90,11 +90,8 @@ def _draw(
         - P[:, is_wide] @ np.linalg.pinv(P[np.ix_(is_wide, is_wide)] + prior_cov, hermitian=True) @ P[is_wide]
     )
     eigenvalues, axes = np.linalg.eigh(P)
-    draws, low, high = (
-        (unit * np.sqrt(np.maximum(eigenvalues, 0.0))) @ axes.T,
-        (low - mean) / std,
-        (high - mean) / std,
-    )
+    draws, low = (unit * np.sqrt(np.maximum(eigenvalues, 0.0))) @ axes.T, (low - mean) / std
+    high = (high - mean) / std
     return mean + std * np.array([_move_inside(low, high, draw, P) for draw in draws])
 
 

@@ -83,11 +83,8 @@ def _scan(
     middle = search_first(_with_bounds(task, i, grid[first], grid[first]), _with_value(begin, i, grid[first]))
     if middle.stopped:
         return middle, middle.evaluations
-    evaluation_count, best_solution, lighter_task = (
-        middle.evaluations,
-        middle.solution,
-        task._replace(problem=middle.problem),
-    )
+    evaluation_count, best_solution = middle.evaluations, middle.solution
+    lighter_task = task._replace(problem=middle.problem)
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle.solution
         for delay_s in side:

@@ -25,9 +25,8 @@ NEAR_CHANGE = 0.2  # relative change below which the next round is run to its en
 ROUGH_DECREMENT, FINE_DECREMENT = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
 ROUND_EVALUATIONS = 20  # evaluations while σ is still moving
 GAIN_NAMES = ("actuator_matrix", "velocity_matrix", "throttle_gain")
-MAX_RESIDUAL_SHARE = (
-    0.14  # of a channel's own spread: with larger autocorrelated residuals a search is not sound
-)
+# of a channel's own spread: with larger autocorrelated residuals a search is not sound
+MAX_RESIDUAL_SHARE = 0.14
 EQUAL_LOG_SIGMA = 1e-3  # of the logarithm of σ: results that are closer are treated as equal
 DROPPED_LOG_SIGMA = 0.7  # of the logarithm of σ: a rough result that is worse by more is dropped
 RESTART_FACTORS = (1.0, 0.25, 4.0)  # factors on all but the gains, if the search begins again without force
@@ -43,12 +42,10 @@ class Task(NamedTuple):
     floor: np.ndarray  # (m,) least σ
     fixed_sigma: np.ndarray | None  # (m,) σ, if it is known
     by_speed: bool = False  # True if the noise can grow with speed: noise_level.py
-    progress: Callable[[str], object] | None = (
-        None  # receives the progress; if it returns True, the search ends
-    )
-    prior_sigma: np.ndarray | None = (
-        None  # (m,) σ of channels with too few measurements to estimate it, else 0
-    )
+    # receives the progress; if it returns True, the search ends
+    progress: Callable[[str], object] | None = None
+    # (m,) σ of channels with too few measurements to estimate it, else 0
+    prior_sigma: np.ndarray | None = None
     again: bool = True  # True if a search that is not sound begins again; False for refused data
     minimise: Minimiser = minimise  # finds the least cost of one σ
 
@@ -62,9 +59,8 @@ class Search(NamedTuple):
     autocorrelation: np.ndarray  # (m,) `autocorrelation_sums` of the residuals
     evaluations: int
     profile: list[np.ndarray] | None = None  # per segment (N, m), of mean square 1: relative σ if it varies
-    stopped: bool = (
-        False  # True if the caller ended the search; then it is not converged unless it was complete
-    )
+    # True if the caller ended the search; then it is not converged unless it was complete
+    stopped: bool = False
 
     def is_sound(self, signal: np.ndarray) -> bool:
         """Return True if the search converged and the residuals are not both autocorrelated and large. `signal` (m,)

@@ -139,9 +139,8 @@ def fix_unidentifiable(
     identifiability, and the information. `free` are the first entries of θ."""
     problem = end.problem
     is_uncut = len(problem.layout.runs) == max(problem.layout.runs) + 1
-    count = (
-        problem.size if is_uncut else problem.layout.first_start
-    )  # the starts of segments are nuisance parameters
+    # the starts of segments are nuisance parameters
+    count = problem.size if is_uncut else problem.layout.first_start
     is_fixed, collinear = np.zeros(count, bool), {}
     while True:
         problem, theta = end.problem, end.solution.theta

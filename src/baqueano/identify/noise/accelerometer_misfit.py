@@ -81,10 +81,8 @@ def sums_of(speed: Series, acceleration: Series, rate: Series) -> np.ndarray:
     regressors = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
     regressors += [series.integral() for series in regressors]
     white_variance = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
-    min_window_s, sums = (
-        MIN_WINDOW_SAMPLES * float(np.median(np.diff(speed.t_s))),
-        np.zeros((int((end - begin) / BLOCK_S), 2)),
-    )
+    min_window_s = MIN_WINDOW_SAMPLES * float(np.median(np.diff(speed.t_s)))
+    sums = np.zeros((int((end - begin) / BLOCK_S), 2))
     for tau in (window_s for window_s in WINDOWS_S if len(sums) and window_s >= min_window_s):
         t_s = np.arange(begin, end, 0.5 * tau)
         A, B, *of_floor = (
@@ -102,10 +100,8 @@ def sums_of(speed: Series, acceleration: Series, rate: Series) -> np.ndarray:
 def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
     """Yield for each run the residuals of the wheels' speed and of the forward accelerometer, and the gyro's yaw
     rate."""
-    accelerometer, readings = (
-        forward_accelerometer(ekf, inertial),
-        readings_of(ekf.sensors, layout(ekf).names),
-    )
+    accelerometer = forward_accelerometer(ekf, inertial)
+    readings = readings_of(ekf.sensors, layout(ekf).names)
     wheels = next(
         (reading for reading in readings if FORWARD in reading.entries and reading.name not in inertial), None
     )
@@ -119,10 +115,8 @@ def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple
             <= channel_of.keys()
         ):
             continue
-        accelerometer_channel, gyro_channels = (
-            channel_of[accelerometer[:2]],
-            [channel_of[gyro.name, k] for k in gyro.rows],
-        )
+        accelerometer_channel = channel_of[accelerometer[:2]]
+        gyro_channels = [channel_of[gyro.name, k] for k in gyro.rows]
         z = np.stack([c.measured for c in gyro_channels], axis=1) - gyro.at_rest
         r = np.stack(
             [channel_of[wheels.name, k].measured - channel_of[wheels.name, k].predicted for k in wheels.rows],

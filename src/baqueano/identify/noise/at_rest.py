@@ -74,11 +74,7 @@ class AtRest(Result):
         """Return one flat row per channel, in SI units."""
         out = []
         for c in self.channels:
-            row: TableRow = {
-                "name": f"{c.sensor}[{c.entry}]",
-                "samples": c.samples,
-                "rate_hz": c.rate_hz,
-            }
+            row: TableRow = {"name": f"{c.sensor}[{c.entry}]", "samples": c.samples, "rate_hz": c.rate_hz}
             row |= {"mean": c.mean, "mean_sd": c.mean_std, "sd": c.sd, "step": c.step}
             for name, value, sd, measurable in zip(
                 ("white_noise", "bias_instability", "bias_walk"),

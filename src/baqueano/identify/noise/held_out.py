@@ -93,10 +93,7 @@ class NoiseComparison:
 
 
 def compare_noise(
-    fit: "Fit",
-    noises: Mapping[str, "Noise"],
-    held_out: Run | Sequence[Run],
-    backend: str = "auto",
+    fit: "Fit", noises: Mapping[str, "Noise"], held_out: Run | Sequence[Run], backend: str = "auto"
 ) -> NoiseComparison:
     """Return the results of `noises` (name → Q and R) in the filter of the fitted file, on runs that the fit did not
     use.  (1), (2)
@@ -175,10 +172,8 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
         trial_filter, offset = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
         for name, m in zip(ekf.use, sizes, strict=True):
             q = theta[offset : offset + m * m].reshape(m, m)
-            trial_filter, offset = (
-                put(trial_filter, f"sensors.{name}.measurement_noise_cov", q),
-                offset + m * m,
-            )
+            trial_filter = put(trial_filter, f"sensors.{name}.measurement_noise_cov", q)
+            offset = offset + m * m
         belief, estimate = trial_filter.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None

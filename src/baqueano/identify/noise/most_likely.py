@@ -193,13 +193,8 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
     n = vehicle.commands
 
     def step(previous: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
-        dt_s, u, eta, nu, nu_dot = (
-            row[0],
-            row[1 : 1 + n],
-            row[1 + n : 4 + n],
-            row[4 + n : 7 + n],
-            row[7 + n : 10 + n],
-        )
+        dt_s, u, eta, nu = row[0], row[1 : 1 + n], row[1 + n : 4 + n], row[4 + n : 7 + n]
+        nu_dot = row[7 + n : 10 + n]
         drivetrain, effort = vehicle.drivetrain.step(previous.drivetrain, u, dt_s)
         g = predict(vehicle, mode, fading_s, eta, nu, nu_dot, previous.effort, effort, dt_s)
         return PredictionState(drivetrain, effort.last), g

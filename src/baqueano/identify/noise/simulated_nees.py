@@ -64,11 +64,8 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
     u = np.ascontiguousarray(u[: min(round(DRIVE_S / dt_s), TICKS.get(filtered.backend, 0) // DRIVES)])
     if len(u) < MIN_TICKS or not is_dynamic(ekf.vehicle):
         return np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
-    state, n, sizes = (
-        _start(ekf, np.zeros(filter_layout.size)),
-        len(u),
-        [sensor.size for sensor in ekf.sensors],
-    )
+    state, n = _start(ekf, np.zeros(filter_layout.size)), len(u)
+    sizes = [sensor.size for sensor in ekf.sensors]
     example = DrawnTick(
         u[0],
         np.zeros((TICK_PARTS, 2, 3)),

@@ -68,10 +68,8 @@ def speed_channels(
         ratios[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), errors_without)
     best_names = min(ratios, key=lambda names: ratios[names][0])
     ratio, low, high = ratios[best_names]
-    source, runs = (
-        ", ".join(sorted({source for *_, source in with_speed})),
-        ", ".join(run.name for run, *_ in with_speed),
-    )
+    source = ", ".join(sorted({source for *_, source in with_speed}))
+    runs = ", ".join(run.name for run, *_ in with_speed)
     if not np.isfinite(high):
         pieces = {"pieces": len(errors_without), "least": MIN_BLOCKS, "block_s": BLOCK_S}
         return SpeedChannels((), note("speed.too-short", runs=runs, **pieces))

@@ -34,14 +34,11 @@ BATTERY_EFFECT = "model.drivetrain.battery_effect"
 WHEEL_FRICTIONS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
 MAX_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorter
 FIRST_LAG, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
-LOW_PASS, MAX_LOW_PASS_RATIO = (
-    ".low_pass_hz",
-    5.0,
-)  # times the rate of the ticks: a higher low-pass does not have an effect
+# times the rate of the ticks: a higher low-pass does not have an effect
+LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0
 FIRST_LIMIT = 0.7  # of the largest command: start of the search for the limit of a motor
-MAX_DECAY_PER_TICK = (
-    1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
-)
+# of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
+MAX_DECAY_PER_TICK = 1.5
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 

@@ -235,20 +235,14 @@ def first_theta(
         raise UsageError(fault("start.not-free", path=missing[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, parameter in enumerate(free):
-        theta[k], low[k], high[k] = (
-            by_path.get(parameter.path, value(blocks, parameter.path)),
-            parameter.low,
-            parameter.high,
-        )
+        theta[k], low[k] = by_path.get(parameter.path, value(blocks, parameter.path)), parameter.low
+        high[k] = parameter.high
     for run in range(max(layout.runs) + 1):
         for k, path in enumerate(shape.by_run, layout.shared_count + run * layout.run_entry_count):
             if path in shape.per_run:
                 parameter = free_parameter(blocks, path, options.bounds)
-                theta[k], low[k], high[k] = (
-                    by_path.get(path, value(blocks, path)),
-                    parameter.low,
-                    parameter.high,
-                )
+                theta[k], low[k] = by_path.get(path, value(blocks, path)), parameter.low
+                high[k] = parameter.high
             else:
                 low[k], high[k] = -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S
     for k, record in enumerate(records):

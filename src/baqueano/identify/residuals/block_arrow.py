@@ -45,10 +45,8 @@ def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | Non
     is_own = np.zeros(layout.size + extra_count, bool)
     is_own[own_entries] = True
     common, index_in_part = np.flatnonzero(~is_own), np.zeros(len(is_own), int)
-    index_in_part[common], index_in_part[own_entries] = (
-        np.arange(len(common)),
-        np.arange(own_entries.shape[1]),
-    )
+    index_in_part[common] = np.arange(len(common))
+    index_in_part[own_entries] = np.arange(own_entries.shape[1])
     return ArrowLayout(common, own_entries, is_own, index_in_part)
 
 
@@ -72,11 +70,8 @@ class BlockArrow:
         """Add the matrices `parts` (K, n, n) of the segments at the rows `indices` (K, n)."""
         # in the same order in each segment
         is_own, part_index = self.places.is_own[indices[0]], self.places.index_in_part[indices]
-        common, own_index, k = (
-            part_index[:, ~is_own],
-            part_index[:, is_own],
-            np.arange(len(parts))[:, None, None],
-        )
+        common, own_index = part_index[:, ~is_own], part_index[:, is_own]
+        k = np.arange(len(parts))[:, None, None]
         row_parts, column_parts = parts[:, ~is_own], parts[:, is_own]
         np.add.at(self.corner, (common[:, :, None], common[:, None, :]), row_parts[:, :, ~is_own])
         self.border[k, common[:, :, None], own_index[:, None, :]] += row_parts[:, :, is_own]

@@ -34,9 +34,8 @@ from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
 SETTLING_LAGS = 3.0  # time constants after which a motor has settled
-EXTRA_COLUMNS = (
-    2  # entries of a row beyond those of the simulation: ω_z and its derivative, at the end of the row
-)
+# entries of a row beyond those of the simulation: ω_z and its derivative, at the end of the row
+EXTRA_COLUMNS = 2
 RATIOS = np.geomspace(1.0 / 64.0, 1024.0, 33)  # ρ, and τ in ticks
 TIME_CONSTANTS = np.geomspace(0.5, 256.0, 19)
 CLIP_SIGMA = 6.0

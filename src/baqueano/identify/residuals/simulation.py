@@ -338,11 +338,8 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
     ) -> tuple[SimulationState, np.ndarray]:
         blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         dt_s, u = row[0], row[1 : 1 + n]
-        z, weight, sample_fraction = (
-            row[1 + n : 1 + n + m],
-            row[1 + n + m : 1 + n + 2 * m],
-            row[1 + n + 2 * m :],
-        )
+        z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
+        sample_fraction = row[1 + n + 2 * m :]
         vehicle, motion = blocks_at.model.step(state.vehicle, u, dt_s, np.zeros(3))
         readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s)
         steps_s = with_newest(state.steps_s, dt_s)

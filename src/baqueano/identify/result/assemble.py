@@ -27,9 +27,8 @@ from baqueano.messages.language import translate as _
 if TYPE_CHECKING:
     pass
 
-HELD_SIGMA = (
-    3.0  # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
-)
+# standard errors beyond its bound: a parameter that would move less can be at its bound by chance
+HELD_SIGMA = 3.0
 
 
 class VerdictBasis(NamedTuple):
@@ -286,10 +285,8 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
         (never_shown if is_impossible else unobservable_terms).append(message)
     for i, parameter in enumerate(end.free):
         if not end.identifiability.mask[i]:
-            collinear, confused = (
-                end.confused_with(end.identifiability.collinear, i),
-                end.confused_with(end.identifiability.near, i),
-            )
+            collinear = end.confused_with(end.identifiability.collinear, i)
+            confused = end.confused_with(end.identifiability.near, i)
             unobservable_terms.append(
                 unobservable_reason(parameter, collinear, float(end.task.first[i]), confused)
             )

@@ -26,11 +26,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.envelope import Envelope
 
 MAX_LISTED_RUNS = 8  # runs, above which a table summarises them
-MAX_REASONS, MAX_UNOBSERVABLE, MAX_NOTES = (
-    5,
-    3,
-    4,
-)  # lines of each: with the verdict and the line on the others at most 14
+# lines of each: with the verdict and the line on the others at most 14
+MAX_REASONS, MAX_UNOBSERVABLE, MAX_NOTES = 5, 3, 4
 BOUNDS = {"low": N_("at its low bound"), "high": N_("at its high bound")}
 VERDICT_MEANINGS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
 
@@ -210,11 +207,7 @@ class Fit(Result):
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
         head = text(
             note(
-                "front.fit",
-                vehicle=self.file.name,
-                runs=runs,
-                known=identified_count,
-                parameters=len(rows_),
+                "front.fit", vehicle=self.file.name, runs=runs, known=identified_count, parameters=len(rows_)
             )
         )
         width = max(len(without_model_prefix(row["name"])) for row in rows_)

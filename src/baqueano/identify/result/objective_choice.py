@@ -47,9 +47,8 @@ from baqueano.messages.language import number
 
 FLOOR_P_VALUE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")
-LARGER_ERROR_P_VALUE = (
-    0.05  # probability below which the left-out error of the innovations' fit is significantly larger
-)
+# probability below which the left-out error of the innovations' fit is significantly larger
+LARGER_ERROR_P_VALUE = 0.05
 DIFFERENCE_P_VALUE = 0.01  # probability below which the two fits differ significantly
 
 
@@ -254,20 +253,16 @@ def _leave_out(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> n
     """Return the change (n, p) of a fit without each block; only the entries `identifiable` change.  (1)"""
     position = np.full(1 + max(int(max(block.indices.max(), block.entries.max())) for block in blocks), -1)
     position[identifiable] = np.arange(len(identifiable))
-    g, A = (
-        np.zeros((len(blocks), len(identifiable))),
-        np.zeros((len(blocks), len(identifiable), len(identifiable))),
-    )
+    g = np.zeros((len(blocks), len(identifiable)))
+    A = np.zeros((len(blocks), len(identifiable), len(identifiable)))
     for k, block in enumerate(blocks):
         is_included = position[block.indices] >= 0
         rows = position[block.indices[is_included]]
         g[k, rows], A[k][np.ix_(rows, rows)] = block.g[is_included], block.A[np.ix_(is_included, is_included)]
     root = np.sqrt(np.maximum(np.diagonal(A.sum(axis=0)), 1e-300))
     g, A = g / root, A / np.outer(root, root)
-    remainder, changes = (
-        A.sum(axis=0) + MIN_REMAINDER * np.eye(len(root)) - A,
-        np.zeros((len(blocks), len(position))),
-    )
+    remainder = A.sum(axis=0) + MIN_REMAINDER * np.eye(len(root)) - A
+    changes = np.zeros((len(blocks), len(position)))
     changes[:, identifiable] = np.linalg.solve(remainder, g[:, :, None])[:, :, 0] / root
     return changes
 

@@ -31,18 +31,15 @@ if TYPE_CHECKING:
 MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
 MAX_UNSEEN_SHARE = 0.5  # largest allowed part of unidentifiable parameters
 ABOVE_NOISE = 3.0  # largest allowed ratio of the residuals to the noise in the file
-OUTLIER_SIGMA, MAX_OUTLIER_SHARE = (
-    4.0,
-    0.2,
-)  # standard deviations, and part of the samples that may lie beyond; the Huber
+# standard deviations, and part of the samples that may lie beyond; the Huber
+OUTLIER_SIGMA, MAX_OUTLIER_SHARE = 4.0, 0.2
 # cost tolerates them if they are equally frequent on both sides
 # part of the samples; fewer outliers, even to one side, move a fit by less than its error
 OUTLIER_CHANCE = 0.01
 WARNING, ERROR = Severity.WARNING, Severity.ERROR
 ONE_SIDED_SIGMA = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
-MAX_SQUARE_RATIO = (
-    2.0  # times the square about its own mean: a channel with larger residuals does not follow the model
-)
+# times the square about its own mean: a channel with larger residuals does not follow the model
+MAX_SQUARE_RATIO = 2.0
 CLIP_SIGMA = 4.0  # standard deviations beyond which an error is clipped
 MAX_NAMED_RUNS = 3  # runs
 FALSE_ALARM_RATE = 0.01  # α, the probability that a normal run is reported as unlike the others

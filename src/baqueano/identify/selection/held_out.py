@@ -179,9 +179,8 @@ class HeldOut:
         """Return loss, samples, one-step errors and pairs of one fold, and its shared parameters."""
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
         one_step_errors, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
-        movable = (
-            is_free if self.whole_runs else is_free & ~self.starts
-        )  # a start can belong to held-out data
+        # a start can belong to held-out data
+        movable = is_free if self.whole_runs else is_free & ~self.starts
         theta_ = self.fit(theta, movable, sigma, fold.train).theta
         shared_theta = theta_[self.shared]
         if self.whole_runs:

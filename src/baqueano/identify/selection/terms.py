@@ -47,9 +47,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 BATTERY_EFFECT_PATH = "model.drivetrain.battery_effect"
-DELAY_GRID_S = (
-    0.025  # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
-)
+# between starts of a delay: half a period of the fastest command that is followed, 20 Hz
+DELAY_GRID_S = 0.025
 TRIAL_S, TICK_S, SHORT_STEP_S = 1.0, 0.005, 1e-6  # of (1): duration, step, and the step for the change of ν̇
 SPEED_FRACTIONS, UNIT_STEP = (0.1, 0.3), 1e-3  # of (1)
 MIN_LAG_S = 1e-5  # without effect, but not 0, so that it can be varied
