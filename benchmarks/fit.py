@@ -21,9 +21,9 @@ from unittest.mock import patch
 import numpy as np
 
 from baqueano.identify import FitOptions, identify, parallel
+from baqueano.identify.data.segments import Evaluation
 from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.estimation.search import FINE_DECREMENT
-from baqueano.identify.residuals.block_arrow import Evaluation
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.simulate.system import System, with_parameters

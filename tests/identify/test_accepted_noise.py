@@ -7,8 +7,7 @@ import pytest
 from baqueano.drive import experiment
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import acceptance as accepted_noise
-from baqueano.identify.noise.acceptance import NormalisedSquare
-from baqueano.identify.noise.simulated_nees import simulated_errors
+from baqueano.identify.noise.acceptance import NormalisedSquare, simulated_errors
 from baqueano.messages import text
 from baqueano.vehicle_file import load
 

@@ -13,8 +13,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
-from baqueano.identify.covariance.clusters import batch_covariance, regress
-from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.covariance.clusters import batch_covariance, regress, student_quantile
 from baqueano.identify.sensor_calibration import calibrate
 from baqueano.runs import write_run
 from baqueano.runs.importing import import_run

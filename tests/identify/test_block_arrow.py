@@ -7,17 +7,18 @@ from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import ThetaLayout, eliminate_starts
-from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
-from baqueano.identify.residuals import simulation as simulated
-from baqueano.identify.residuals.block_arrow import (
+from baqueano.identify.data.segments import (
     BlockArrow,
     Evaluation,
+    ThetaLayout,
     add,
     arrow_layout,
     diagonal_matrix,
+    eliminate_starts,
     rows_times,
 )
+from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
+from baqueano.identify.residuals import simulation as simulated
 
 
 def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):

@@ -8,8 +8,14 @@ import pytest
 from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.cost_advice import by_innovations, more_error, with_cost_advice
-from baqueano.identify.validation import ChannelMetrics, Validation, validate
+from baqueano.identify.validation import (
+    ChannelMetrics,
+    Validation,
+    by_innovations,
+    more_error,
+    validate,
+    with_cost_advice,
+)
 from baqueano.messages import text
 from baqueano.runs import write_run
 from baqueano.symbolic import put
@@ -82,7 +88,7 @@ def test_identify_prints_the_recommendation_by_held_out_runs(case, case_run, tmp
     advice = note("cost.held-out-larger", percent=3.0)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        import_module("baqueano.identify.cost_advice"),
+        import_module("baqueano.identify.validation"),
         "with_cost_advice",
         lambda fit, runs, validation, refit: replace(fit, notes=(advice,)),
     )

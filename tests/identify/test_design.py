@@ -6,14 +6,14 @@ import pytest
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
-from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import (
+from baqueano.identify.design.compose import (
     GENTLE_FACTOR,
     MotionPiece,
     PieceShape,
     gentler_piece,
     in_map,
 )
+from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.plan import design_plan
 from baqueano.identify.design.room import MAX_SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles

@@ -7,8 +7,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
+from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.covariance.jackknife import with_jackknife
 from baqueano.identify.covariance.scale_uncertainty import scale_stds, std_of_tolerance, zero_std
 from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part

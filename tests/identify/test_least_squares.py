@@ -5,8 +5,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from baqueano.identify.data.segments import Evaluation
 from baqueano.identify.estimation.least_squares import minimise
-from baqueano.identify.residuals.block_arrow import Evaluation
 
 
 def of(residuals, slopes):

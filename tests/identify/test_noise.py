@@ -14,9 +14,8 @@ from hypothesis.extra.numpy import arrays
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise.covariances import positive_definite
+from baqueano.identify.noise.covariances import positive_definite, unfitted_covariance
 from baqueano.identify.noise.most_likely import log_det_and_square, minimise_by_steps, predict
-from baqueano.identify.noise.unfitted_channels import unfitted_covariance
 from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify.covariance.information import information
+from baqueano.identify.data.segments import Evaluation
 from baqueano.identify.estimation.least_squares import minimise
-from baqueano.identify.residuals.block_arrow import Evaluation
 
 
 def test_the_search_rejects_a_point_with_infinite_derivatives():

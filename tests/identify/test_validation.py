@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.covariance.clusters import student_quantile
 from baqueano.identify.validation import (
     ChannelMetrics,
     Validation,

@@ -232,9 +232,8 @@ def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[flo
     J = map_from_body(drive.eta[i, 2])
     derivative_change = drive.derivatives[j] - drive.derivatives[i]
     displacement = drive.eta[j] - drive.eta[i]
-    rotation = np.outer(
-        np.array([displacement[1], -displacement[0], 0.0]), drive.derivatives[i, 2]
-    )  # ∂(Jᵀ way)/∂ψ_i, in the map
+    # ∂(Jᵀ way)/∂ψ_i, in the map
+    rotation = np.outer(np.array([displacement[1], -displacement[0], 0.0]), drive.derivatives[i, 2])
     jacobian = J.T @ (derivative_change + rotation)
     variances = np.einsum("ip,pq,iq->i", jacobian, cov, jacobian)
     return float(max(variances[0] + variances[1], 0.0)), float(max(variances[2], 0.0))

@@ -24,7 +24,7 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
@@ -38,7 +38,6 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.identify.result.fit_result import Fit
-    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.01  # probability of reporting a change when nothing changed

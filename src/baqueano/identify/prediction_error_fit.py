@@ -17,13 +17,13 @@ import numpy as np
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import eliminate
+from baqueano.identify.data.segments import Evaluation, dense, eliminate
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability.identifiable import FinishedFit
 from baqueano.identify.parameters.free import FLOOR, free_parameter, value
-from baqueano.identify.residuals.block_arrow import Evaluation, dense
-from baqueano.identify.result.assemble import fit_of, only_autocorrelated, sigma_of_file, verdict_basis
+from baqueano.identify.residuals.noise_level import sigma_of_file
+from baqueano.identify.result.assemble import fit_of, only_autocorrelated, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.result.objective_choice import (
     LeftOutBlocks,
@@ -195,7 +195,7 @@ def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
     """Return the sensor noise (m,) without the process noise, relative to the noise in the file, or 0 if the file
     does not contain it.
     """
-    file_sigma = sigma_of_file(first.blocks)
+    file_sigma = sigma_of_file(first.blocks.sensors)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(file_sigma > 0.0, estimate / np.where(file_sigma > 0.0, file_sigma, 1.0), 0.0)
 

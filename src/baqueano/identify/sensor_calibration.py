@@ -20,8 +20,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import batch_covariance, regress
-from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.covariance.clusters import batch_covariance, regress, student_quantile
 from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number

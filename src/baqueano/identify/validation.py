@@ -1,4 +1,4 @@
-"""Validate a fit on held-out runs: simulate them from the commands only, with unchanged parameters.
+"""Validate a fit on held-out runs, simulated from the commands only, and recommend one of two costs.
 
     e = z − h(θ̂),   error = √ mean e²,   explained = 1 − Σ e² / Σ (z − z̄)²                                 (1)
     noise² = mean e_own² + max(0, w² − w_own²),   w² = ½ mean (e_{k+1} − e_k)²                            (2)
@@ -6,18 +6,17 @@
     g_b − ḡ_own > t_{1−α/B} s_own √(1 + 1/B_own)   and   mean_{block b} e² > 2 noise²                      (4)
     error² − s² > χ²_{1,1−α} n² / (T / SHORT_BLOCK_S),   s² = mean (z − z̄)²,
                   n² = min(noise², s²), or w² if the own runs are explained by less than 0 too            (5)
+    D = Σ_c (ẽ_c² − ê_c²)/n_c² / Σ_c ê_c²/n_c²,   ê by simulation error, ẽ by innovations                 (6)
 
-Biases, clocks and the mount of a truth are estimated on each run, and also the start if the run does not begin at
-rest. The error is compared with noise (2). This noise contains the residual of the fit on its runs, and the excess of
-this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly larger than the noise (3), or
-one block fulfils (4). Blocks have BLOCK_S, or SHORT_BLOCK_S if these are few. REFUSED: explained is significantly
-below 0 (5). CANNOT TELL: the runs contain too few independent pieces of motion of a command that moved in the fit. α
-is half of FALSE_ALARM_RATE.
+Biases, clocks, the mount of a truth, and a start in motion are estimated on each run. (2) contains the residual on the
+fitted runs, and the excess of this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly
+larger (3), or one block fulfils (4). REFUSED: explained is significantly below 0 (5). CANNOT TELL: too few pieces of
+motion of a command that moved in the fit; then segments of the fitted runs decide the cost (objective_choice.py).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,15 +24,16 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.covariance.clusters import student_quantile
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
+from baqueano.identify.parameters.free import FLOOR
 from baqueano.identify.parameters.setup import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
-from baqueano.identify.result.ratios import percent, times
+from baqueano.identify.result.verdict import percent, times
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_BLOCK_S, pieces_of
 from baqueano.identify.selection.held_out import MIN_SIGNS as ENOUGH_PIECES
 from baqueano.messages import text, verdict_line
@@ -42,6 +42,9 @@ from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
 
 MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the error is the model's
 FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a correct model
@@ -184,9 +187,8 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
 
 def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic:
     """Return a note on the horizon, the start and the amount of motion of the test."""
-    has_pose = any(
-        measures_pose(sensor) for sensor in fit.blocks.sensors
-    )  # then runs are split into segments
+    # then runs are split into segments
+    has_pose = any(measures_pose(sensor) for sensor in fit.blocks.sensors)
     spans = [min(run.duration_s, POSE_SEGMENT_S) if has_pose else run.duration_s for run in runs]
     shortest, longest = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
     if all(at_rest) and not has_pose:
@@ -326,3 +328,63 @@ def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelErro
     return _ChannelError(
         float(np.mean(e**2)) if len(e) else 0.0, white, np.array(g), np.array(begins), block_s
     )
+
+
+COMPARED = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too-short")
+
+
+def by_innovations(fit: Fit) -> bool:
+    """Return True if the fit minimised the innovations: then its parameters include the process noise."""
+    return any(name.startswith(FLOOR) for name in fit.names)
+
+
+def with_cost_advice(
+    fit: Fit, runs: Sequence[Run], validation: Validation, refit: Callable[[str], Fit]
+) -> Fit:
+    """Return the fit with a note on the cost that the held-out `runs` recommend.
+
+    `validation` is the validation of the fit on these runs, and `refit(cost)` returns the fit with another cost. The
+    fit is returned unchanged if its notes do not compare costs, or if the validation is inconclusive. If the other
+    fit is refused, or has the same cost, the note that compares costs is removed.
+    """
+    at = next((k for k, message in enumerate(fit.notes) if message.code in COMPARED), None)
+    if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
+        return fit
+    other = refit("simulation" if by_innovations(fit) else "innovations")
+    if other.verdict == Verdict.REFUSED or by_innovations(other) == by_innovations(fit):
+        return replace(fit, notes=fit.notes[:at] + fit.notes[at + 1 :])
+    both = [validation, validate(other, runs)]
+    simulation, innovations = reversed(both) if by_innovations(fit) else both
+    advice = _advice(100.0 * more_error(simulation, innovations))
+    if advice.code == "cost.held-out-smaller" and not by_innovations(fit):
+        advice = note("cost.try-innovations", fix="--cost innovations", cause=advice)
+    return replace(fit, notes=(*fit.notes[:at], advice, *fit.notes[at + 1 :]))
+
+
+def by_other_cost(
+    runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **how: Any
+) -> Callable[[str], Fit]:
+    """Return a function that fits the runs with a given cost, without diagnostics.
+
+    All other `options` and the arguments `how` of `identify` are unchanged.
+    """
+    return lambda cost: identify(
+        runs, vehicle_file, options=replace(options, cost=cost, diagnose=False), **how
+    )
+
+
+def more_error(simulation: Validation, innovations: Validation) -> float:
+    """Return D, the relative change of the squared error if the innovations replace the simulation error.  (6)"""
+    squares = {(f.run, f.channel): f.error**2 for f in innovations.figures}
+    pairs = [
+        (f.error**2 / f.noise**2, squares[f.run, f.channel] / f.noise**2)
+        for f in simulation.figures
+        if f.noise > 0.0 and (f.run, f.channel) in squares
+    ]
+    before, after = np.sum(pairs, axis=0) if pairs else (1.0, 1.0)
+    return float(after / before - 1.0)
+
+
+def _advice(percent: float) -> Diagnostic:
+    code = "cost.held-out-smaller" if percent < 0.0 else "cost.held-out-larger"
+    return note(code, percent=abs(percent))

@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict, most_severe_first
 from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
-from baqueano.identify.result.ratios import percent
+from baqueano.identify.result.verdict import percent
 from baqueano.messages import texts, with_full_stop
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit

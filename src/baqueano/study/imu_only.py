@@ -23,7 +23,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.imu_only import fit_imu_only
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number

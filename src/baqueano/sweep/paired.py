@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.covariance.clusters import student_quantile
 from baqueano.sweep.pieces import Pieces
 
 MIN_BLOCKS = 5  # blocks, for an interval

@@ -147,7 +147,7 @@ def command(
     fit = result.fit if choose else result
     validation = _validate_fit(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
     if validation is not None and not choose:
-        from baqueano.identify.cost_advice import by_other_cost, with_cost_advice
+        from baqueano.identify.validation import by_other_cost, with_cost_advice
 
         with show_activity(note("cli.judging", runs=len(validation_runs))):
             refit = by_other_cost(fit_runs, vehicle_file, **settings_of_fit)

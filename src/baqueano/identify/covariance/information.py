@@ -15,14 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, covariance_of_moves, widening
 from baqueano.identify.parallel import gram, inner, parallel_map
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
-# derivatives beyond it belong to a model that diverged; their squares are still finite
-MAX_DERIVATIVE = 1e100
 # segments for each shared parameter: with fewer, the fit pulls the sums of scores to 0
 MIN_SEGMENTS_PER_PARAMETER = 2
 WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not treated as white noise
@@ -108,11 +107,9 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     cov = factor @ factor.T  # A⁻¹ B A⁻¹
     cov = cov * (info.sample_count / max(1, info.sample_count - len(identifiable)))
     if info.scores is not None:
-        count = len(info.scores)
-        moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T)
-        move_variance = np.sum(moves**2, axis=1) * (count / (count - info.shared))
-        widening = np.sqrt(np.maximum(move_variance / np.maximum(np.diagonal(cov), 1e-300), 1.0))
-        cov = cov * np.outer(widening, widening)
+        moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T).T
+        factors = widening(np.diagonal(cov), np.diagonal(covariance_of_moves(moves, info.shared)))
+        cov = cov * np.outer(factors, factors)
     return cov / np.outer(scale, scale)
 
 

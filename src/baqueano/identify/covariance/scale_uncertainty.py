@@ -21,8 +21,8 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.identify.covariance.clusters import segment_derivatives
 from baqueano.identify.covariance.information import Information, inverse
-from baqueano.identify.covariance.jackknife import segment_derivatives
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.symbolic import get
 

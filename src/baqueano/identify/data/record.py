@@ -36,10 +36,9 @@ class Measurements(NamedTuple):
 
     z: np.ndarray  # (N, m), 0 without a measurement
     has: np.ndarray  # (N, m) 1.0 at each measurement, else 0.0
-    sample_fraction: (
-        np.ndarray | None
-    )  # (N,) part of the step by which the reading precedes the tick; None: on the tick;
-    # if the clock offset of the sensor is free: the age of the reading at the end of the row [s]
+    # (N,) part of the step by which the reading precedes the tick, or None on the tick. If the clock offset of the
+    # sensor is free: the age of the reading at the end of the row [s]
+    sample_fraction: np.ndarray | None
 
 
 class FitRecord(NamedTuple):
@@ -107,9 +106,8 @@ def past_rows_of(runs: Sequence[Run]) -> Callable[[float], int]:
         count = int(np.ceil(delay_s / typical_s - ROW_TOLERANCE))
         ends = [np.concatenate([[0.0], np.cumsum(dt_s)]) for dt_s in rows]
         spans = [np.min(t[count:] - t[:-count], initial=np.inf) for t in ends]
-        return count + bool(
-            min(spans, default=np.inf) < delay_s * (1.0 - ROW_TOLERANCE)
-        )  # one more row if ticks are uneven
+        # one more row if ticks are uneven
+        return count + bool(min(spans, default=np.inf) < delay_s * (1.0 - ROW_TOLERANCE))
 
     return row_count
 

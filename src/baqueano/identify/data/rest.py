@@ -23,7 +23,6 @@ from baqueano.signals import NANOSECONDS, ByName, Motion
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
-    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 REST_S = 1.0  # without any command, before the vehicle is treated as at rest
@@ -71,9 +70,8 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
         white_std = np.sqrt(0.5 * np.mean(step**2, axis=0))
         if not has_field(sensor, "gyro_bias") and shows_speed(sensor).any():
             first_speeds = np.abs(channel.z[:FIRST_READINGS, shows_speed(sensor)])
-            return not np.any(
-                first_speeds > ZERO_SPEED_FACTOR * white_std[shows_speed(sensor)] + TOLERANCE
-            )  # NaN is not treated as moving
+            # NaN is not treated as moving
+            return not np.any(first_speeds > ZERO_SPEED_FACTOR * white_std[shows_speed(sensor)] + TOLERANCE)
         readings_before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         is_quiet = (
             is_quiet

@@ -1,22 +1,25 @@
-"""Compute the Fisher information window by window while a vehicle drives; information.py computes the sum.
+"""Compute the Fisher information while a vehicle drives, and advise the motion that a person should drive next.
 
     S ← ∂x′/∂x S + ∂x′/∂θ                                                                                (1)
-    F ← F + Hᵀ Q⁻¹ H,   H = ∂h/∂θ + ∂h/∂x S                                                              (2)
+    F ← F + Hᵀ Q⁻¹ H,   H = ∂h/∂θ + ∂h/∂x S,     bits = −Σ log₂ σ_i                                       (2)
+    k, i = argmin log(σ_i² + GOAL_STD²) − log(σ_i,now² + GOAL_STD²),   σ of F + F_k                       (3)
 
 x is the state of the simulated vehicle, h the sensor readings, θ the parameters and the nuisance. A window is one
-call of a compiled scan over (θ, x). It returns h and x with their derivatives with respect to θ and to x at the start
-of the window. A missing measurement adds 0. Only the entries of x on which an output depends are kept, because the
-sensors here do not measure the position of the vehicle.
+call of a compiled scan over (θ, x); it returns h and x with their derivatives. A missing measurement adds 0. Only the
+entries of x on which an output depends are kept, because the sensors here do not measure the position. σ_i is the
+standard error relative to the size of the parameter, at most 1, the prior.
 
-    bits = −Σ log₂ σ_i                                                                                    (3)
-
-σ_i is the standard error relative to the size of the parameter, at most 1, the prior.
+F_k is the information of the k-th motion from rest. (3) is the first step of the search of compose.py, without walls,
+over motions with a name: the vehicle returns on the same path, or continues in circles. It considers only the
+parameter whose error decreases most. For an error below GOAL_STD the decrease has little weight.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.design.compose import RETURN_KINDS, MotionPiece
 from baqueano.identify.design.information import Informant
 from baqueano.symbolic import jacobian, scan
 from baqueano.symbolic.graph.tree import Shape, build, leaves, shape_of, values
@@ -111,7 +114,7 @@ class RecursiveInformation:
 
 
 def bits(relative_std: np.ndarray) -> float:
-    """Return the information on all parameters together [bit].  (3)"""
+    """Return the information on all parameters together [bit].  (2)"""
     return float(-np.sum(np.log2(relative_std)))
 
 
@@ -132,3 +135,87 @@ def _unflatten(shape: Shape, numbers: list["Tree"]) -> "Tree":
         piece, offset = numbers[offset : offset + leaf.size], offset + leaf.size
         leaf_values.append(np.array(piece).reshape(leaf.shape) if leaf.is_array else piece[0])
     return build(shape, iter(leaf_values))
+
+
+MOTION_S = 4.0
+LEVELS = (1.0, 0.6, 0.35)  # of the limit
+GOAL_STD = 0.01  # relative standard error that is good enough
+STEP_S = 0.4  # between sudden changes
+THERE_AND_BACK, ON_AND_ON = 0, RETURN_KINDS - 1
+
+
+class NamedMotion(NamedTuple):
+    """A motion in words and as commands."""
+
+    words: Diagnostic
+    u: np.ndarray  # (T, n)
+
+
+class NextMotion(NamedTuple):
+    """The motion to drive next, and the standard error of the parameter whose error it reduces most."""
+
+    words: Diagnostic
+    parameter: int  # index among those of interest
+    before: float  # relative standard error
+    after: float
+
+
+def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
+    """Return motions within the limits.
+
+    The first usable channel moves forward, the last one turns. Return [] without a usable channel.
+    """
+    moving, ticks = np.flatnonzero(limit > 0.0), round(MOTION_S * rate_hz)
+    if not len(moving):
+        return []
+    forward, turning = moving[0], moving[-1]
+    kinds = [("straight", (forward,), THERE_AND_BACK)]
+    if turning != forward:
+        kinds += [("turn", (turning,), THERE_AND_BACK), ("curve", (forward, turning), THERE_AND_BACK)]
+        kinds += [("circle", (forward, turning), ON_AND_ON)]
+    t = np.arange(ticks) / rate_hz
+    shapes = {
+        "steady": np.ones(ticks), "steps": np.where(np.floor(t / STEP_S) % 2 == 0.0, 1.0, 0.0),
+        "ramp": np.minimum(1.0, 2.0 * t / MOTION_S),
+    }  # fmt: skip
+    motions = []
+    for kind, channels, return_kind in kinds:
+        for shape_name, shape in shapes.items():
+            for level in LEVELS if shape_name == "steady" else LEVELS[:1]:
+                outbound = np.zeros((ticks, len(limit)))
+                outbound[:, list(channels)] = level * shape[:, None]
+                words = note(f"motion.{kind}-{shape_name}", percent=round(100.0 * level), t_s=MOTION_S)
+                motions.append(NamedMotion(words, MotionPiece(outbound, return_kind).u(ticks, limit)))
+    return motions
+
+
+class MotionAdvisor:
+    """The motions of a vehicle, and the information of each at θ."""
+
+    def __init__(self, informant: Informant, limit: np.ndarray, rate_hz: float) -> None:
+        self._informant, self._motions = informant, named_motions(limit, rate_hz)
+        self._F, self._theta = np.zeros(0), np.zeros(0)  # of each motion, at θ
+
+    def next(
+        self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, widening: np.ndarray
+    ) -> NextMotion | None:
+        """Return the motion that, after a drive with information F (q, q) [SI units], most reduces the error of one
+        parameter.  (3)
+
+        Return None for a vehicle without motions. `size` (q,) contains the sizes of the parameters. `widening` (p,) is
+        the ratio of the errors of a fit to the errors that F predicts.
+        """
+        if not self._motions:
+            return None
+        if not np.array_equal(theta, self._theta):
+            scale = np.outer(self._informant.unknowns.size, self._informant.unknowns.size)
+            informations = [self._informant.information(motion.u, theta) / scale for motion in self._motions]
+            self._F, self._theta = np.stack(informations), theta
+        D, relative_std = np.outer(size, size), self._informant.relative_std
+        std_before = np.minimum(widening * relative_std(F * D), 1.0)
+        std_after = np.array(
+            [np.minimum(widening * relative_std((F + gained) * D), 1.0) for gained in self._F]
+        )
+        gain = np.log(std_before**2 + GOAL_STD**2) - np.log(std_after**2 + GOAL_STD**2)
+        k, i = np.unravel_index(np.argmax(gain), gain.shape)
+        return NextMotion(self._motions[k].words, int(i), float(std_before[i]), float(std_after[k, i]))

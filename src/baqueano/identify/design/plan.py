@@ -21,15 +21,15 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.design.compose import Composer
-from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import (
+from baqueano.identify.design.compose import (
+    Composer,
     MotionPiece,
     PieceShape,
     gentler_piece,
     mutated_pieces,
     random_pieces,
 )
+from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contain, first_allowed
 from baqueano.identify.design.vehicle_cloud import Cloud, VehicleDistribution, possible_vehicles
 from baqueano.identify.parallel import parallel_map
@@ -39,7 +39,6 @@ from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
 
 if TYPE_CHECKING:
-    from baqueano.identify.design.room import Room
     from baqueano.vehicle_file.file import VehicleFile
 
 PIECE_S = 4.0
@@ -62,9 +61,8 @@ class Plan(NamedTuple):
     room: "Room"
     margin_m: float  # least distance between the corridor and the walls
     names: tuple[str, ...]  # of the parameters (p,)
-    relative_std: (
-        np.ndarray
-    )  # (p,) expected relative standard error; 1 if the drive does not determine the parameter
+    # (p,) expected relative standard error; 1 if the drive does not determine the parameter
+    relative_std: np.ndarray
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
     @property
@@ -171,9 +169,8 @@ class PlanSearch:
         self.composer = Composer(room, place_count, self.informant.unknowns.interest_count)
         self.pieces: list[MotionPiece] = []
         self.shape = PieceShape(0, 0, np.zeros(0))  # `fill` sets it when the coast of the vehicle is known
-        self.rest_commands = np.zeros(
-            (0, 0)
-        )  # zero commands for a second coast: after it 1 % of the stopping distance remains
+        # zero commands for a second coast: after it 1 % of the stopping distance remains
+        self.rest_commands = np.zeros((0, 0))
 
     def fill(self, piece_s: float, limit: np.ndarray, progress: Callable[[str], object]) -> None:
         """Build the library of pieces of `piece_s` [s] and compose them.

@@ -27,9 +27,9 @@ from baqueano.identify.covariance.information import (
     covariance_of,
 )
 from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.data.segments import Evaluation, add, arrow_layout, dense, diagonal_matrix
 from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
 from baqueano.identify.parallel import gram, parallel_map
-from baqueano.identify.residuals.block_arrow import Evaluation, add, arrow_layout, dense, diagonal_matrix
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _

@@ -10,7 +10,8 @@ or tape can measure. Of two starts, the start with less information is fixed. Pa
 `BLIND_RATIO` s_i, or half the span of their bounds, are also fixed. A scale is fixed if its error is above
 `SCALE_STD`, the error in its data sheet. A parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL`
 of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It can be confused with parameters that have `MEMBER_LOADING` of the
-largest entry in the direction v_j of C with most of this variance. The messages are in identifiability/advice.py.
+largest entry in the direction v_j of C with most of this variance. An effect that no run can show is
+reported once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.segments import eliminate_starts
@@ -27,6 +28,7 @@ from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY, Free
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.sensors.sampling import measures_pose
+from baqueano.vehicles.freedoms import AXIS_NAMES
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -103,11 +105,17 @@ def identifiability_of(
     return Identifiability(is_identifiable, is_weak, collinear, near)
 
 
-def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
-    """Return the other entries of the direction that contains most of the variance of entry k."""
+def _directions(A: np.ndarray, identifiable: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the indices of the entries `identifiable`, and the eigenvalues and eigenvectors of their C.  (1)"""
     index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
+    return index, values, vectors
+
+
+def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
+    """Return the other entries of the direction that contains most of the variance of entry k."""
+    index, values, vectors = _directions(A, identifiable)
     row = vectors[int(np.searchsorted(index, k))]
     v = np.abs(vectors[:, np.argmax(row**2 / np.maximum(values, 1e-12 * values[-1]))])
     return tuple(int(i) for i in index[v >= MEMBER_LOADING * v.max()] if i != k)
@@ -115,9 +123,7 @@ def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tupl
 
 def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | None:
     """Return v (p,) with C v ≈ 0 among the entries `identifiable`, or None.  (1)"""
-    index = np.flatnonzero(identifiable)
-    root = 1.0 / np.sqrt(np.diagonal(A)[index])
-    values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
+    index, values, vectors = _directions(A, identifiable)
     if values[0] > SINGULAR_EIGENVALUE * values[-1]:
         return None
     v = np.zeros(len(A))
@@ -232,3 +238,114 @@ class FinishedFit(NamedTuple):
         """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
         `identifiability`."""
         return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]
+
+
+MAX_NAMES = 4  # names in one message
+WARNING = Severity.WARNING
+
+
+def weak_reason(parameter: Free, confused: Sequence[Free]) -> Diagnostic:
+    """Return the reason for the large error of a parameter, and the motion that would reduce it."""
+    if confused:
+        names = _names(confused)
+        return note(
+            "identifiability.weakly-beside",
+            WARNING,
+            subject=parameter.path,
+            others=names,
+            why=_motion_note((parameter, *confused)),
+            needs=_needed_motion(parameter),
+        )
+    return note(
+        "identifiability.weakly",
+        WARNING,
+        subject=parameter.path,
+        why=_motion_note((parameter,)),
+        needs=_needed_motion(parameter),
+    )
+
+
+def unobservable_reason(
+    parameter: Free, collinear: Sequence[Free], value: float, confused: Sequence[Free] = ()
+) -> Diagnostic:
+    """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
+    if collinear:
+        return note(
+            "identifiability.tied",
+            subject=parameter.path,
+            others=_names(collinear),
+            at=value,
+            how=_by_hand(parameter),
+            apart=_separation((parameter, *collinear)),
+        )
+    if parameter.of.role == "scale":
+        return note(
+            "identifiability.scale", subject=parameter.path, at=value, needs=_needed_motion(parameter)
+        )
+    reason, needs = _motion_note((parameter, *confused)), _needed_motion(parameter)
+    if confused:
+        return note(
+            "identifiability.not-beside",
+            subject=parameter.path,
+            others=_names(confused),
+            at=value,
+            why=reason,
+            needs=needs,
+        )
+    return note("identifiability.not", subject=parameter.path, at=value, why=reason, needs=needs)
+
+
+def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Diagnostic:
+    """Return the reason why the fit does not determine the column of `command` in the gain matrix, T or V."""
+    names = _names(parameters)
+    if never and command == "u_y":
+        return note("identifiability.never-sideways", subject=parameters[0].path, names=names)
+    code = "identifiability.never" if never else "identifiability.command-still"
+    return note(code, subject=parameters[0].path, names=names, command=command)
+
+
+def _names(parameters: Sequence[Free]) -> str:
+    """Return the short names as text, at most MAX_NAMES."""
+    return ", ".join(
+        [parameter.short for parameter in parameters[:MAX_NAMES]] + ["…"] * (len(parameters) > MAX_NAMES)
+    )
+
+
+def _motion_note(parameters: Sequence[Free]) -> Diagnostic | str:
+    """Return a note on the limited motion that does not separate the `parameters`, or ""."""
+    axes = {parameter.axis for parameter in parameters if parameter.axis is not None}
+    if axes == {1}:
+        return note("identifiability.hardly-sideways")
+    frictions = {
+        parameter.path.partition("[")[0]
+        for parameter in parameters
+        if parameter.axis is not None and parameter.of.role != "gain"
+    }
+    if len(axes) == 1 and len(frictions) > 1:
+        return note("identifiability.few-speeds") if axes == {0} else note("identifiability.few-turn-rates")
+    return ""
+
+
+def _by_hand(parameter: Free) -> Diagnostic:
+    return (
+        note("identifiability.by-hand", by=parameter.of.measured_by)
+        if parameter.of.measured_by
+        else note("identifiability.fix-one")
+    )
+
+
+def _separation(parameters: Sequence[Free]) -> Diagnostic | str:
+    """Return a note with one or two motions that separate the `parameters`, or ""."""
+    motions = [*dict.fromkeys(parameter.shown_by for parameter in parameters if parameter.shown_by)][:2]
+    if len(motions) == 2:
+        return note("identifiability.apart-by-two", first=motions[0], second=motions[1])
+    return note("identifiability.apart", motion=motions[0]) if motions else ""
+
+
+def _needed_motion(parameter: Free) -> Diagnostic:
+    if parameter.shown_by:
+        return note("identifiability.needs", motion=parameter.shown_by)
+    if parameter.of.role == "gain" and parameter.of.shape == (3, 3):
+        row, column = (AXIS_NAMES[i] for i in parameter.entry)
+        return note("identifiability.needs-command", command=column, motion=row)
+    return note("identifiability.needs-run")

@@ -19,7 +19,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 
 MIN_SAMPLES = 16  # samples
 MIN_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown

@@ -28,7 +28,6 @@ from baqueano.signals import seconds
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.runs.run import Channel, Run
     from baqueano.vehicle_file import VehicleFile
 
 MIN_SAMPLES = 200  # samples

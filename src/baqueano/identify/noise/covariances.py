@@ -13,7 +13,7 @@ deviations are at least MIN_RELATIVE_STD of the signal's size, eigenvalues of th
 `MIN_EIGENVALUE`. `notes` lists the raised values. Errata 5: the paper's printed Q and R are not positive definite.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
@@ -32,7 +33,6 @@ from baqueano.identify.noise.acceptance import Acceptance, accept
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import MIN_RELATIVE_STD, process_covariance, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
-from baqueano.identify.noise.unfitted_channels import unfitted_covariance
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
 from baqueano.messages.language import number, shown_unit
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 MIN_EIGENVALUE = 1e-6  # least eigenvalue of a correlation matrix
 MIN_STD = 1e-9  # least standard deviation, in its unit
 CLIP_SIGMA = 4.0  # standard deviations
-MIN_SAMPLES = 30  # samples for a covariance
+MIN_SAMPLES = 30  # samples for a variance or covariance
 STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
 STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")
 
@@ -233,18 +233,9 @@ def measure_noise(
             ekf, check = accept(ekf, make_filter, held_out, backend)
         in_motion |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
-        no_process = np.zeros((0, 0))
+        no_process, rate = np.zeros((0, 0)), fit.file.rate_hz
         return Noise(
-            in_motion,
-            at_rest,
-            no_process,
-            fit.file.rate_hz,
-            "innovations",
-            tuple(notes),
-            units,
-            fields,
-            speed,
-            check,
+            in_motion, at_rest, no_process, rate, "innovations", tuple(notes), units, fields, speed, check
         )
     runs_with_truth = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
@@ -293,7 +284,7 @@ def positive_definite(
 def _measurement(
     fit: Fit, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
-    """Return Q of each sensor, in motion and at rest: (1), or unfitted_channels.py if a channel was not fitted."""
+    """Return Q of each sensor, in motion and at rest: (1), or `unfitted_covariance` if a channel was not fitted."""
     in_motion: dict[str, np.ndarray] = {}
     at_rest: dict[str, np.ndarray | None] = {}
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
@@ -369,3 +360,39 @@ def _is_at_rest(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> 
 def _cov(r: np.ndarray) -> np.ndarray:
     """Return the covariance (m, m) of rows r (N, m)."""
     return np.atleast_2d(np.cov(r.T)) if len(r) > 1 else np.zeros((r.shape[1], r.shape[1]))
+
+
+def unfitted_covariance(
+    name: str, block: Tree, fitted_variance: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
+) -> np.ndarray | None:
+    """Return Q (m, m) of a sensor with channels that were not fitted, or None if it is unknown.
+
+    Q of the file counts if it has every channel. Else a channel has the value of the file, of its residuals
+    (`fitted_variance` (m,)), of its readings at rest, or 1: with 0 a filter would follow only this sensor.
+    """
+    file_variance = np.diagonal(block.cov)
+    if np.all(file_variance > 0.0):
+        notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))
+        return block.cov
+    channels = [run.sensors.get(name) for run in runs]
+    if any(channel is None or channel.z.shape[1] != block.size for channel in channels):
+        return None
+    variance = np.where(file_variance > 0.0, file_variance, fitted_variance)
+    for i in np.flatnonzero(variance <= 0.0):
+        variance[i] = next((v for v in _candidates(name, int(i), runs) if v > 0.0), 1.0)
+        sigma = float(np.sqrt(variance[i]))
+        notes.append(note("noise.of-its-rest", Severity.WARNING, subject=f"{name}[{i}]", sigma=sigma))
+    return np.diag(variance)
+
+
+def _candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
+    """Yield the variance of channel i at rest, about the mean of each run, then the white part of all its readings."""
+    deviations_at_rest, steps = [np.zeros(0)], [np.zeros(0)]
+    for run in runs:
+        channel = run.sensors[name]
+        z, finite = channel.z[:, i], np.isfinite(channel.z[:, i])
+        at_rest = z[finite & is_at_rest(run, channel.t_ns)]
+        deviations_at_rest.append(at_rest - at_rest.mean() if len(at_rest) else at_rest)
+        steps.append(np.diff(z[finite]))
+    for x, factor in ((np.concatenate(deviations_at_rest), 1.0), (np.concatenate(steps), 0.5)):
+        yield factor * float(np.mean(x**2)) if len(x) >= MIN_SAMPLES else 0.0

@@ -29,7 +29,9 @@ from baqueano.identify.noise.most_likely import (
     example_of,
     log_det_and_square,
     minimise_by_steps,
+    robust_square,
     ticks_of,
+    total_cost,
 )
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
@@ -106,13 +108,9 @@ def filter_noise(
     kernel = scan(_likelihood(ekf, free), ekf.init(), example_of(ekf), np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
 
-    def cost(x: np.ndarray) -> float:
-        total = sum(float(kernel.cost(run_ticks, x)) for run_ticks in ticks)
-        return total if np.isfinite(total) else np.inf
-
     low, high = (np.log([getattr(parameter, side) for parameter in free]) for side in ("low", "high"))
     start = np.clip([np.log(get(ekf, parameter.path)) / parameter.power for parameter in free], low, high)
-    x = minimise_by_steps(cost, start, low, high) if free else start
+    x = minimise_by_steps(total_cost(kernel, ticks), start, low, high) if free else start
     for value, parameter in zip(x, free, strict=True):
         ekf = put(ekf, parameter.path, float(np.exp(parameter.power * value)))
     if is_dynamic(ekf.vehicle):
@@ -224,9 +222,8 @@ def _rounding(
 ) -> dict[tuple[str, int], tuple[float, float]]:
     """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
     channels, variances = _layout_channels(layout), {}
-    position_channels = {
-        channels[k] for group in layout.pose_groups for k in group
-    }  # repeated positions of a tag are not quantised
+    # repeated positions of a tag are not quantised
+    position_channels = {channels[k] for group in layout.pose_groups for k in group}
     for name, i in channels:
         z = np.concatenate(
             [run.sensors[name].z[:, i] for run in runs if name in run.sensors] or [np.zeros(0)]
@@ -265,11 +262,7 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
             S * is_used[:, None] * is_used[None, :] + np.diag(1.0 - is_used), np.where(is_used > 0.0, y, 0.0)
         )
         m = np.maximum(np.sum(is_used), 1.0)
-        outlier_limit = ROBUST_SIGMA * np.sqrt(m)
-        d = np.sqrt(np.maximum(square, 1e-12))
-        return belief, 0.5 * (
-            log_det + np.where(d < outlier_limit, square, 2.0 * outlier_limit * d - outlier_limit**2)
-        )
+        return belief, 0.5 * (log_det + robust_square(square, ROBUST_SIGMA * np.sqrt(m)))
 
     return step
 

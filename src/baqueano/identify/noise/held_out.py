@@ -19,7 +19,7 @@ from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.noise.most_likely import (
     ROBUST_SIGMA,
     example_of,

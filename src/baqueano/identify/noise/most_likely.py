@@ -27,10 +27,9 @@ from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, seconds, sensor_slots
 from baqueano.symbolic import put, scan
+from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort
 
-if TYPE_CHECKING:
-    from baqueano.identify.result.fit_result import Fit
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
@@ -52,12 +51,18 @@ def process_covariance(
     size = np.max([_motion_size(fit, run) for run in runs], axis=0)
     low, high = np.log(MIN_RELATIVE_STD * size), np.log(size)
 
+    q = minimise_by_steps(total_cost(kernel, ticks), np.clip(np.log(0.03 * size), low, high), low, high)
+    return np.diag(np.exp(2.0 * q)), size
+
+
+def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], float]:
+    """Return the function q → cost of a scan over the ticks of all runs, inf for a filter that diverges."""
+
     def cost(q: np.ndarray) -> float:
         total = sum(float(kernel.cost(run_ticks, q)) for run_ticks in ticks)
         return total if np.isfinite(total) else np.inf
 
-    q = minimise_by_steps(cost, np.clip(np.log(0.03 * size), low, high), low, high)
-    return np.diag(np.exp(2.0 * q)), size
+    return cost
 
 
 def minimise_by_steps(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -97,6 +102,12 @@ def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:
     return total, square
 
 
+def robust_square(square: Tree, limit: Tree) -> Tree:
+    """Return ρ of the squared distance `square`, which grows linearly with a distance above `limit`.  (2)"""
+    d = np.sqrt(np.maximum(square, 1e-12))
+    return np.where(d < limit, square, 2.0 * limit * d - limit**2)
+
+
 def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     """Return the filter of the file with the fitted vehicle and the measured Q, or an `Ekf` if the file has another
     kind of filter."""
@@ -128,9 +139,7 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
             span = slice(offset, offset + m)
             y = np.where(has, innovation[span], 0.0)
             log_det, square = log_det_and_square(cov[span, span], y)
-            limit = ROBUST_SIGMA * np.sqrt(m)
-            d = np.sqrt(np.maximum(square, 1e-12))
-            rho = np.where(d < limit, square, 2.0 * limit * d - limit**2)
+            rho = robust_square(square, ROBUST_SIGMA * np.sqrt(m))
             total = total + np.where(has, 0.5 * (log_det + rho), 0.0)
             offset += m
         return belief, total

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,10 +39,6 @@ from baqueano.sensors.sampling import Signal, constant_signal, measures_pose, st
 from baqueano.signals import ByName, Motion
 from baqueano.vehicles.freedoms import coasting_axes
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import Tree
-    from baqueano.signals import ByName
-
 BIASES = ("accel_bias", "gyro_bias")
 POSE_SEGMENT_S = 5.0  # length of a segment if a pose is used: a simulated heading drifts away
 LEAD_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state remains
@@ -55,9 +51,8 @@ class Shape(NamedTuple):
     shared: tuple[str, ...]  # paths that all runs share
     per_run: tuple[str, ...]  # paths with one value per run: biases
     start: tuple[int, ...]  # indices of START_NAMES that are free
-    sample_fraction: tuple[
-        bool, ...
-    ]  # for each sensor, True if its timestamps are between ticks, or if its clock is free
+    # for each sensor, True if its timestamps are between ticks, or if its clock is free
+    sample_fraction: tuple[bool, ...]
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
     past_rows: int = 0  # rows before the newest that free clocks need
     has_voltage: bool = False  # True if rows end with the battery's voltage

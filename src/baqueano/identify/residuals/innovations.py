@@ -24,8 +24,8 @@ from baqueano.estimators.covariance import mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
 from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.free import substitute, value
-from baqueano.identify.parameters.setup import Shape, initial_state
+from baqueano.identify.parameters.free import substitute
+from baqueano.identify.parameters.setup import Shape, example, initial_state
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
@@ -123,8 +123,7 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
             [correction.e, is_present * np.log(correction.s)]
         )
 
-    example = [*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))]
-    theta = np.array([*example, *np.ones(len(axes)), *np.zeros(m)])
+    theta = np.array([*example(blocks, shape), *np.ones(len(axes)), *np.zeros(m)])
     return scan(step, start, np.zeros(q), theta, backend=backend)
 
 

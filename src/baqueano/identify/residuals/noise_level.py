@@ -53,10 +53,7 @@ def informative_rows(
     """Return `has` (N, m), set to 0 if the measurement z is exactly 0 and the residual is within STILL_FRACTION of
     the largest measurement. A channel that would keep fewer than MIN_MEASUREMENTS rows is unchanged.
     """
-    largest = np.max(
-        [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
-        axis=0,
-    )
+    largest = _largest(z, has)
     informative = [
         presence * ~((v == 0.0) & (np.abs(r) <= STILL_FRACTION * largest))
         for r, presence, v in zip(residuals, has, z, strict=True)
@@ -68,24 +65,31 @@ def informative_rows(
     ]
 
 
-def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the least σ (m,): 1/√12 of a converter's step, or MIN_RELATIVE_SIGMA of the largest value, if larger."""
-    steps = np.concatenate([_steps(block) for block in blocks])
-    largest = np.max(
+def _largest(z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the largest absolute measurement (m,) of each channel over all segments."""
+    return np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
         axis=0,
     )
+
+
+def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the least σ (m,): 1/√12 of a converter's step, or MIN_RELATIVE_SIGMA of the largest value, if larger."""
+    steps = np.concatenate([_steps(block) for block in blocks])
+    largest = _largest(z, has)
     return np.maximum(steps / np.sqrt(12.0), np.maximum(MIN_RELATIVE_SIGMA * largest, 1e-12))
 
 
 def sigma_of_rare_channels(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
     """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than MIN_MEASUREMENTS, else 0."""
     count = np.sum([presence.sum(axis=0) for presence in has], axis=0)
-    file_sigma = [
-        np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))
-        for b in blocks
-    ]
-    return np.where(count < MIN_MEASUREMENTS, np.concatenate(file_sigma), 0.0)
+    return np.where(count < MIN_MEASUREMENTS, sigma_of_file(blocks), 0.0)
+
+
+def sigma_of_file(blocks: "ByName[Tree]") -> np.ndarray:
+    """Return σ (m,) from the covariance of the sensor blocks, 0 for a sensor without one."""
+    covariances = [np.zeros((b.size, b.size)) if (Q := optional.of(b, "cov")) is None else Q for b in blocks]
+    return np.concatenate([np.sqrt(np.maximum(np.diagonal(Q), 0.0)) for Q in covariances])
 
 
 def _steps(block: Tree) -> np.ndarray:

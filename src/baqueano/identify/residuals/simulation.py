@@ -22,11 +22,10 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.data.segments import ThetaLayout
+from baqueano.identify.data.segments import Evaluation, ThetaLayout, add, arrow_layout, diagonal_matrix
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import substitute
 from baqueano.identify.parameters.setup import Shape, example, initial_state, read_sensors, vehicle_at_start
-from baqueano.identify.residuals.block_arrow import Evaluation, add, arrow_layout, diagonal_matrix
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots

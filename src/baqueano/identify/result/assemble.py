@@ -2,30 +2,33 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
+from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
 from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, inverse
-from baqueano.identify.covariance.jackknife import jackknife, with_larger_errors
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose, inflate_covariance
-from baqueano.identify.identifiability.advice import missing_command, unobservable_reason, weak_reason
-from baqueano.identify.identifiability.identifiable import FinishedFit, has_one_mean
+from baqueano.identify.identifiability.identifiable import (
+    FinishedFit,
+    has_one_mean,
+    missing_command,
+    unobservable_reason,
+    weak_reason,
+)
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY, Free, substitute, value
 from baqueano.identify.parameters.setup import START_NAMES
+from baqueano.identify.residuals.noise_level import sigma_of_file
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, remarks, verdict_of
 from baqueano.messages.language import translate as _
-
-if TYPE_CHECKING:
-    pass
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
 HELD_SIGMA = 3.0
@@ -120,7 +123,7 @@ def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...],
         or _is_interrupted(end, _("testing for effects that the model lacks"))
     ):
         return end.findings, {}
-    messages, error_by_path = diagnose(end, sd, sigma_of_file(end.blocks))
+    messages, error_by_path = diagnose(end, sd, sigma_of_file(end.blocks.sensors))
     return tuple(messages), error_by_path
 
 
@@ -154,7 +157,7 @@ def _evidence(
         _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation),
         solution.converged,
         end.info.autocorrelation,
-        None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks),
+        None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks.sensors),
         findings,
         _weak_reasons(end),
         _most_moving(end),
@@ -372,15 +375,6 @@ def _mount_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
         f"{path.removeprefix(MOUNT_PREFIX)} = {x:.4g}" for path, x in pairs if path.startswith(MOUNT_PREFIX)
     )
     return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
-
-
-def sigma_of_file(blocks: FittedBlocks) -> np.ndarray:
-    """Return the standard deviations (m,) of the sensors in the file, 0 if the file does not contain them."""
-    out = []
-    for sensor in blocks.sensors:
-        cov = getattr(sensor, "cov", np.zeros((sensor.size, sensor.size)))
-        out.append(np.sqrt(np.maximum(np.diagonal(cov), 0.0)))
-    return np.concatenate(out)
 
 
 def _by_sensor(problem: Residuals, sigma: np.ndarray) -> dict[str, np.ndarray]:

@@ -9,10 +9,9 @@ import numpy as np
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.parameters.free import entries, free_parameter
-from baqueano.identify.result.ratios import percent
-from baqueano.identify.result.verdict import without_model_prefix
+from baqueano.identify.result.verdict import percent, without_model_prefix
 from baqueano.messages import group_sentences, text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit

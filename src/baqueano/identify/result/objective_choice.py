@@ -1,6 +1,6 @@
 """Choose between two costs: θ̂ of the simulation error or θ̃ of the innovations.
 
-    θ_b − θ = (A − A_b)⁻¹ g_b        of either fit, without block b of BLOCK_S (jackknife.py)             (1)
+    θ_b − θ = (A − A_b)⁻¹ g_b        of either fit, without block b of BLOCK_S (clusters.py)              (1)
     D_b = C_b(θ̃_b) − C_b(θ̂_b),      z = Σ D_b / √(n var D_b)   over n blocks                              (2)
     t_i = (θ̂ − θ̃)_i / √((n − 1)/n Σ_b (δ_b − δ̄)_i²),   δ_b = θ̂_b − θ̃_b                                   (3)
 
@@ -23,14 +23,15 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.covariance.jackknife import (
+from baqueano.identify.covariance.clusters import (
     MIN_BLOCKS,
     MIN_REMAINDER,
     block_duration_s,
+    covariance_of_moves,
     edges_of,
     segment_derivatives,
+    student_quantile,
 )
-from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.identify.data.segments import derivatives_without_start
 from baqueano.identify.estimation.prediction_error import (
     BETA,
@@ -192,8 +193,7 @@ def leave_one_out(
     common = np.intersect1d(identifiable, free)
     common = common[common < len(names)]
     delta = changes[0][:, common] - changes[1][:, common]
-    n = len(delta)
-    std = np.sqrt((n - 1) / n * np.sum((delta - delta.mean(axis=0)) ** 2, axis=0))
+    std = np.sqrt(np.diagonal(covariance_of_moves(delta)))
     difference = np.abs(theta[common] - x[common]) / np.maximum(std, 1e-300)
     return LeftOutBlocks(
         np.subtract(other_cost, cost), float(np.sum(cost)), difference, [names[k] for k in common]

@@ -27,7 +27,7 @@ from baqueano.symbolic import get, put
 from baqueano.vehicle_file.envelope import Envelope
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, Tree
+    from baqueano.contracts.values import JsonObject
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 

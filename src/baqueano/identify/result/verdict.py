@@ -20,13 +20,30 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.identify.covariance.clusters import student_quantile
 from baqueano.identify.covariance.information import WHITE_LIMIT
-from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.vehicle_file.units import CHANNEL_UNITS
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
+
+
+def percent(part: float, digits: int = 1) -> str:
+    """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller value."""
+    if np.isnan(part):
+        return "-"
+    return f"{number(100.0 * part):.{digits}f} %" if part > -1.0 else _("below -100 %")
+
+
+def times(ratio: float) -> str:
+    """Return a ratio as text, such as "2.1×"; "-" for NaN."""
+    if np.isnan(ratio):
+        return "-"
+    return f"{number(ratio):.2f}×" if ratio < 1e3 else _("over 1000×")
+
 
 MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
 MAX_UNSEEN_SHARE = 0.5  # largest allowed part of unidentifiable parameters

@@ -16,9 +16,6 @@ from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.identify.data.record import FittedBlocks
-    from baqueano.identify.result.fit_result import Fit
-    from baqueano.identify.selection.terms import Term
     from baqueano.vehicle_file import VehicleFile
 
 NO_EVIDENCE = N_(
@@ -124,9 +121,8 @@ class TermResult(NamedTuple):
 class Choice:
     """A model with the terms that held-out data support, and its fit."""
 
-    judged: tuple[
-        TermResult, ...
-    ]  # the last result for each term: first the terms in the model, in their order
+    # the last result for each term: first the terms in the model, in their order
+    judged: tuple[TermResult, ...]
     fit: "Fit" = field(repr=False)
     rule: str  # the held-out data, and the condition for a term
 

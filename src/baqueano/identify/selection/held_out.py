@@ -22,7 +22,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.covariance.clusters import covariance_of_moves, student_quantile
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import parallel_map
@@ -227,9 +227,7 @@ def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
     """
     if len(score.estimates) < 2:
         return np.full(len(entries), np.nan)
-    x = score.estimates[:, list(entries)]
-    k = len(x)
-    return np.sqrt((k - 1) / k * np.sum((x - x.mean(axis=0)) ** 2, axis=0))
+    return np.sqrt(np.diagonal(covariance_of_moves(score.estimates[:, list(entries)])))
 
 
 def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:

@@ -22,6 +22,7 @@ from baqueano.identify.covariance.information import own_information, own_std
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL, with_voltage
 from baqueano.identify.data.record import FittedBlocks, past_rows_of
 from baqueano.identify.data.rest import begins_at_rest, with_gyro_at_rest
+from baqueano.identify.data.segments import dense
 from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import Task, search
@@ -36,7 +37,6 @@ from baqueano.identify.parameters.free import (
     has_offset,
 )
 from baqueano.identify.parameters.setup import first_theta, records_of, shape_of, with_pose_segments
-from baqueano.identify.residuals.block_arrow import dense
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of

@@ -23,7 +23,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     DELAY,
@@ -236,9 +236,8 @@ def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
 
 
 def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
-    moving_motions = [
-        m for m in motions if np.any(m.max_nu > 0.0)
-    ]  # a servo without a motor does not move the vehicle
+    # a servo without a motor does not move the vehicle
+    moving_motions = [m for m in motions if np.any(m.max_nu > 0.0)]
     single_channel, terms = [m for m in moving_motions if np.count_nonzero(m.w) == 1], []
     for direction, field, sign in zip(("forward", "backward"), DEAD_ZONE_PATHS, (1.0, -1.0), strict=True):
         commands = [(k, abs(float(m.w[k]))) for m in single_channel for k in np.flatnonzero(sign * m.w > 0.0)]

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.messages import text
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _

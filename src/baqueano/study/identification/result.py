@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, work

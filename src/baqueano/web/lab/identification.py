@@ -16,8 +16,7 @@ from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design.information import Informant
-from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation, bits
-from baqueano.identify.design.next_motion import MotionAdvisor
+from baqueano.identify.design.live import WINDOW_TICKS, MotionAdvisor, RecursiveInformation, bits
 from baqueano.identify.fit import identify
 from baqueano.identify.parameters.free import Free, free_parameter
 from baqueano.runs.logs import Channel
