@@ -63,7 +63,7 @@ class Pd:
 
     alpha: float = parameter("unit of u per m", "gain α of the along-track error, e_x")
     beta: float = parameter("unit of u per rad", "gain β of the heading error e_ψ")
-    gamma: float = parameter("unit of u per rad/s", "gain γ of its rate of change", default=0.0)
+    gamma: float = parameter("unit of u per rad/s", "gain γ of the rate of change of e_ψ", default=0.0)
     limit: np.ndarray = parameter(
         "unit of u",
         "largest command: (u_x, u_y, u_ψ), or (throttle, servo)",

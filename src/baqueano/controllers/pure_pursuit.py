@@ -39,8 +39,10 @@ class PurePursuit(ModelFollower):
     """
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
-    look_ahead_m: float = parameter("m", "distance L to the point, at rest", low=0.01, high=10.0, default=0.1)
-    look_ahead_s: float = parameter("s", "increase of L per m/s", low=0.0, high=10.0, default=0.3)
+    look_ahead_m: float = parameter("m", "look-ahead distance L at rest", low=0.01, high=10.0, default=0.1)
+    look_ahead_s: float = parameter(
+        "s", "increase of the look-ahead distance L per m/s", low=0.0, high=10.0, default=0.3
+    )
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""

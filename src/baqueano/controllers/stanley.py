@@ -49,7 +49,7 @@ class Stanley(ModelFollower):
     soft_m_s: float = parameter(
         "m/s", "v_soft: makes the steering softer at low speed", low=1e-3, high=10.0, default=0.05
     )
-    steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
+    steepest_rad: float = parameter("rad", "largest steering angle δ", low=0.01, high=1.5, default=0.8)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""

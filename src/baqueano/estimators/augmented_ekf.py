@@ -98,7 +98,7 @@ class AugmentedEkf:
 
     vehicle: DynamicVehicle
     sensors: SensorBlocks
-    rate_hz: float = parameter("Hz", "the rate of the ticks", low=1e-3, default=100.0)
+    rate_hz: float = parameter("Hz", "ticks per second", low=1e-3, default=100.0)
     use: tuple[str, ...] = ("imu",)
     speed_from: tuple[str, ...] = ()
     gate_sigma: float = parameter(

@@ -75,11 +75,17 @@ class Complementary:
 
     vehicle: DynamicVehicle
     sensors: SensorBlocks
-    rate_hz: float = parameter("Hz", "ticks a second", low=1e-3, default=100.0)
-    blend_time_s: float = parameter("s", "T: slower changes are taken from the wheels", low=1e-3, default=0.5)
-    rest_time_s: float = parameter("s", "T_b to learn the gyro's bias", low=1e-3, default=1.0)
+    rate_hz: float = parameter("Hz", "ticks per second", low=1e-3, default=100.0)
+    blend_time_s: float = parameter(
+        "s", "time constant T: slower changes are taken from the wheels", low=1e-3, default=0.5
+    )
+    rest_time_s: float = parameter("s", "time constant T_b of the estimated gyro bias", low=1e-3, default=1.0)
     velocity_std: np.ndarray = parameter(
-        "m/s, m/s, rad/s", "√V", low=0.0, default=(0.03, 0.03, 0.01), shape=(3,)
+        "m/s, m/s, rad/s",
+        "standard deviations of the measured velocity, √V",
+        low=0.0,
+        default=(0.03, 0.03, 0.01),
+        shape=(3,),
     )
     readings: tuple[Reading, ...] = field(init=False)
 

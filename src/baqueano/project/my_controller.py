@@ -26,9 +26,11 @@ class MyController:
     searches the fields that are parameters, within their bounds.
     """
 
-    k_x: float = parameter("unit of u per m", "forward push", low=0.0, high=20.0, default=3.0)
-    k_y: float = parameter("rad/m²", "turn back to the path", low=0.0, high=200.0, default=40.0)
-    k_psi: float = parameter("rad/m", "turn into its direction", low=0.0, high=40.0, default=8.0)
+    k_x: float = parameter(
+        "unit of u per m", "command per along-track error", low=0.0, high=20.0, default=3.0
+    )
+    k_y: float = parameter("rad/m²", "curvature per cross-track error", low=0.0, high=200.0, default=40.0)
+    k_psi: float = parameter("rad/m", "curvature per heading error", low=0.0, high=40.0, default=8.0)
     full_speed_m_s: float = 0.5
     full_turn_rad_s: float = 8.0
 

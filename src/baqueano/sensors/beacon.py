@@ -52,12 +52,12 @@ class Beacon(SampledSensor):
         "m", "height of the beacon above the sensor, z", low=0.0, high=100.0, default=0.0
     )
     delay_slots: int = 0
-    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
+    rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=10.0)
     noise_std: float = parameter("m", "white noise of the range", low=0.0, high=100.0, default=0.1)
     offset_m: float = parameter(
         "m", "offset of the reading from the distance, d", low=-10.0, high=10.0, default=0.0
     )
-    farthest_m: float = parameter("m", "beyond this distance it does not respond", low=1e-3, default=INF)
+    farthest_m: float = parameter("m", "largest distance that is measured", low=1e-3, default=INF)
     lever_arm_m: np.ndarray = parameter(
         "m", "position of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
         measured_by="the tape",

@@ -46,7 +46,7 @@ class Compass(SampledSensor):
     size: ClassVar[int] = 1
 
     delay_slots: int = 0
-    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
+    rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=10.0)
     noise_std: float = parameter("rad", "white noise of the heading", low=0.0, high=10.0, default=0.1)
     heading_rad: float = parameter(
         "rad", "reading when the vehicle points along x of the map, χ", low=-7.0, high=7.0, default=0.0,

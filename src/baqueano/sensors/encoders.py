@@ -73,7 +73,7 @@ class Encoders:
         default=65536.0,
         role="known",
     )
-    rate_hz: float = parameter("Hz", "readings a second", low=1e-3, high=1e5, default=50.0)
+    rate_hz: float = parameter("Hz", "readings per second", low=1e-3, high=1e5, default=50.0)
     radius_scale: np.ndarray = radii()
     noise_std: float = parameter(
         "m/s", "white noise in addition to the counts", low=0.0, high=100.0, default=0.0

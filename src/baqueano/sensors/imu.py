@@ -61,7 +61,7 @@ class Imu:
     measurement_model: str = "physical"
     delay_slots: int = 0
     has_low_pass: bool = False
-    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
+    rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=100.0)
     accel_bias: np.ndarray = parameter(
         "m/s²", "bias of the accelerometers", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
         symbol=("b_{a,x}", "b_{a,y}"), std="accel_bias_std", walk="accel_bias_walk",
@@ -104,12 +104,14 @@ class Imu:
         "rad", "turn of the IMU on the vehicle, to the left", low=-3.2, high=3.2, default=0.0,
         shown_by="sudden starts and stops in a straight line", symbol=r"\psi_{s}",
     )  # fmt: skip
-    accel_limit: float = parameter("m/s²", "end of the accelerometers' range", low=1e-3, default=INF)
-    gyro_limit: float = parameter("rad/s", "end of the gyro's range", low=1e-3, default=INF)
+    accel_limit: float = parameter("m/s²", "full-scale range of the accelerometers", low=1e-3, default=INF)
+    gyro_limit: float = parameter("rad/s", "full-scale range of the gyro", low=1e-3, default=INF)
     accel_step: float = parameter(
-        "m/s²", "step of the converter; 0 for none", low=0.0, high=10.0, default=0.0
+        "m/s²", "quantization step of the converter; 0 for none", low=0.0, high=10.0, default=0.0
     )
-    gyro_step: float = parameter("rad/s", "step of the converter; 0 for none", low=0.0, high=1.0, default=0.0)
+    gyro_step: float = parameter(
+        "rad/s", "quantization step of the converter; 0 for none", low=0.0, high=1.0, default=0.0
+    )
     temperature_c: float = parameter("°C", "temperature of the chip", low=-100.0, high=200.0, default=25.0)
     temperature_reference_c: float = parameter(
         "°C", "temperature at which the biases are valid", low=-100.0, high=200.0, default=25.0

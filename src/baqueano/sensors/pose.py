@@ -44,7 +44,7 @@ class Pose(SampledSensor):
     usual_std: ClassVar[tuple[float, ...]] = (0.005, 0.005, 0.01)  # of a camera above the floor
 
     delay_slots: int = 0
-    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
+    rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=10.0)
     noise_std: np.ndarray = parameter(
         "m, m, rad", "white noise of the pose", low=0.0, high=100.0, default=(0.0, 0.0, 0.0), shape=(3,)
     )

@@ -56,9 +56,9 @@ class Rangefinder(SampledSensor):
     )
     half_width_m: float = parameter("m", "extent of the wall to each side", low=0.0, default=INF)
     delay_slots: int = 0
-    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=20.0)
+    rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=20.0)
     noise_std: float = parameter("m", "white noise of the range", low=0.0, high=100.0, default=0.01)
-    farthest_m: float = parameter("m", "beyond this distance it does not respond", low=1e-3, default=4.0)
+    farthest_m: float = parameter("m", "largest distance that is measured", low=1e-3, default=4.0)
     incidence_rad: float = parameter(
         "rad", "largest angle between beam and normal of the wall", low=0.0, high=1.5, default=0.35
     )

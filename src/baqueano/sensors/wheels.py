@@ -92,7 +92,7 @@ class Wheels(SampledSensor):
 
     track_m: float = track()
     delay_slots: int = 0
-    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
+    rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=100.0)
     radius_scale: np.ndarray = radii()
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
@@ -138,7 +138,7 @@ class Odometer(SampledSensor):
     size: ClassVar[int] = 1
 
     delay_slots: int = 0
-    rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
+    rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=100.0)
     scale: float = parameter(
         "1", "reading per metre", low=0.1, high=10.0, default=1.0, role="scale",
         shown_by="a distance that is known, by tape or camera", symbol="s_{v}", std="scale_std",

@@ -55,7 +55,7 @@ class Hardware:
     port: str = "auto"
     pwm_hz: float = parameter("Hz", "frequency of the motors' PWM", low=50.0, high=20_000.0, default=1000.0)
     slew_per_s: float = parameter(
-        "1/s", "largest change of a duty in a second", low=1.0, high=1000.0, default=20.0
+        "1/s", "largest change of a duty per second", low=1.0, high=1000.0, default=20.0
     )
     dead_man_s: float = parameter(
         "s",
@@ -64,7 +64,7 @@ class Hardware:
         high=1.0,
         default=0.3,
     )
-    telemetry_hz: float = parameter("Hz", "frames of telemetry a second", low=10.0, high=200.0, default=100.0)
+    telemetry_hz: float = parameter("Hz", "telemetry frames per second", low=10.0, high=200.0, default=100.0)
     least_battery_v: float = parameter(
         "V",
         "voltage below which the vehicle does not drive; 0 if it is not wired",
@@ -112,7 +112,7 @@ class Top:
 
     format: int
     name: str
-    rate_hz: float = parameter("Hz", "ticks of the loop a second", low=1.0, high=2000.0)
+    rate_hz: float = parameter("Hz", "ticks of the loop per second", low=1.0, high=2000.0)
     about: str = ""
 
 

@@ -62,7 +62,7 @@ PLAIN_MEANINGS = {  # keys without a unit: what they mean
     "imu_axes": N_(
         'axes of the chip that point forward, left and up: `["-y", "x", "z"]` if it is turned to the left'
     ),
-    "rate_hz": N_("commands a second"),
+    "rate_hz": N_("commands per second"),
     "laps": N_("number of laps; 0 means without end"),
     "waves": N_("waves of the radius in a lap"),
     "run": N_("the run from which the value was estimated"),

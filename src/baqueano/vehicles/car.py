@@ -75,7 +75,12 @@ class Car:
         role="gain", shown_by="steering to both sides while driving", symbol="k_s",
     )  # fmt: skip
     rear_axle_m: float = parameter(
-        "m", "origin of the body ahead of the rear axle, b", low=-100.0, high=100.0, default=0.0, role="known"
+        "m",
+        "distance from the rear axle forward to the origin of the body, b",
+        low=-100.0,
+        high=100.0,
+        default=0.0,
+        role="known",
     )
     steering_offset_rad: float = parameter(
         "rad", "steering angle without a command", low=-1.5, high=1.5, default=0.0, role="offset",

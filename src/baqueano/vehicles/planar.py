@@ -69,7 +69,7 @@ class Planar:
         label=("motor force", "sideways motor force", "motor torque"),
     )  # fmt: skip
     centre_of_mass_x_m: float = parameter(
-        "m", "centre of mass c ahead of the axle", low=-10.0, high=10.0, default=0.0, role="known",
+        "m", "distance c from the axle forward to the centre of mass", low=-10.0, high=10.0, default=0.0, role="known",
         term="centre of mass", start=(0.01, -0.01), shown_by="sudden changes of yaw rate, and turning fast",
         symbol="x_{c}",
     )  # fmt: skip

@@ -66,7 +66,7 @@ class Mpc:
     as_written: ClassVar[bool] = True  # its solver is a library, so the step is not compiled
 
     vehicle: Vehicle
-    horizon_s: float = parameter("s", "duration of the prediction horizon", low=0.1, high=5.0, default=0.8)
+    horizon_s: float = parameter("s", "prediction horizon", low=0.1, high=5.0, default=0.8)
     e_max: np.ndarray = parameter(
         "m, m, rad", "along-track, cross-track and heading errors with the same weight", low=1e-4, shape=(3,),
         default=(0.05, 0.02, 0.15),
@@ -78,7 +78,9 @@ class Mpc:
     wall_low: np.ndarray = parameter(
         "m, m", "smallest x and y that the origin may reach in the map", shape=(2,), default=(-INF, -INF)
     )
-    wall_high: np.ndarray = parameter("m, m", "largest x and y", shape=(2,), default=(INF, INF))
+    wall_high: np.ndarray = parameter(
+        "m, m", "largest x and y that the origin may reach in the map", shape=(2,), default=(INF, INF)
+    )
     rate_hz: float = 100.0
     limit: np.ndarray = parameter(
         "unit of u", "largest command, (n,)", low=0.0, default=(INF, INF, INF), shape=None

@@ -27,8 +27,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "tune.no-gains": (
         "{kind} does not declare a gain to tune. Write each gain as a field with unit and bounds. Use "
-        'baqueano.parameter: k: float = parameter("unit of u per m", "forward push", low=0.0, high=20.0, '
-        "default=3.0)"
+        'baqueano.parameter: k: float = parameter("unit of u per m", "command per along-track error", low=0.0, '
+        "high=20.0, default=3.0)"
     ),
     "tune.no-such-gain": "{kind} does not have the gain {found}: it has {known}.",
     "tune.bounds": (
