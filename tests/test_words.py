@@ -252,3 +252,12 @@ def test_a_class_name_is_a_noun():
         if kind is ast.ClassDef and PARTICIPLE.fullmatch(name) and name.lstrip("_") not in TERMS
     }
     assert not participles, f"a participle is not a noun: {participles}"
+
+
+def test_a_class_name_is_defined_once():
+    files: dict[str, list[str]] = {}
+    for file, kind, name in contents_of(SOURCE).names:
+        if kind is ast.ClassDef:
+            files.setdefault(name, []).append(str(file))
+    repeated = {name: places for name, places in files.items() if len(places) > 1}
+    assert not repeated, f"one name for one idea: {repeated}"

@@ -17,7 +17,7 @@ static uint16_t silent_ms[2];
 static const int8_t step[16] = {0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0};
 
 void encoders_edge(uint8_t pins) {
-    uint8_t quadrature = settings.encoders == ENCODERS_QUADRATURE;
+    uint8_t quadrature = settings.encoders == ENCODER_KIND_QUADRATURE;
     for (uint8_t plug = 0; plug < 2; plug++) {
         uint8_t now = (pins & 1) | (pins & 4) >> 1, was = before[plug];
         before[plug] = now;
@@ -33,14 +33,15 @@ void encoders_tick(void) {
     for (uint8_t wheel = 0; wheel < 2; wheel++) {
         uint8_t plug = wiring & WIRING_ENCODERS_SWAPPED ? !wheel : wheel;
         int16_t duty = OF_WHEEL(permille, wheel);
-        if (settings.encoders == ENCODERS_NONE) single[plug] = 0;
+        if (settings.encoders == ENCODER_KIND_NONE) single[plug] = 0;
         else if (duty) single[plug] = duty < 0 ? -1 : 1;
         uint8_t was = board_lock();
         int32_t count = counts[plug];
         board_unlock(was);
-        if (settings.encoders == ENCODERS_QUADRATURE && wiring & WIRING_LEFT_ENCODER_REVERSED << wheel) count = -count;
+        if (settings.encoders == ENCODER_KIND_QUADRATURE && wiring & WIRING_LEFT_ENCODER_REVERSED << wheel)
+            count = -count;
         int32_t *told = &OF_WHEEL(counts, wheel);
-        if (settings.encoders == ENCODERS_NONE || count != *told || (duty < DRIVEN_HARD && duty > -DRIVEN_HARD))
+        if (settings.encoders == ENCODER_KIND_NONE || count != *told || (duty < DRIVEN_HARD && duty > -DRIVEN_HARD))
             silent_ms[wheel] = 0;
         else if (silent_ms[wheel] < FAULT_MS) silent_ms[wheel]++;
         else encoders_fault = 1;

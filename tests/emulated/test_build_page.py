@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.cli import main
 from baqueano.robot.uno import serial_port
-from baqueano.robot.uno.frames import Driver, Encoders
+from baqueano.robot.uno.frames import Driver, EncoderKind
 from baqueano.robot.workshop import uno_checks
 from tests.emulated.realtime import on_pty
 
@@ -45,5 +45,5 @@ def test_the_commands_of_the_build_page_configure_bridge_and_encoders(
             assert exit_info.value.code == 0
         with serial_port.open_uno() as uno:
             settings = uno.settings()
-    assert (settings.driver, settings.encoders) == (Driver.TB6612, Encoders.QUADRATURE)
+    assert (settings.driver, settings.encoders) == (Driver.TB6612, EncoderKind.QUADRATURE)
     assert re.search(r"battery \d+\.\d\d V, counts left 0, right 0, marks 0", capsys.readouterr().err)

@@ -6,7 +6,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.drive import experiment
-from baqueano.robot.uno.frames import Encoders, ResetCause, Settings
+from baqueano.robot.uno.frames import EncoderKind, ResetCause, Settings
 from tests.emulated.robot import EmulatedWorld
 
 
@@ -75,7 +75,7 @@ def hardware(run):
 
 def test_each_silence_of_an_encoder_is_logged_once(robot):
     file = vehicle_file.load("small")
-    robot.uno.keep(Settings(encoders=Encoders.QUADRATURE), robot.wait)
+    robot.uno.keep(Settings(encoders=EncoderKind.QUADRATURE), robot.wait)
     ahead, pause = np.tile([0.8, 0.0, 0.0], (110, 1)), np.zeros((30, 3))
 
     def left_alone(start_s):
@@ -94,7 +94,7 @@ def test_a_reset_causes_no_false_wheel_speed_or_mark(robot):
         '\n[sensors.wheels]\nkind = "wheels"\n\n[sensors.mark]\nkind = "mark"\n\n[robot]\ncounts_per_turn = 600\n'
     )
     file = vehicle_file.parse(text, "with encoders and a mark")
-    robot.uno.keep(Settings(encoders=Encoders.QUADRATURE), robot.wait)
+    robot.uno.keep(Settings(encoders=EncoderKind.QUADRATURE), robot.wait)
     world = EmulatedWorld(robot, file)
 
     def ticking():
@@ -125,7 +125,7 @@ def test_a_reset_causes_no_false_wheel_speed_or_mark(robot):
 
 def test_two_unwired_encoders_are_reported_in_one_sentence(robot):
     file = vehicle_file.load("small")
-    robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
+    robot.uno.keep(Settings(encoders=EncoderKind.SINGLE), robot.wait)
     run = drive_robot(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
     assert hardware(run) == ["encoders.both-silent"]
 

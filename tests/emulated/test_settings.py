@@ -10,7 +10,7 @@ from baqueano.robot.uno.frames import (
     Config,
     Drive,
     Driver,
-    Encoders,
+    EncoderKind,
     Info,
     ResetCause,
     Settings,
@@ -22,7 +22,7 @@ from baqueano.robot.uno.frames import (
 OURS = Settings(
     Wiring.LEFT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED,
     Driver.TB6612,
-    Encoders.QUADRATURE,
+    EncoderKind.QUADRATURE,
     kick_ms=20,
     dither_permille=30,
     dither_ms=7,

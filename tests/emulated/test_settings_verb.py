@@ -14,7 +14,7 @@ from baqueano.cli.robot.settings import NAMES as OPTIONS
 from baqueano.cli.robot.settings import WAYS as OF_WAYS
 from baqueano.door import remote
 from baqueano.robot.uno import settings as uno_settings
-from baqueano.robot.uno.frames import DriveFlag, Driver, Encoders, Settings, Way, Wiring
+from baqueano.robot.uno.frames import DriveFlag, Driver, EncoderKind, Settings, Way, Wiring
 from baqueano.robot.uno.settings import StoredSettings, apply_changes
 from baqueano.robot.workshop import exclusive_hardware
 from tests.emulated.realtime import on_pty
@@ -70,7 +70,7 @@ def test_new_settings_are_verified_and_survive_a_power_cut(verb, live):
     assert "right-backwards     0.140  1.000  0.500\nSET: stored in the Uno" in out
     settings = Settings(
         Wiring.RIGHT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED | Wiring.MARK_ACTIVE_LOW, Driver.TB6612,
-        Encoders.QUADRATURE, 20, 30, 7, 3127,
+        EncoderKind.QUADRATURE, 20, 30, 7, 3127,
         (Way(110, 900, 500), Way(110, 1000, 500), Way(110, 1000, 500), Way(140, 1000, 500)),
     )  # fmt: skip
     assert in_eeprom(live) == settings

@@ -3,7 +3,7 @@
 import re
 import subprocess
 
-from baqueano.robot.uno.frames import PROTOCOL, VERSION, Config, Encoders, Info, Ping, Settings
+from baqueano.robot.uno.frames import PROTOCOL, VERSION, Config, EncoderKind, Info, Ping, Settings
 from tests.emulated.rig import FIRMWARE
 
 SHIPPED = FIRMWARE.parents[1] / "src" / "baqueano" / "robot" / "files" / "uno.hex"
@@ -19,7 +19,7 @@ def test_r27_flash_and_ram_are_within_their_limits(firmware):
 
 def test_r27_the_stack_leaves_more_than_half_of_the_ram_untouched(uno):
     """After everything that nests deepest: interrupts of encoders and bytes while frames are made."""
-    uno.send(Settings(encoders=Encoders.QUADRATURE, dither_permille=30, kick_ms=10))
+    uno.send(Settings(encoders=EncoderKind.QUADRATURE, dither_permille=30, kick_ms=10))
     uno.next_frame(Settings, 0.5)
     uno.send(Config(telemetry_ms=5))
     uno.arm()

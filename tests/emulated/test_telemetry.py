@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.robot.uno.frames import (
     Config,
-    Encoders,
+    EncoderKind,
     Ping,
     Pong,
     Settings,
@@ -78,7 +78,7 @@ def test_r20_no_battery_is_needed_without_a_limit(uno):
 
 @pytest.mark.parametrize("rate", [100, 3500, 10_000])
 def test_r21_quadrature_counts_every_edge_in_both_directions(uno, rate):
-    settle(uno, encoders=Encoders.QUADRATURE)
+    settle(uno, encoders=EncoderKind.QUADRATURE)
     zero = counts(uno)
     uno.hold(500, -500, 0.05)
     start, seconds = uno.t_s + 1e-3, 0.3
@@ -102,7 +102,7 @@ def test_r21_quadrature_counts_every_edge_in_both_directions(uno, rate):
     ],
 )
 def test_r14_swapped_or_reversed_encoders_are_corrected(uno, wiring, signs):
-    settle(uno, encoders=Encoders.QUADRATURE, wiring=wiring)
+    settle(uno, encoders=EncoderKind.QUADRATURE, wiring=wiring)
     zero = counts(uno)
     counts_turned = (120, 70)
     for plug in range(2):
@@ -113,7 +113,7 @@ def test_r14_swapped_or_reversed_encoders_are_corrected(uno, wiring, signs):
 
 
 def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
-    settle(uno, encoders=Encoders.SINGLE)
+    settle(uno, encoders=EncoderKind.SINGLE)
     zero = counts(uno)
     uno.hold(300, -300, 0.05)
     uno.slots(0, 60, uno.t_s, uno.t_s + 0.1)
@@ -131,7 +131,7 @@ def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
 
 
 def test_r22_a_silent_encoder_at_high_duty_is_a_fault(uno):
-    settle(uno, encoders=Encoders.SINGLE)
+    settle(uno, encoders=EncoderKind.SINGLE)
     start = uno.t_s
     for k in range(40):
         uno.slots(0, 2, start + 0.02 * k, start + 0.02 * k + 0.02)
@@ -257,7 +257,7 @@ def test_r25_telemetry_has_the_configured_rate(uno, period_ms):
 
 def test_r25_every_frame_is_intact_under_load(uno):
     """Commands and pings at 100 Hz, 10 000 edges a second on each wheel, requests for settings: no frame is lost."""
-    settle(uno, encoders=Encoders.QUADRATURE)
+    settle(uno, encoders=EncoderKind.QUADRATURE)
     zero = counts(uno)
     uno.arm()
     uno.frames()

@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.signals import Estimate, Tick, seconds
 
 
-class Belief(NamedTuple):
+class MyBelief(NamedTuple):
     """The state of the estimator between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first, whose clock may begin anywhere
@@ -35,12 +35,12 @@ class MyEstimator:
     sensors: Any
     gyro_trust: float = 0.8
 
-    def init(self, eta: Any = None) -> Belief:
+    def init(self, eta: Any = None) -> MyBelief:
         """Return a belief at rest at `eta` (3,), by default the origin; the standard deviations are 1e-3."""
         pose = np.zeros(3) if eta is None else np.array(eta, dtype=float)
-        return Belief(-1, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
+        return MyBelief(-1, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
 
-    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    def step(self, belief: MyBelief, tick: Tick) -> tuple[MyBelief, Estimate]:
         """Return belief and estimate after a tick: a step of the model, with its yaw rate corrected by the gyro."""
         dt_s = np.where(belief.t_ns < 0, 0.0, seconds(tick.t_ns, belief.t_ns))
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
@@ -50,4 +50,4 @@ class MyEstimator:
         turning = np.where(usable, gyro.z[2] - self.sensors.imu.gyro_bias, nu[2])
         nu = np.array([nu[0], nu[1], nu[2] + self.gyro_trust * (turning - nu[2])])
         cov = belief.cov + dt_s * 1e-3 * np.eye(6)  # a guess that only grows: yours will be better
-        return Belief(tick.t_ns, eta, nu, cov, drivetrain), Estimate(tick.t_ns, eta, nu, cov)
+        return MyBelief(tick.t_ns, eta, nu, cov, drivetrain), Estimate(tick.t_ns, eta, nu, cov)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.controllers.mpc.plan import Plan
+from baqueano.controllers.mpc.state import MpcState
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.signals import Estimate, Reference
 from baqueano.symbolic import Scan, function, scan
@@ -86,13 +86,13 @@ class Horizon:
         return np.kron(np.eye(STEPS), mix), low, high
 
     def linear(
-        self, plan: Plan, dt_s: float, reference: Reference, estimate: Estimate
+        self, state: MpcState, dt_s: float, reference: Reference, estimate: Estimate
     ) -> tuple[np.ndarray, Tree, Quadratic | None]:
         """Return the shifted plan (N, k), the state of the drivetrain, and the program; None if the model diverges."""
         arguments = (
-            plan[1:4],
+            state[1:4],
             dt_s,
-            float(plan.t_ns >= 0),
+            float(state.t_ns >= 0),
             estimate.eta,
             estimate.nu,
             reference.eta,
@@ -107,7 +107,7 @@ class Horizon:
         outputs, jacobians = (x[self._substeps - 1 :: self._substeps] for x in (outputs, jacobians))
         J = jacobians[:, :3].reshape(-1, len(z))
         q = J.T @ (outputs[:, :3].ravel() - J @ z)
-        q[: self._k] -= plan.effort / self._max_change**2
+        q[: self._k] -= state.effort / self._max_change**2
         if not np.isfinite(q).all():
             return E, drivetrain, None
         p_E = jacobians[:, 3:].reshape(-1, len(z))

@@ -20,8 +20,8 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.controllers.mpc.horizon import Horizon
-from baqueano.controllers.mpc.plan import Plan
 from baqueano.controllers.mpc.program import BoundedProgram
+from baqueano.controllers.mpc.state import MpcState
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
@@ -92,11 +92,11 @@ class Mpc:
             shape, commands = str(self.limit.shape), self.vehicle.commands
             raise Invalid(fault("field.limit", block=type(self).__name__, found=shape, commands=commands))
 
-    def init(self) -> Plan:
+    def init(self) -> MpcState:
         """Return the plan of a vehicle at rest."""
-        return Plan(-1, *self._horizon.at_rest(), 0)
+        return MpcState(-1, *self._horizon.at_rest(), 0)
 
-    def step(self, state: Plan, reference: Reference, estimate: Estimate) -> tuple[Plan, Command]:
+    def step(self, state: MpcState, reference: Reference, estimate: Estimate) -> tuple[MpcState, Command]:
         """Return the new plan and its first command (n,).
 
         Raise Invalid if the solver failed in more than MAX_FAILURES consecutive ticks, and UsageError if OSQP is not
@@ -110,9 +110,9 @@ class Mpc:
             raise Invalid(fault("mpc.unsolved", ticks=failures))
         E = E if solution is None else solution
         u, effort = self._horizon.command(E[0])
-        return Plan(estimate.t_ns, E, effort, drivetrain, failures), Command(estimate.t_ns, u)
+        return MpcState(estimate.t_ns, E, effort, drivetrain, failures), Command(estimate.t_ns, u)
 
-    def diagnostic(self, state: Plan) -> Diagnostic | None:
+    def diagnostic(self, state: MpcState) -> Diagnostic | None:
         """Return a warning for the run at the first tick of a series in which the solver failed, else None."""
         return note("mpc.old-plan", Severity.WARNING, most=MAX_FAILURES) if state.failures == 1 else None
 

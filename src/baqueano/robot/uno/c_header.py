@@ -59,7 +59,7 @@ def c_header() -> str:
         frames.StateFlag,
         frames.ResetCause,
         frames.Driver,
-        frames.Encoders,
+        frames.EncoderKind,
         frames.Wiring,
     ):
         names = snake_case(group.__name__).upper()

@@ -98,7 +98,7 @@ class Driver(IntEnum):
 MOST_PWM_HZ = {Driver.L298N: 20_000, Driver.TB6612: 25_000, Driver.L293D: 5_000}
 
 
-class Encoders(IntEnum):
+class EncoderKind(IntEnum):
     """The kinds of encoder at D2/D4 (left) and D3/D7 (right)."""
 
     NONE = 0
@@ -179,7 +179,7 @@ class Settings(NamedTuple):
 
     wiring: Annotated[int, "B", Within(0, 127)] = 0
     driver: Annotated[int, "B", Within(1, 3)] = Driver.L298N
-    encoders: Annotated[int, "B", Within(0, 2)] = Encoders.NONE
+    encoders: Annotated[int, "B", Within(0, 2)] = EncoderKind.NONE
     kick_ms: Annotated[int, "B", Within(0, 100)] = 0
     dither_permille: Annotated[int, "B", Within(0, 250)] = 0
     dither_ms: Annotated[int, "B", Within(1, 50)] = 5

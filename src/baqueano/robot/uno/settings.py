@@ -18,7 +18,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
+from baqueano.robot.uno.frames import FIELDS, Driver, EncoderKind, Settings, Way, Wiring
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 NAMED_OPTIONS: dict[str, tuple[str, type[IntEnum]]] = {
     "bridge": ("driver", Driver),
-    "encoders": ("encoders", Encoders),
+    "encoders": ("encoders", EncoderKind),
 }
 PLUG_FLAGS = {  # the flag of a reversed plug, and the names of both states
     "left-motor": (Wiring.LEFT_MOTOR_REVERSED, ("straight", "reversed")),

@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.vehicles.drivetrain import DrivetrainState
 
 
-class Plan(NamedTuple):
+class MpcState(NamedTuple):
     """Memory of a predictive controller between two ticks.
 
     Attributes
