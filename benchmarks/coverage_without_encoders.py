@@ -109,7 +109,7 @@ def _drive_cars(
     ]
 
 
-def fitted(case: str, run: Run, file: Any) -> Any:
+def fit_case(case: str, run: Run, file: Any) -> Any:
     """Return the fit of a run with the options of the case."""
     if "robot" not in case:
         return fit_imu_only(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
@@ -123,7 +123,7 @@ def covered(case: str, seeds: range, duration_s: float) -> str:
     errors, sds, truths = [], [], []
     runs_of_case = of_robots(seeds, duration_s) if "robot" in case else of_cars(case, seeds, duration_s)
     for run, file, true in runs_of_case:
-        fit = fitted(case, run, file)
+        fit = fit_case(case, run, file)
         truth = np.array([float(true[name][0]) if name in true else np.nan for name in fit.names])
         inside = np.isfinite(fit.sd) & (fit.bound == 0) & np.isfinite(truth)
         errors.append(np.where(inside, fit.estimate - truth, np.nan))

@@ -70,7 +70,7 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
     took = time.perf_counter() - began
     calls = reference.nfev + 15 * reference.njev
     theirs_s = calls * timed(lambda: loop(first)) if extrapolated else took
-    fit = _fitted(run)
+    fit = _fit_runs(run)
     cost = [float(np.sum(_huber(compiled(theta)))) for theta in (fit.estimate, reference.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
@@ -79,7 +79,7 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
         f"{calls} simulations, {'extrapolated from one' if extrapolated else 'one round'}; cost {cost[1]:.6g}"
     )
     notes = {scipy_name: reference_text, own_name: f"cost {cost[0]:.6g}, {fit.evaluations} evaluations"}
-    cases = [Case(own_name, lambda: _fitted(run, True)), Case("without doubts", lambda: _fitted(run))]
+    cases = [Case(own_name, lambda: _fit_runs(run, True)), Case("without doubts", lambda: _fit_runs(run))]
     if find_spec("jax") is not None:
         _, in_jax = _in_jax(u, z, fit.estimate, fit.sd)
         cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))
@@ -127,7 +127,7 @@ def _in_jax(
 def ten_times(duration_s: float) -> Bench:
     """Return the bench of a run, and of a run of ten times its length."""
     runs = [_record_run(duration_s * k, 3)[0] for k in (1, 10)]
-    cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fitted(run)) for run in runs]
+    cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fit_runs(run)) for run in runs]
     return measured(
         "fit of 15 parameters over a run of ten times the length", cases, {}, most={cases[1].name: 11.0}
     )
@@ -144,11 +144,11 @@ def several_runs(duration_s: float) -> Bench:
             with patch.object(
                 parallel, "MIN_ROWS", sys.maxsize
             ):  # least number of rows for which threads are used
-                _fitted(runs)
+                _fit_runs(runs)
         finally:
             _confine(everywhere)
 
-    cases = [Case("all processors", lambda: _fitted(runs)), Case("one processor", one_process)]
+    cases = [Case("all processors", lambda: _fit_runs(runs)), Case("one processor", one_process)]
     title = f"fit of 15 parameters over four runs, {duration_s:g} s in all"
     return measured(title, cases, {"one processor": 1.8} if len(everywhere) == 2 else {})
 
@@ -163,7 +163,7 @@ def _record_run(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:
     return simulate(FILE, u, seed=seed), u
 
 
-def _fitted(runs, doubts=False):
+def _fit_runs(runs, doubts=False):
     first = 0.5 * peers.parameters()[0]
     begin = dict(zip(PATHS, (first[:3], first[3:6], first[6:].reshape(3, 3)), strict=True))
     return identify(

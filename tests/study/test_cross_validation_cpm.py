@@ -17,19 +17,19 @@ pytestmark = pytest.mark.long
 def study(cpm_recordings):
     """Return both fits, each judged on the unseen run."""
     runs = {name[-1]: import_run(name).run for name in MAPS}
-    fitted = {name: fit_to(run) for name, run in runs.items()}
+    fits = {name: fit_to(run) for name, run in runs.items()}
     ways = (("a", "b"), ("b", "a"))
-    return CrossValidation(fitted, tuple(judge(fitted[a].vehicle_file, a, runs[b], b) for a, b in ways))
+    return CrossValidation(fits, tuple(judge(fits[a].vehicle_file, a, runs[b], b) for a, b in ways))
 
 
 def test_a_fit_to_one_run_predicts_the_other_run(study):
-    for validation in study.judged:
+    for validation in study.judgements:
         assert validation.held_out
         assert np.all(validation.predicted.explained_variance > 0.9), validation.row()
 
 
 def test_the_filter_error_is_below_one_percent_of_the_distance(study):
-    for validation in study.judged:
+    for validation in study.judgements:
         row = validation.row()
         assert row["driven_m"] == pytest.approx(74.6, abs=1.0)
         assert row["ate_m"] < 0.01 * row["driven_m"]
@@ -38,7 +38,7 @@ def test_the_filter_error_is_below_one_percent_of_the_distance(study):
 
 
 def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
-    for validation in study.judged:
+    for validation in study.judgements:
         estimate, truth = validation.replayed.estimate, validation.replayed.truth
         at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
         assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
@@ -63,4 +63,4 @@ def test_rows_table_and_page_report_the_cross_validation(study):
     assert "throttle from -0.41 to 0.57 leaves the range of the fit" in table
     page = page_of_recordings(None, study).html()
     assert page.count('<svg class="wide"') == 6
-    assert "Fitted on b, judged on a: the path" in page
+    assert "Fitted on b, tested on a: the path" in page

@@ -170,7 +170,7 @@ def test_the_estimation_command_prints_json(monkeypatch, capsys):
 
 def test_the_odometer_of_a_recording_is_used_for_fit_and_judgement(cpm_recordings):
     subject = room.SUBJECTS["cpm"][0]()[0]
-    short = subject._replace(fitted=subject.fitted.cut(0.0, 30.0), judged=subject.judged.cut(0.0, 30.0))
+    short = subject._replace(fit_run=subject.fit_run.cut(0.0, 30.0), test_run=subject.test_run.cut(0.0, 30.0))
     (judgement,) = room.evaluate(short, BOTH)
     assert judgement.errors[SPEED].ratio[0] < 0.9
     assert judgement.stopped == ""
@@ -190,11 +190,11 @@ def vehicles():
 
 def test_simulated_vehicles_have_a_fit_run_and_a_validation_run(vehicles):
     for vehicle in vehicles:
-        assert vehicle.fitted.truth is None
-        assert vehicle.judged.truth is not None
-        assert not np.array_equal(vehicle.fitted.applied, vehicle.judged.applied)
-        assert {"imu", "odometer"} <= set(vehicle.fitted.sensors)
-    slope, lag = (vehicle.judged for vehicle in vehicles)
+        assert vehicle.fit_run.truth is None
+        assert vehicle.test_run.truth is not None
+        assert not np.array_equal(vehicle.fit_run.applied, vehicle.test_run.applied)
+        assert {"imu", "odometer"} <= set(vehicle.fit_run.sensors)
+    slope, lag = (vehicle.test_run for vehicle in vehicles)
     assert np.std(slope.sensors["imu"].z[:100, :2].mean(axis=0)) > 0.0
     first = np.argmax(np.abs(lag.applied).max(axis=1) > 0.5)
     assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a second-order motor hardly turns the wheel in 20 ms

@@ -82,8 +82,8 @@ class RunFit:
 class Judgement:
     """The evaluation of a model on a run."""
 
-    fitted_on: str
-    judged_on: str
+    fit_run: str
+    test_run: str
     predicted: RunPrediction
     replayed: "Run"
     figures: "JsonObject"  # values of `compare`
@@ -92,7 +92,7 @@ class Judgement:
     @property
     def held_out(self) -> bool:
         """Return True if the model was not fitted to this run."""
-        return self.fitted_on != self.judged_on
+        return self.fit_run != self.test_run
 
     @property
     def is_lost(self) -> bool:
@@ -104,7 +104,7 @@ class Judgement:
     def row(self) -> "JsonObject":
         """Return a flat row in SI units."""
         rmse, explained, figures = self.predicted.rmse, self.predicted.explained_variance, self.figures
-        row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
+        row = {"fitted_on": self.fit_run, "judged_on": self.test_run, "held_out": self.held_out}
         row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(explained[0])}
         row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained[1])}
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
@@ -117,19 +117,16 @@ class Judgement:
 class CrossValidation:
     """The fits to both runs, and the evaluations in both directions."""
 
-    fitted: dict[str, RunFit]  # by run
-    judged: tuple[Judgement, ...]
+    fits: dict[str, RunFit]  # by run
+    judgements: tuple[Judgement, ...]
 
     def rows(self) -> list["TableRow"]:
         """Return a row per model and run."""
-        return [judgement.row() for judgement in self.judged]
+        return [judgement.row() for judgement in self.judgements]
 
     def parameters(self) -> list["TableRow"]:
         """Return a row per parameter: estimate and standard error of each run."""
-        fits = {
-            run: {row["name"]: row for row in fitted_run.fit.rows()}
-            for run, fitted_run in self.fitted.items()
-        }
+        fits = {run: {row["name"]: row for row in run_fit.fit.rows()} for run, run_fit in self.fits.items()}
         out = []
         for name, first in next(iter(fits.values())).items():
             row = {"name": name, "unit": first["unit"]}
@@ -140,21 +137,21 @@ class CrossValidation:
 
     def figures(self) -> list[dict[str, str]]:
         """Return a row of text per result, with a column for each pair of model and run."""
-        rows = {_head(judgement): judgement.row() for judgement in self.judged}
+        rows = {_head(judgement): judgement.row() for judgement in self.judgements}
         return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
-        out, applied = [], {judgement.judged_on: judgement.replayed.applied for judgement in self.judged}
-        for judgement in self.judged if len(applied) > 1 else ():
-            names = self.fitted[judgement.fitted_on].vehicle_file.command.names
-            for name, fitted, commands in zip(
-                names, applied[judgement.fitted_on].T, applied[judgement.judged_on].T, strict=True
+        out, applied = [], {judgement.test_run: judgement.replayed.applied for judgement in self.judgements}
+        for judgement in self.judgements if len(applied) > 1 else ():
+            names = self.fits[judgement.fit_run].vehicle_file.command.names
+            for name, fit_commands, commands in zip(
+                names, applied[judgement.fit_run].T, applied[judgement.test_run].T, strict=True
             ):
                 low, high, min_command, max_command = (
-                    np.min(fitted),
-                    np.max(fitted),
+                    np.min(fit_commands),
+                    np.max(fit_commands),
                     np.min(commands),
                     np.max(commands),
                 )
@@ -178,13 +175,13 @@ class CrossValidation:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each fit or evaluation that prevents the verdict USABLE."""
-        out = [_("the fit on {run} is {verdict}", run=run, verdict=_(fitted_run.fit.verdict)) 
-               for run, fitted_run in self.fitted.items() if fitted_run.fit.verdict != Verdict.USABLE]  # fmt: skip
-        for judgement in self.judged:
+        out = [_("the fit on {run} is {verdict}", run=run, verdict=_(run_fit.fit.verdict)) 
+               for run, run_fit in self.fits.items() if run_fit.fit.verdict != Verdict.USABLE]  # fmt: skip
+        for judgement in self.judgements:
             run_text = _(
-                "fitted on {fitted_on}, tested on {judged_on}",
-                fitted_on=judgement.fitted_on,
-                judged_on=judgement.judged_on,
+                "fitted on {fit_run}, tested on {test_run}",
+                fit_run=judgement.fit_run,
+                test_run=judgement.test_run,
             )
             if judgement.is_lost:
                 out.append(_("{where}: the estimate diverged from the car", where=run_text))
@@ -198,7 +195,7 @@ class CrossValidation:
                 )
         significant = [
             _head(judgement)
-            for judgement in self.judged
+            for judgement in self.judgements
             if judgement.held_out and judgement.figures["nees_pose_is"] == "too sure"
         ]
         out += (
@@ -211,14 +208,14 @@ class CrossValidation:
     @property
     def verdict(self) -> Verdict:
         """Return REFUSED if a fit is refused or an estimate diverged, WARN with other reasons, else USABLE."""
-        is_refused = any(fitted_run.fit.verdict == Verdict.REFUSED for fitted_run in self.fitted.values())
-        if is_refused or any(judgement.is_lost for judgement in self.judged):
+        is_refused = any(run_fit.fit.verdict == Verdict.REFUSED for run_fit in self.fits.values())
+        if is_refused or any(judgement.is_lost for judgement in self.judgements):
             return Verdict.REFUSED
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
         """Return the parameters, the results and the verdict as a text table."""
-        runs = list(self.fitted)
+        runs = list(self.fits)
         lines = [
             f"{_('parameter'):30}"
             + "".join(f"{_('fit on {run}', run=run):>22}" for run in runs)
@@ -230,7 +227,7 @@ class CrossValidation:
             lines.append(
                 f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {shown_unit(row['unit'])}"
             )
-        heads = [_head(judgement) for judgement in self.judged]
+        heads = [_head(judgement) for judgement in self.judgements]
         lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
         for row in self.figures():
             lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
@@ -263,16 +260,16 @@ def cross_validate(
     """
     check_present()
     runs = {SHORT_NAMES[name]: import_run(name).run for name in MAPS}
-    fitted = {}
+    fits = {}
     for name, run in runs.items():
         progress(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
-        fitted[name] = fit_to(run, backend)
+        fits[name] = fit_to(run, backend)
     judgements = []
-    for name, fitted_run in fitted.items():
+    for name, run_fit in fits.items():
         for test_name, run in runs.items():
             progress(_("the model of run {name} on run {other}", name=name, other=test_name))
-            judgements.append(judge(fitted_run.vehicle_file, name, run, test_name, backend))
-    return CrossValidation(fitted, tuple(sorted(judgements, key=lambda judgement: not judgement.held_out)))
+            judgements.append(judge(run_fit.vehicle_file, name, run, test_name, backend))
+    return CrossValidation(fits, tuple(sorted(judgements, key=lambda judgement: not judgement.held_out)))
 
 
 def fit_to(run: "Run", backend: str = "auto") -> RunFit:
@@ -283,17 +280,17 @@ def fit_to(run: "Run", backend: str = "auto") -> RunFit:
 
 
 def judge(
-    vehicle_file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto"
+    vehicle_file: VehicleFile, fit_run: str, run: "Run", test_run: str, backend: str = "auto"
 ) -> Judgement:
     """Return the evaluation of a vehicle file on a run: its model from the commands, its filter from the camera's
     first pose.
     """
     replay_run = replay(run, vehicle_file, backend=backend)
-    figures = compare(replay_run, names=[judged_on]).rows()[0]
+    figures = compare(replay_run, names=[test_run]).rows()[0]
     assert run.truth is not None
     driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
     return Judgement(
-        fitted_on, judged_on, predict_run(vehicle_file, run, backend), replay_run, figures, driven_m
+        fit_run, test_run, predict_run(vehicle_file, run, backend), replay_run, figures, driven_m
     )
 
 
@@ -328,9 +325,9 @@ def _first(record: FitRecord, sensor: str, entry: int) -> float:
 
 def _head(judgement: Judgement) -> str:
     return (
-        _("{fitted_on} → {judged_on}", fitted_on=judgement.fitted_on, judged_on=judgement.judged_on)
+        _("{fit_run} → {test_run}", fit_run=judgement.fit_run, test_run=judgement.test_run)
         if judgement.held_out
-        else _("{fitted_on} itself", fitted_on=judgement.fitted_on)
+        else _("{fit_run} itself", fit_run=judgement.fit_run)
     )
 
 

@@ -71,7 +71,7 @@ class Demo:
     noise: Noise
     tuned: TuneResult
     repeated: "Run"
-    judged: Comparison
+    comparison: Comparison
     folder: Path
 
     @property
@@ -120,7 +120,7 @@ class Demo:
 
     def _summary(self) -> list[str]:
         """Return one line each for gains, laps, speed, filter, corridor and verdict."""
-        figures, corridor = self.judged.rows()[0], self.judged.runs[0].corridor
+        figures, corridor = self.comparison.rows()[0], self.comparison.runs[0].corridor
         gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuned.values.items())
         lines = {
             _("gains"): _(
@@ -170,7 +170,7 @@ class Demo:
 
     def page(self) -> Page:
         """Return the report page of the demo."""
-        figures = self.judged.rows()[0]
+        figures = self.comparison.rows()[0]
         text = _(
             "The taught path, driven again {laps} times with IMU and model only. No sensor on board "
             "measures a position, so the true path drifts away from the estimated path. The corridor shows "

@@ -28,7 +28,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
             )
         )
     if study is not None:
-        held_out = [judgement for judgement in study.judged if judgement.held_out]
+        held_out = [judgement for judgement in study.judgements if judgement.held_out]
         text = "\n".join((*study.reasons, *study.notes))
         sections.append(
             Section(
@@ -56,9 +56,9 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
 def sections_of(judgement: Judgement) -> list[Section]:
     """Return the sections of the page on the evaluation of a model on a run."""
     title = _(
-        "Fitted on {fitted_on}, tested on {judged_on}",
-        fitted_on=judgement.fitted_on,
-        judged_on=judgement.judged_on,
+        "Fitted on {fit_run}, tested on {test_run}",
+        fit_run=judgement.fit_run,
+        test_run=judgement.test_run,
     )
     t_s, measured, model = judgement.predicted
     is_shown = t_s <= t_s[0] + SHOWN_S
@@ -80,7 +80,7 @@ def sections_of(judgement: Judgement) -> list[Section]:
 
 
 def _headlines(judgement: Judgement) -> list[Headline]:
-    row, title = judgement.row(), f"{judgement.fitted_on} → {judgement.judged_on}"
+    row, title = judgement.row(), f"{judgement.fit_run} → {judgement.test_run}"
     position_text = _(
         "{percent:.2g} % of the {driven_m:.0f} m driven",
         percent=100 * row["ate_m"] / row["driven_m"],

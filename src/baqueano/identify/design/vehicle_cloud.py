@@ -61,8 +61,8 @@ def possible_vehicles(
 ) -> VehicleDistribution:
     """Return the nominal vehicle and `vehicle_count` vehicles that are possible according to the file.  (1), (2)"""
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
-    fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
-    names = [] if fit is None else [fit.names[k] for k in fitted]
+    fit_indices = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
+    names = [] if fit is None else [fit.names[k] for k in fit_indices]
     guesses = [p for p in default_free(blocks) if p not in names and value(blocks, p) != 0.0]
     paths = (*names, *guesses)
     mean = np.array([value(blocks, p) for p in paths])
@@ -72,7 +72,7 @@ def possible_vehicles(
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     low, high = np.array([bounds(system, p) for p in paths]).T
     if fit is not None and names:
-        k, cov = len(names), fit.cov[np.ix_(fitted, fitted)]
+        k, cov = len(names), fit.cov[np.ix_(fit_indices, fit_indices)]
         theta[:, :k] = _draw(unit_draws[:, :k], mean[:k], cov, low[:k], high[:k])
     return VehicleDistribution(paths, np.clip(theta, low, high))
 

@@ -64,7 +64,7 @@ def ends_of_recordings(
                     notes.append(_("{name}, {name2}: its fit is refused", name=subject.name, name2=name))
                     continue
                 for window_s in WINDOWS_S:
-                    ends = windows(vehicle_file, subject.judged, window_s, backend)
+                    ends = windows(vehicle_file, subject.test_run, window_s, backend)
                     out += [(f"{window_s:g} s, {name}", instant) for instant in ends]
     return out, notes
 
@@ -119,7 +119,7 @@ def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
     values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": SCALE_STD[name]}
     if name != "raw":
         scales = {
-            figure.name: figure.value for figure in calibrate(subject.fitted, subject.vehicle_file).numbers
+            figure.name: figure.value for figure in calibrate(subject.fit_run, subject.vehicle_file).numbers
         }
         values |= {path: value for path, value in scales.items() if path.endswith("scale")}
     return subject.vehicle_file.with_values(values)

@@ -41,7 +41,7 @@ def estimation(
                         "{name}, {sensors}: fitting {duration_s:.0f} s, testing on others",
                         name=subject.name,
                         sensors=sensors,
-                        duration_s=subject.fitted.duration_s,
+                        duration_s=subject.fit_run.duration_s,
                     )
                 )
                 outcomes_of_cases += evaluate(subject, sensors, kinds, backend)

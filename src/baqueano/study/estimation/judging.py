@@ -41,7 +41,7 @@ def evaluate(
     estimator of its file.
     """
     fit, vehicle_file = fit_subject(subject, sensors, backend)
-    run = subject.judged
+    run = subject.test_run
     assert run.truth is not None
     start = initial_pose(run)
     nu = open_loop(vehicle_file, run, start, backend)
@@ -73,13 +73,13 @@ def evaluate(
 def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
     """Return the fit, and the file that `baqueano identify RUN --update` writes unless the fit is refused."""
     fit = identify(
-        subject.fitted,
+        subject.fit_run,
         with_sensors(subject.vehicle_file, SETUPS[sensors]),
         subject.free,
         options=FitOptions(backend=backend),
     )
-    noise = measure_noise(fit, subject.fitted, backend=backend)
-    return fit, noise.updated_file(fit.vehicle_file, subject.fitted.name)
+    noise = measure_noise(fit, subject.fit_run, backend=backend)
+    return fit, noise.updated_file(fit.vehicle_file, subject.fit_run.name)
 
 
 def _replay(run: Run, vehicle_file: VehicleFile, kind: str, backend: str) -> Run:

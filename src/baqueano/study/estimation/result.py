@@ -42,7 +42,7 @@ REFERENCE_NAMES = {
 class EstimationStudy:
     """The evaluated recordings, and the evaluated robots and cars of the independent truth."""
 
-    judged: tuple["JudgedEstimate", ...]
+    estimates: tuple["JudgedEstimate", ...]
     simulated: tuple["JsonObject", ...] = ()  # rows: the fraction of vehicles that are not worse
     vehicles: tuple["JsonObject", ...] = ()  # rows: one for each vehicle, only for machine use
     notes: tuple[str, ...] = ()  # sentences on what was not evaluated
@@ -55,7 +55,7 @@ class EstimationStudy:
         """Return all rows except the rows of single simulated vehicles."""
         case_rows = [
             row | ({"ok": None} if estimate.fit == REFUSED else {})
-            for estimate in self.judged
+            for estimate in self.estimates
             for row in (*_of_one(estimate), *_of_consistency(estimate))
         ]
         return [*case_rows, *self.pooled_ratios(), *self.simulated]
@@ -63,12 +63,12 @@ class EstimationStudy:
     def pooled_ratios(self) -> list["TableRow"]:
         """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with the limit."""
         ratio_rows = []
-        fitted = [estimate for estimate in self.judged if estimate.fit != REFUSED]
-        groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in fitted)
+        usable_estimates = [estimate for estimate in self.estimates if estimate.fit != REFUSED]
+        groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in usable_estimates)
         for sensors, estimator in groups:
             estimates = [
                 estimate
-                for estimate in fitted
+                for estimate in usable_estimates
                 if (estimate.sensors, estimate.estimator) == (sensors, estimator)
             ]
             for quantity in QUANTITIES:
@@ -95,7 +95,7 @@ class EstimationStudy:
         """Return a sentence for each replay that stopped and each requirement that is missed."""
         stops = [
             f"{estimate.recording}, {estimate.estimator}: {estimate.stopped}"
-            for estimate in self.judged
+            for estimate in self.estimates
             if estimate.stopped
         ]
         misses = [r for r in self.rows_shown() if r["ok"] is False and "typical" not in r["quantity"]]
@@ -160,7 +160,7 @@ class EstimationStudy:
             ),
             *(
                 f"{estimate.recording}, {estimate.estimator}: {estimate.consistency.sentence}"
-                for estimate in self.judged
+                for estimate in self.estimates
             ),
             *self.notes,
             *dict.fromkeys(
@@ -169,7 +169,7 @@ class EstimationStudy:
                     recording=estimate.recording,
                     verdict=_(REFUSED),
                 )
-                for estimate in self.judged
+                for estimate in self.estimates
                 if estimate.fit == REFUSED
             ),
         ]

@@ -57,7 +57,7 @@ class SimulatedOutcome(NamedTuple):
 
     seed: int
     lacking: str
-    judged: tuple[JudgedEstimate, ...]  # each set of sensors, each estimator
+    estimates: tuple[JudgedEstimate, ...]  # each set of sensors, each estimator
     failed: str  # the error that prevented an evaluation, or ""
 
 
@@ -136,12 +136,12 @@ def work(job: EstimationJob) -> list[SimulatedOutcome]:
 def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return the share of vehicles that are not worse: a row per set of sensors, estimator, effect and quantity."""
     out = []
-    all_judged = [
-        (outcome.lacking, j) for outcome in outcomes for j in outcome.judged if j.fit != Verdict.REFUSED
+    named_estimates = [
+        (outcome.lacking, j) for outcome in outcomes for j in outcome.estimates if j.fit != Verdict.REFUSED
     ]
-    for sensors, estimator in dict.fromkeys((j.sensors, j.estimator) for _name, j in all_judged):
+    for sensors, estimator in dict.fromkeys((j.sensors, j.estimator) for _name, j in named_estimates):
         estimator_rows = [
-            (name, j) for name, j in all_judged if (j.sensors, j.estimator) == (sensors, estimator)
+            (name, j) for name, j in named_estimates if (j.sensors, j.estimator) == (sensors, estimator)
         ]
         for name in (*LACKING, N_("all")):
             some = [j for lack, j in estimator_rows if name in (lack, "all")]
@@ -161,7 +161,7 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
 def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
     out = []
-    for j in (j for outcome in outcomes for j in outcome.judged):
+    for j in (j for outcome in outcomes for j in outcome.estimates):
         for quantity, errors in j.errors.items():
             (value, reference), ratio = errors.rms, errors.ratio[0]
             out.append({
@@ -173,7 +173,7 @@ def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
 
 def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
     """Return a sentence with the numbers of vehicles, refused fits and failures."""
-    refusals = sum(j.fit == Verdict.REFUSED for outcome in outcomes for j in outcome.judged)
+    refusals = sum(j.fit == Verdict.REFUSED for outcome in outcomes for j in outcome.estimates)
     failures = [outcome.failed for outcome in outcomes if outcome.failed]
     details = f": {'; '.join(failures[:2])}" if failures else ""
     return _(

@@ -31,8 +31,8 @@ class Subject(NamedTuple):
 
     name: str
     vehicle_file: VehicleFile
-    fitted: Run
-    judged: Run
+    fit_run: Run
+    test_run: Run
     free: tuple[str, ...] | None = None  # free parameters; None: the defaults of `identify`
 
 
@@ -55,7 +55,7 @@ def dart() -> list[Subject]:
 def dart_bag() -> list[Subject]:
     """Return two subjects: each is fitted to one run of free driving and evaluated on the bag."""
     bag = import_run("dart_jetracer_bag").run
-    return [subject._replace(name=f"{subject.name[:6]} → bag", judged=bag) for subject in dart()]
+    return [subject._replace(name=f"{subject.name[:6]} → bag", test_run=bag) for subject in dart()]
 
 
 SUBJECTS: dict[str, tuple[Callable[[], list[Subject]], tuple[str, ...]]] = {

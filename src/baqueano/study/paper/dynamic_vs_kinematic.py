@@ -56,12 +56,12 @@ def compare_models(
         run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
     )
     return tuple(
-        _judged_model(name, fit, run, validation_run, backend)
+        _evaluate_model(name, fit, run, validation_run, backend)
         for name, fit in (("dynamic", dynamic), ("kinematic", kinematic))
     )  # type: ignore[return-value]
 
 
-def _judged_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
+def _evaluate_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
     noise = measure_noise(fit, run, source="truth", backend=backend)
     replay_run = replay(validation_run, noise.updated_file(fit.vehicle_file), backend=backend)
     log = replay_run.estimate
@@ -71,7 +71,7 @@ def _judged_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backe
     return JudgedModel(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 
-def rows(judged_models: tuple[JudgedModel, ...]) -> list["TableRow"]:
+def rows(models: tuple[JudgedModel, ...]) -> list["TableRow"]:
     """Return a row per model: one-step errors (square roots of the diagonal of R) and the EKF's velocity errors."""
     return [
         {
@@ -83,13 +83,13 @@ def rows(judged_models: tuple[JudgedModel, ...]) -> list["TableRow"]:
             N_("EKF: ν_x error [m/s]"): float(j.velocity[0]),
             N_("EKF: ν_ψ error [rad/s]"): float(j.velocity[2]),
         }
-        for j in judged_models
+        for j in models
     ]
 
 
-def table(judged_models: tuple[JudgedModel, ...]) -> str:
+def table(models: tuple[JudgedModel, ...]) -> str:
     """Return the rows as a text table."""
-    figures = rows(judged_models)
+    figures = rows(models)
     keys = list(figures[0])
     lines = ["  ".join(f"{_(key):>22}" for key in keys)]
     lines += [
