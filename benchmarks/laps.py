@@ -1,4 +1,4 @@
-"""Drive ten thousand laps with ten thousand sets of gains of the paper's PD, in lanes, against vectorised NumPy."""
+"""Drive ten thousand laps with ten thousand sets of gains of the paper's PD, as one batch, against vectorised NumPy."""
 
 import time
 

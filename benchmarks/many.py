@@ -1,4 +1,4 @@
-"""Simulate ten thousand vehicles, 60 s each, with different parameters: lanes against vectorised NumPy."""
+"""Simulate ten thousand vehicles, 60 s each, with different parameters: one batch against vectorised NumPy."""
 
 from types import SimpleNamespace
 

@@ -67,7 +67,7 @@ def benches(smallest: bool) -> list[Bench]:
 
 
 def evolution(rehearsal, bounds, evaluations):
-    """Run differential evolution for this number of evaluations; each generation runs in parallel lanes."""
+    """Run differential evolution for this number of evaluations; each generation runs as one batch."""
     from scipy.optimize import differential_evolution
 
     members = POPULATION * len(bounds)

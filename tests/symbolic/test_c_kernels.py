@@ -122,12 +122,12 @@ def test_several_vehicles_in_one_call_equal_separate_runs(cases, count, shared_i
     only_final = np.empty_like(final)
     case.kernel.batch(count, case.n, theta, start, common, own, shared_inputs, None, only_final)
     close(only_final, final)
-    for lane in range(count):
+    for member in range(count):
         inputs = case.inputs.copy()
-        inputs[:, ~mask] = own[lane]
-        expected, last = in_numpy(case.program, theta[lane], start[lane], inputs)
-        close(outputs[lane], expected)
-        close(final[lane], last)
+        inputs[:, ~mask] = own[member]
+        expected, last = in_numpy(case.program, theta[member], start[member], inputs)
+        close(outputs[member], expected)
+        close(final[member], last)
 
 
 def test_distributing_vehicles_over_processors_does_not_change_results(cases, monkeypatch):
@@ -239,10 +239,12 @@ def test_table_lookup_equals_numpy(size):
     cell = np.clip(np.searchsorted(xp, points) - 1, 0, size - 2)
     slope = np.where((points > xp[0]) & (points < xp[-1]), (np.diff(fp) / np.diff(xp))[cell], 0.0)
     np.testing.assert_allclose(slopes[off, 0, 0], (slope * points)[off], rtol=1e-9, atol=1e-9)
-    final, lanes = np.empty((1, 0)), np.empty((1, 200, 1))
+    final, batch_outputs = np.empty((1, 0)), np.empty((1, 200, 1))
     nothing = np.empty((1, 200, 0))
-    case.kernel.batch(1, 200, case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), lanes, final)
-    close(lanes[0], outputs)
+    case.kernel.batch(
+        1, 200, case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), batch_outputs, final
+    )
+    close(batch_outputs[0], outputs)
 
 
 def test_a_run_without_ticks_returns_the_start(cases):

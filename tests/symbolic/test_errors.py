@@ -163,7 +163,7 @@ WRONG_CALLS = {
         lambda k: k.run(X, [1.0, 2.0]),
         ("engine.theta-shape", {"found": "(2,)", "expected": "(p,)", "parameters": 1}),
     ),
-    "theta of lanes": (
+    "theta of a batch": (
         lambda k: k.batch(X, [1.0]),
         ("engine.theta-shape", {"found": "(1,)", "expected": "(L, p)", "parameters": 1}),
     ),
@@ -180,9 +180,9 @@ WRONG_CALLS = {
         ("tree.numbers", {"path": "carry", "found": "(2,)"}),
     ),
     "text": (lambda k: k.run(np.array(["a"]), [1.0]), ("tree.numbers", {})),
-    "lanes that differ": (
+    "batch sizes that differ": (
         lambda k: k.batch(X, np.ones((2, 1)), carry=np.ones(3)),
-        ("engine.lanes", {"lanes": "2 and 3", "ticks": "3"}),
+        ("engine.batch-sizes", {"sizes": "2 and 3", "ticks": "3"}),
     ),
 }
 

@@ -57,17 +57,17 @@ def test_derivatives_equal_the_derivatives_of_casadi(seed):
 @given(seed=st.integers(0, 10**6))
 def test_several_runs_in_one_call_equal_separate_runs(seed):
     program = random_program(seed)
-    case, draw, lanes = Case(program), np.random.default_rng(seed), 3
-    theta = draw.normal(size=(lanes, len(program.theta)))
-    start = draw.normal(size=(lanes, len(program.start)))
+    case, draw, size = Case(program), np.random.default_rng(seed), 3
+    theta = draw.normal(size=(size, len(program.theta)))
+    start = draw.normal(size=(size, len(program.start)))
     is_shared = (True, False, True)
-    shared_inputs, own = case.inputs[:, [0, 2]], draw.normal(size=(lanes, case.n, 1))
-    outputs = np.empty((lanes, case.n, len(program.outputs)))
-    final, final_copy = np.empty((lanes, len(program.carry))), np.empty((lanes, len(program.carry)))
-    case.kernel.batch(lanes, case.n, theta, start, shared_inputs, own, is_shared, outputs, final)
-    case.kernel.batch(lanes, case.n, theta, start, shared_inputs, own, is_shared, None, final_copy)
+    shared_inputs, own = case.inputs[:, [0, 2]], draw.normal(size=(size, case.n, 1))
+    outputs = np.empty((size, case.n, len(program.outputs)))
+    final, final_copy = np.empty((size, len(program.carry))), np.empty((size, len(program.carry)))
+    case.kernel.batch(size, case.n, theta, start, shared_inputs, own, is_shared, outputs, final)
+    case.kernel.batch(size, case.n, theta, start, shared_inputs, own, is_shared, None, final_copy)
     close(final_copy, final)
-    for k in range(lanes):
+    for k in range(size):
         case.theta, case.start = theta[k], start[k]
         case.inputs = np.column_stack([shared_inputs[:, 0], own[k], shared_inputs[:, 1]])
         close(outputs[k], case.run()[0])

@@ -180,11 +180,11 @@ def test_the_gradient_over_vehicles_is_exact_sequentially_and_as_a_batch(identif
     cost, slope = drive.cost_and_gradient(GAINS)
     numeric = [(drive.cost(GAINS + h) - drive.cost(GAINS - h)) / (2 * h.sum()) for h in np.diag(1e-5 * GAINS)]
     np.testing.assert_allclose(slope, numeric, rtol=2e-3)
-    for name in ("MIN_LANE_DRIVES", "MIN_LANE_TICKS"):
+    for name in ("MIN_BATCH_DRIVES", "MIN_BATCH_TICKS"):
         monkeypatch.setattr(sys.modules[Rehearsal.__module__], name, 2)
-    total, lanes = drive.cost_and_gradient(GAINS)
+    total, batch_gradient = drive.cost_and_gradient(GAINS)
     assert total == pytest.approx(cost, rel=1e-9) == drive.cost(GAINS)
-    np.testing.assert_allclose(lanes, slope, rtol=1e-6)
+    np.testing.assert_allclose(batch_gradient, slope, rtol=1e-6)
 
 
 def test_robust_gains_are_not_worse_than_nominal_gains_for_other_vehicles(identified_file):

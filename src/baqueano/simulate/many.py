@@ -208,7 +208,7 @@ def simulate_many(
     rate = vehicle_file.rate_hz
     ticks_per_record = len(u) if every_s is None else max(1, round(every_s * rate))
     record_ends = sorted({*range(ticks_per_record, len(u) + 1, ticks_per_record), len(u)})
-    kernel = lanes_kernel(system, paths, rate, process_noise, backend)
+    kernel = batch_kernel(system, paths, rate, process_noise, backend)
     start = system.model.init(None if eta0 is None else np.array(eta0, dtype=float))
     batches = []
     for rows in _chunks(len(theta), process_noise, int(np.max(np.diff([0, *record_ends])))):
@@ -232,7 +232,7 @@ def simulate_many(
 
 
 @lru_cache(maxsize=16)
-def lanes_kernel(
+def batch_kernel(
     system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
 ) -> Scan:
     """Return the scan (1): from θ, VehicleState and (u, noise) to the next VehicleState."""

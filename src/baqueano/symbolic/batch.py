@@ -1,4 +1,4 @@
-"""Prepare the inputs of a scan over many lanes: inputs common to all lanes, and separate inputs of each lane."""
+"""Prepare the inputs of a scan over a batch: inputs common to all members, and separate inputs of each member."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class Batch(NamedTuple):
-    """The arguments of a kernel for L lanes of N ticks."""
+    """The arguments of a kernel for a batch of L runs of N ticks."""
 
-    lanes: int
+    size: int  # L
     ticks: int
     theta: np.ndarray  # (L, p)
     start: np.ndarray | None  # (L, c); None if it follows from θ
@@ -24,8 +24,8 @@ class Batch(NamedTuple):
 
     @classmethod
     def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
-        """Return the batch of these trees; a leaf has a lane axis in front if it has one axis more than usual.
-        Raise Invalid if the leaves differ in their number of lanes or ticks.
+        """Return the batch of these trees; a leaf has a batch axis in front if it has one axis more than usual.
+        Raise Invalid if the leaves differ in their batch size or number of ticks.
         """
         leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
         is_own_input = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
@@ -46,7 +46,7 @@ class Batch(NamedTuple):
             if np.ndim(v) > is_own
         }
         if len(counts) != 1 or len(ticks) != 1:
-            raise Invalid(fault("engine.lanes", lanes=_list(counts), ticks=_list(ticks)))
+            raise Invalid(fault("engine.batch-sizes", sizes=_list(counts), ticks=_list(ticks)))
         (count,), (n,) = counts, ticks
         columns = [
             _columns(leaf, v, (count, n) if o else (n,))

@@ -86,8 +86,8 @@ class PlainScan(Scan):
         final_carries: list[np.ndarray] = []
         all_outputs: list[Tree] = []
         carry_shape = self.carry_shape
-        for lane in self._lanes(batch):
-            last, outputs_of = self.run(*lane)
+        for member in self._members(batch):
+            last, outputs_of = self.run(*member)
             carry_shape = shape_of(last, "carry")
             final_carries.append(flat_row(carry_shape, last))
             all_outputs.append(outputs_of)
@@ -105,17 +105,17 @@ class PlainScan(Scan):
     ) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
-        results = [self.sensitivities(rows, values, start) for rows, values, start in self._lanes(batch)]
+        results = [self.sensitivities(rows, values, start) for rows, values, start in self._members(batch)]
         return np.array([y.sum(0) for y, _ in results]), np.array(
             [d.sum(0)[:, :derivative_count] for _, d in results]
         )
 
-    def _lanes(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
-        """Yield the inputs, θ and the start of each lane."""
+    def _members(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
+        """Yield the inputs, θ and the start of each member of a batch."""
         shared_rows, own_inputs, is_shared = batch.inputs
         rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared_rows
-        for k in range(batch.lanes):
+        for k in range(batch.size):
             rows[:, ~mask] = own_inputs[k]
             start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])
             yield (

@@ -159,7 +159,7 @@ class Scan(ABC):
     def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, with_outputs: bool = False
     ) -> tuple[Tree, Tree]:
-        """Run L lanes: theta (L, p), leaves of `carry` (L, …) or shared, leaves of `inputs` (L, N, …) or shared.
+        """Run a batch of L: theta (L, p), leaves of `carry` (L, …) or shared, leaves of `inputs` (L, N, …) or shared.
 
         Return the carry after the last tick (L, …), and the outputs (L, N, …), or None without `with_outputs`.
         """
@@ -168,7 +168,7 @@ class Scan(ABC):
     def batch_sums(
         self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Run L lanes, as in `batch`, and return the sums of the outputs over the ticks (L, m).
+        """Run a batch of L, as in `batch`, and return the sums of the outputs over the ticks (L, m).
 
         Also return the derivatives of these sums with respect to the first `derivative_count` entries of θ, (L, m,
         derivative_count).
@@ -284,7 +284,7 @@ class TracedScan(Scan):
 
         batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
         (assembly, runner), start = self._prepare(True, carry, batch.start)
-        program, count, n = assembly.program, batch.lanes, batch.ticks
+        program, count, n = assembly.program, batch.size, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         all_outputs = np.empty((count, n, len(program.outputs))) if with_outputs else None
         final = np.empty((count, len(program.carry)))
@@ -301,7 +301,7 @@ class TracedScan(Scan):
         batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
         (assembly, _), start = self._prepare(False, carry, batch.start)
         program, runner = self._summing(assembly, derivative_count)
-        count, m = batch.lanes, len(assembly.program.outputs)
+        count, m = batch.size, len(assembly.program.outputs)
         start = np.broadcast_to(start, (count, start.shape[-1]))
         final = np.empty((count, len(program.carry)))
         runner.call("batch", count, batch.ticks, batch.theta, start, *batch.inputs, None, final)

@@ -23,7 +23,7 @@ from baqueano.tune.rehearsal import (
     ASIDE_M,
     HUBER_M,
     JERK_M2,
-    MIN_LANE_TICKS,
+    MIN_BATCH_TICKS,
     rms,
     weights_of,
     without_quantisation,
@@ -85,7 +85,7 @@ class SimulatedLaps:
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
         """Return C_path and C_jerk (L, 2) of the laps with gains (L, p)."""
-        if len(gains) * len(self._inputs.t_ns) < MIN_LANE_TICKS:
+        if len(gains) * len(self._inputs.t_ns) < MIN_BATCH_TICKS:
             laps = [self.lap(each) for each in gains]
             return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
         sums, _ = self._kernel.batch_sums(self._inputs, gains, carry=self._start)

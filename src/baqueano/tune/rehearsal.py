@@ -8,8 +8,8 @@ the largest cost, and differentiable everywhere:
     ∂C = Σ_v (C_v / C)⁷ ∂C_v / V                                                                          (2)
 
 Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn within ±
-DELAY_SPREAD_S. Many drives run in parallel lanes (symbolic/). A few drives run one after the other, because lanes
-take longer to compile.
+DELAY_SPREAD_S. Many drives run as one batch (symbolic/). A few drives run one after the other, because a batch
+takes longer to compile.
 """
 
 from collections.abc import Sequence
@@ -48,8 +48,8 @@ SOFT_MAXIMUM_POWER = 8  # of (1)
 DELAY_SPREAD_S = 0.01
 DELAY_PATH = "model.drivetrain.delay_s"
 SPEED_SAMPLES = 32  # of a route, for its speed
-MIN_LANE_DRIVES = 32  # number of drives above which lanes are compiled for gradients
-MIN_LANE_TICKS = 1_000_000  # number of ticks of all drives above which lanes are compiled for costs
+MIN_BATCH_DRIVES = 32  # number of drives above which a batch is compiled for gradients
+MIN_BATCH_TICKS = 1_000_000  # number of ticks of all drives above which a batch is compiled for costs
 
 
 class TunedDrive(NamedTuple):
@@ -177,18 +177,18 @@ class Rehearsal:
         total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
         for case in self.cases:
             mean_cost = (
-                _mean_in_lanes if self._lanes_pay_off(case, len(theta), derivative_count) else _mean_in_turn
+                _mean_in_batch if self._batch_pays_off(case, len(theta), derivative_count) else _mean_in_turn
             )
             cost, gradient = mean_cost(case, theta, derivative_count)
             total, steep = total + cost, steep + gradient
         return total / len(self.cases), steep / len(self.cases)
 
-    def _lanes_pay_off(self, case: RehearsalCase, row_count: int, derivative_count: int) -> bool:
+    def _batch_pays_off(self, case: RehearsalCase, row_count: int, derivative_count: int) -> bool:
         drives = row_count * self.seeds
         return (
-            drives >= MIN_LANE_DRIVES
+            drives >= MIN_BATCH_DRIVES
             if derivative_count
-            else drives * case.ticks >= MIN_LANE_TICKS and drives > 1
+            else drives * case.ticks >= MIN_BATCH_TICKS and drives > 1
         )
 
 
@@ -219,12 +219,12 @@ def _mean_in_turn(
     return total / len(case.inputs), steep / len(case.inputs)
 
 
-def _mean_in_lanes(
+def _mean_in_batch(
     case: RehearsalCase, theta: np.ndarray, derivative_count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), in parallel lanes.
+    """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), as one batch.
 
-    All lanes have the same noise.
+    All drives have the same noise.
     """
     total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
     for inputs in case.inputs:

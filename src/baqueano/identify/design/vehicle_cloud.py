@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import default_free, value
-from baqueano.simulate.many import bounds, lanes_kernel
+from baqueano.simulate.many import batch_kernel, bounds
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream, unit_normals
@@ -115,7 +115,7 @@ class Cloud:
     ) -> None:
         self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
         system = System(vehicle_file.vehicle, vehicle_file.sensors)
-        self.kernel = lanes_kernel(system, belief.paths, self.rate_hz, True, backend)
+        self.kernel = batch_kernel(system, belief.paths, self.rate_hz, True, backend)
         self.rest_state = vehicle_file.vehicle.init()
         self.size = len(belief.theta)
         self.has_noise = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
@@ -126,11 +126,11 @@ class Cloud:
     def state_at(self, pose: Any) -> VehicleState:
         """Return the states of all vehicles (L, …), at rest at the pose (3,)."""
         pose = np.tile(np.array(pose, dtype=float), (self.size, 1))
-        lanes = (
+        drivetrain_leaves = (
             np.repeat(np.asarray(x, dtype=float)[None], self.size, axis=0) for x in self.rest_state.drivetrain
         )
         nu, nu_dot = (np.tile(x, (self.size, 1)) for x in (self.rest_state.nu, self.rest_state.nu_dot))
-        return VehicleState(pose, nu, nu_dot, type(self.rest_state.drivetrain)(*lanes))
+        return VehicleState(pose, nu, nu_dot, type(self.rest_state.drivetrain)(*drivetrain_leaves))
 
     def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
         """Return the states (L, …) of the vehicles after the commands `u` (T, n), and their poses (L, T, 3).

@@ -17,7 +17,7 @@ SIGNATURE = """\
 EXPORT void kernel(int64_t n, const double *restrict theta, const double *restrict start,
                    const double *restrict inputs, double setting,
                    double *restrict first, double *restrict second, double *restrict third) {"""
-LANES_SIGNATURE = """\
+BATCH_SIGNATURE = """\
 EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, const double *restrict start,
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
@@ -178,7 +178,7 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
     (L, n, ·). Unused lanes repeat the last vehicle.
     """
     text = CText(width=LANE_COUNT)
-    text.lines.append(LANES_SIGNATURE)
+    text.lines.append(BATCH_SIGNATURE)
     outputs_of_tick = program.outputs if with_outputs else ()
     order = plan(
         program.initial, (*outputs_of_tick, *program.next_carry), {*program.carry, *program.inputs}, False

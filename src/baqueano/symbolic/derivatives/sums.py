@@ -2,7 +2,7 @@
 
     S⁺ = S + y,    ∂S⁺ = ∂S + ∂y,    ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                              (1)
 
-All these values are scalars of the graph, so the back ends run the program in lanes, like any other step. As in
+All these values are scalars of the graph, so the back ends run the program in batches, like any other step. As in
 tangents.py, the arms of `where` are combined by a choice.
 """
 

@@ -99,7 +99,7 @@ class Kernel(Protocol):
         outputs: Array | None,
         final: Array,
     ) -> None:
-        """Run L lanes: theta (L, p), start (L, s), final (L, c), outputs (L, n, m) or None.
+        """Run a batch of L: theta (L, p), start (L, s), final (L, c), outputs (L, n, m) or None.
 
         Inputs that are True in `is_shared` are the columns of shared (n, ·), in order, the others of own (L, n, ·).
         """

@@ -3,7 +3,7 @@
 A value that is used once is written into the expression that uses it; other values are local names. Python raises if
 IEEE arithmetic returns inf or NaN (1/0, sqrt of −1). Then the code runs again with functions that do not raise, and
 later calls use these functions too. For derivatives, the code computes the Jacobian of one tick, and NumPy multiplies
-it into the tangents. For lanes, the same code runs on arrays with one entry per lane.
+it into the tangents. For a batch, the same code runs on arrays with one entry per member.
 """
 
 import math
@@ -33,7 +33,7 @@ _FAST_OPERATORS = ieee.OPERATORS | {
     "sinh": math.sinh, "cosh": math.cosh, "exp": math.exp, "log": math.log, "sqrt": math.sqrt,
     "pow": math.pow, "floor": math.floor,
 }  # fmt: skip
-_LANE_OPERATORS = {
+_BATCH_OPERATORS = {
     "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
     "atan2": np.arctan2, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "exp": np.exp, "log": np.log,
     "sqrt": np.sqrt, "hypot": np.hypot, "abs": np.abs, "sign": np.sign, "min": np.minimum, "max": np.maximum,
@@ -130,11 +130,11 @@ class PythonKernel:
         outputs: Array | None,
         final: Array,
     ) -> None:
-        """Run all lanes in parallel, tick by tick; arguments as in program.Kernel."""
+        """Run all members in parallel, tick by tick; arguments as in program.Kernel."""
         order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
         ticks = ([[*shared[k], *own_inputs[:, k].T][i] for i in order] for k in range(n))
         groups = [] if outputs is None else [self.program.outputs]
-        kernel = self._function(ARRAY_FORMATS, _LANE_OPERATORS, (), groups)
+        kernel = self._function(ARRAY_FORMATS, _BATCH_OPERATORS, (), groups)
         with np.errstate(all="ignore"):
             _, rows, last = kernel(theta.T, start.T, ticks)
         for column, value in enumerate(last):

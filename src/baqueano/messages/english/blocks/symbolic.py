@@ -52,8 +52,8 @@ TEMPLATES: dict[str, str] = {
     "tree.value": "{path} is {found}, expected {expected} as in the example",
     "tree.branch": "{path} is {found}, expected {expected} as in the example",
     "tree.numbers": "{path} has shape {found} of {dtype}, expected numbers, {expected}",
-    "engine.lanes": (
-        "the batch sizes of theta, carry and inputs are {lanes}, and inputs have {ticks} ticks. Expected "
+    "engine.batch-sizes": (
+        "the batch sizes of theta, carry and inputs are {sizes}, and inputs have {ticks} ticks. Expected "
         "one batch size and one number of ticks"
     ),
     "tree.another": "the structure at {path} differs from the example",
