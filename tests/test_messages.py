@@ -337,6 +337,19 @@ def test_the_code_of_an_old_message_is_replaced_by_its_new_code(then, now):
     assert then not in templates()
 
 
+def test_the_role_in_an_old_message_was_called_room():
+    old = {
+        "code": "door.swapped",
+        "severity": "info",
+        "subject": "",
+        "fix": "",
+        "figures": {"room": "guide", "kind": "x"},
+    }
+    assert Diagnostic.of_json(old).figures == {"role": "guide", "kind": "x"}
+    wall = old | {"code": "study.wall", "figures": {"room": "2x2"}}
+    assert Diagnostic.of_json(wall).figures == {"room": "2x2"}
+
+
 def test_an_unknown_code_is_printed_with_its_figures():
     assert (
         text(note("uno.new", fix="baqueano help", volts=7.1)) == "uno.new (volts = 7.1). Type: baqueano help"

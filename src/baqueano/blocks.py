@@ -102,7 +102,7 @@ def kinds(role: str) -> tuple[str, ...]:
     ('repeat', 'repeat_by_progress', 'sinuous_circle')
     """
     if role not in BLOCK_TARGETS:
-        raise UsageError(fault("block.room-unknown", found=role, near=nearest(role, BLOCK_TARGETS)))
+        raise UsageError(fault("block.role-unknown", found=role, near=nearest(role, BLOCK_TARGETS)))
     return tuple(BLOCK_TARGETS[role])
 
 
@@ -142,7 +142,7 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
         return _class_of(_find(file_name, folder), name)
     if kind.endswith(".py") and _path_of(kind, folder) is not None:
         raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
-    raise FileError(fault("block.unknown", room=role, found=kind, near=nearest(kind, names)))
+    raise FileError(fault("block.unknown", role=role, found=kind, near=nearest(kind, names)))
 
 
 @contextmanager
@@ -227,7 +227,7 @@ def role_of(block_class: type) -> str:
     if tuple(names) in roles:
         return roles[tuple(names)]
     raise FileError(
-        fault("block.no-room", place=place_of(block_class), block=block_class.__name__, names=names)
+        fault("block.no-role", place=place_of(block_class), block=block_class.__name__, names=names)
     )
 
 
@@ -237,7 +237,7 @@ def check_role(role: str, block: object) -> None:
     """
     block_class = block if isinstance(block, type) else type(block)
     if not all(callable(getattr(block_class, method, None)) for method in ("init", "step")):
-        raise UsageError(fault("block.not-a-block", room=role, found=block_class.__name__))
+        raise UsageError(fault("block.not-a-block", role=role, found=block_class.__name__))
     try:
         fitting_role = role_of(block_class)
     except FileError:  # the inputs of its step have other names
@@ -245,7 +245,7 @@ def check_role(role: str, block: object) -> None:
     if fitting_role != role and fitting_role in LOOP_ROLES:
         fix = f"{fitting_role}={block_class.__name__}"
         raise UsageError(
-            fault("block.of-other-room", fix, room=role, block=block_class.__name__, other=fitting_role)
+            fault("block.of-other-role", fix, role=role, block=block_class.__name__, other=fitting_role)
         )
 
 

@@ -109,6 +109,9 @@ FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
 )  # fmt: skip
+WITH_ROLE = (  # messages in runs whose figure `role` was called `room`
+    "drive.not-compiled", "drive.says-failed", "drive.text-unknown", "door.swapped",
+)  # fmt: skip
 
 
 def code_of_today(code: str) -> str:
@@ -163,6 +166,8 @@ class Diagnostic:
             if not (are_figures_plain and all(isinstance(text, str) for text in (*texts, *figures))):
                 raise ValueError("a figure or text of another type")
             code, subject, fix = texts
+            if code in WITH_ROLE and "room" in figures:
+                figures["role"] = figures.pop("room")
             return cls(code_of_today(code), Severity(values["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error

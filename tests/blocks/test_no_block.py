@@ -10,7 +10,7 @@ def test_a_class_with_unknown_step_arguments_is_not_a_block(tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Block:\n    def step(self, state, world):\n        pass\n", encoding="utf-8"
     )
-    with refused("block.no-room", FileError, block="Block", names="world"):
+    with refused("block.no-role", FileError, block="Block", names="world"):
         role_of(resolve("guide", "mine.py:Block", tmp_path))
 
 
@@ -21,7 +21,7 @@ def test_a_class_without_step_is_not_a_block(tmp_path):
 
 
 def test_an_unknown_kind_of_block_is_refused():
-    with refused("block.room-unknown", UsageError, found="guides"):
+    with refused("block.role-unknown", UsageError, found="guides"):
         resolve("guides", "repeat")
 
 

@@ -225,7 +225,7 @@ def test_a_block_that_cannot_be_loaded_is_refused_before_the_drive(
     assert end.code == 3
     code, figure, value = message
     assert (end.cause.code, end.cause.figures[figure]) == (code, value)
-    assert (end.reason.figures["room"], end.reason.figures["kind"]) == (room, f"mine.py:{name}")
+    assert (end.reason.figures["role"], end.reason.figures["kind"]) == (room, f"mine.py:{name}")
     assert end.reason.fix == f"baqueano blocks check mine.py:{name}"
     assert not list(tmp_path.rglob("*.mcap*"))
 

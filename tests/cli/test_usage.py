@@ -54,7 +54,7 @@ from baqueano.diagnostics import fault
         ("teach r --vehicle small --driver loop", "cli.driver-unknown", "sinuous-circle, circle, eight"),
         ("study paper --seeds 0", "cli.usage", "x>=1"),
         ("blocks check ekff", "cli.block-unknown", "baqueano blocks check ekf"),
-        ("blocks check ekf --room kitchen", "cli.block-room", "estimator"),
+        ("blocks check ekf --role kitchen", "cli.block-role", "estimator"),
         ("runs export 1 --to xls", "cli.usage", "'csv', 'tum'"),
         ("runs cut 1 --from x", "cli.number", "[s]"),
         ("route scale lap 0", "cli.number", "'expected': '> 0, ≤ 1000'"),
@@ -222,6 +222,6 @@ def test_a_negative_answer_with_json_prints_only_the_answer(baqueano, tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Mine:\n    def step(self, state, estimate): ...\n", encoding="utf-8"
     )
-    end = baqueano("blocks", "check", "mine.py:Mine", "--room", "guide", "--json")
+    end = baqueano("blocks", "check", "mine.py:Mine", "--role", "guide", "--json")
     assert end.code == 1
     assert json.loads(end.out)["verdict"] == "REFUSED"

@@ -110,7 +110,7 @@ def test_a_replay_needs_only_a_model_and_an_estimator(project, tmp_path):
     project("repeat", "lab", "--vehicle", "small", "--json")
     own = ("replay", "last", "--vehicle", "bare.toml", "--estimator", "mine.py:MyEstimator", "--json")
     assert project(*own).code == 0
-    assert project(*own[:-3], "--json").reason.figures["room"] == "estimator"
+    assert project(*own[:-3], "--json").reason.figures["role"] == "estimator"
 
 
 def test_a_smoothed_replay_has_a_smaller_error(project, tmp_path):
@@ -151,7 +151,7 @@ def test_runs_are_listed_shown_cut_and_exported(project, tmp_path):
 
 def test_blocks_are_listed_with_their_package_and_kind(baqueano):
     rows = baqueano("blocks", "ls", "--json").reply["rows"]
-    assert {"room": "controller", "kind": "pd"} in rows
+    assert {"role": "controller", "kind": "pd"} in rows
 
 
 def test_an_unknown_run_is_reported_with_the_newest_runs(project):

@@ -140,7 +140,7 @@ def test_a_solver_failure_is_logged_in_the_run(monkeypatch):
     assert stop_of(run) is None
 
 
-AS_WRITTEN = ("simulate.as-written", {"room": "controller", "block": "Mpc"})
+AS_WRITTEN = ("simulate.as-written", {"role": "controller", "block": "Mpc"})
 
 
 @pytest.mark.parametrize(

@@ -174,13 +174,13 @@ def test_a_run_reports_a_block_with_unknown_source():
     (event,) = [
         e.diagnostic for e in run.events if e.diagnostic and e.diagnostic.code == "drive.text-unknown"
     ]
-    assert event.figures == {"room": "controller", "block": "InACell"}
+    assert event.figures == {"role": "controller", "block": "InACell"}
 
 
 @pytest.mark.parametrize(
     ("block", "code"),
-    [(3, "block.not-a-block"), (ROUTE, "block.not-a-block"), (PdFeedforward, "block.of-other-room"),
-     (Push(), "block.of-other-room")],
+    [(3, "block.not-a-block"), (ROUTE, "block.not-a-block"), (PdFeedforward, "block.of-other-role"),
+     (Push(), "block.of-other-role")],
 )  # fmt: skip
 def test_an_unsuitable_block_is_refused(block, code):
     with pytest.raises(UsageError) as error_info:

@@ -71,7 +71,7 @@ def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):
     assert len(run.t_ns) == 30
     (note,) = [e for e in run.events if e.source != REFUSED_SOURCE]
     assert note.level == "info"
-    assert (note.diagnostic.code, note.diagnostic.figures["room"]) == ("drive.not-compiled", "controller")
+    assert (note.diagnostic.code, note.diagnostic.figures["role"]) == ("drive.not-compiled", "controller")
     assert "mi contról.py:16" in note.text
     assert "where" in note.text
 

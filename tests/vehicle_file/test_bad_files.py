@@ -35,7 +35,7 @@ CASES = {
     "unknown kind": ('kind = "planar"', 'kind = "planr"',
         "block.unknown", {"meant": "planar", "found": "planr"}),
     "unknown sensor": ('kind = "imu"', 'kind = "imo"',
-        "block.unknown", {"meant": "imu", "room": "sensor", "found": "imo"}),
+        "block.unknown", {"meant": "imu", "role": "sensor", "found": "imo"}),
     "kind is no text": ('kind = "planar"', "kind = 3", "vehicle.kind-not-text", {"found": "3"}),
     "kind is missing": ('[model]\nkind = "planar"\n', "[model]\n", "vehicle.no-kind", {}),
     "mass is missing": ("mass_kg = 0.61", "", "vehicle.model-lacks", {"keys": "mass_kg", "model": "Planar"}),
@@ -214,7 +214,7 @@ def test_es1_the_printed_matrices_of_the_paper_are_refused_with_a_correction(nam
 
 def test_a_missing_block_parameter_is_reported_at_construction():
     file = with_papers_pd(gains="beta = 2.0\ngamma = 0.3")
-    with refused("vehicle.lacks-found-by", FileError, file="small.toml", room="controller", keys="alpha"):
+    with refused("vehicle.lacks-found-by", FileError, file="small.toml", role="controller", keys="alpha"):
         file.controller()
     assert file.controller(alpha=2.0).alpha == 2.0
 

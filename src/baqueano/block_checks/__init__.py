@@ -42,13 +42,13 @@ CHECKS: dict[str, Callable[..., list[Diagnostic]]] = {
 
 
 def check(
-    room: str, block: object, sensors: SensorBlocks | None = None, commands: int = 3
+    role: str, block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
     """Return the faults of a block, as diagnostics for its author.
 
     Parameters
     ----------
-    room : str
+    role : str
         Role of the block: "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
     block : object
         The block, not its class.
@@ -67,6 +67,6 @@ def check(
     >>> check("sensor", bq.load("small").sensors.imu)
     []
     """
-    if room in ("estimator", "supervisor"):
-        return CHECKS[room](block, sensors, commands)
-    return CHECKS[room](block, commands) if room == "controller" else CHECKS[room](block)
+    if role in ("estimator", "supervisor"):
+        return CHECKS[role](block, sensors, commands)
+    return CHECKS[role](block, commands) if role == "controller" else CHECKS[role](block)

@@ -26,7 +26,7 @@ def notes(
     Parameters
     ----------
     role : str
-        Role of the block, as `room` of `check`.
+        Role of the block, as `role` of `check`.
     block : object
         The block.
     sensors : NamedTuple of Sensor, optional

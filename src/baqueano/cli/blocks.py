@@ -34,7 +34,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     answer(
-        RowsResult([{"room": role, "kind": kind} for role in BLOCK_TARGETS for kind in kinds(role)]),
+        RowsResult([{"role": role, "kind": kind} for role in BLOCK_TARGETS for kind in kinds(role)]),
         as_json,
     )
     print_message(recommend_estimator(vehicle_file))
@@ -67,7 +67,7 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
 @command.command("check", help="Check BLOCK (file.py:Class, or the name of a block), and explain each fault.")
 @click.argument("block")
 @click.option(
-    "--room",
+    "--role",
     help=(
         "Type of the block: vehicle, sensor, estimator, guide, controller or supervisor; default: detected "
         "from its methods."
@@ -76,12 +76,12 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
 @options.vehicle
 @options.as_json
 def check(
-    block: str, room: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
+    block: str, role: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
 ) -> None:
     from baqueano.errors import AnswerNo
     from baqueano.vehicle_file.checked import check
 
-    report = check(block, options.load_vehicle(vehicle or "small", settings), room)
+    report = check(block, options.load_vehicle(vehicle or "small", settings), role)
     answer(report, as_json)
     if report.findings:
         raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
@@ -89,7 +89,7 @@ def check(
 
 
 TEXT_COLUMNS = {  # columns that are words; the others are typed
-    "room": (N_("vehicle"), N_("sensor"), N_("estimator"), N_("guide"), N_("controller"), N_("supervisor")),
+    "role": (N_("vehicle"), N_("sensor"), N_("estimator"), N_("guide"), N_("controller"), N_("supervisor")),
 }
 
 

@@ -276,7 +276,7 @@ def own_block(vehicle_file: "VehicleFile | None", role: str, kind: str | None) -
                     baqueano_command("blocks", "check", kind)
                     if ":" in kind
                     else baqueano_command("blocks", "ls"),
-                    room=role,
+                    role=role,
                     kind=kind,
                     cause=error.diagnostic,
                 )

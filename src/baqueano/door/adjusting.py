@@ -93,7 +93,7 @@ class Adjusting(Observer):
         lines: list[LastLine] = []
         while self._blocks:
             role, kind = self._blocks.popitem()
-            lines.append((SWAP, str(Severity.INFO), note("door.swapped", room=role, kind=kind)))
+            lines.append((SWAP, str(Severity.INFO), note("door.swapped", role=role, kind=kind)))
         for path, value in self._operator.changes():
             try:
                 diagnostic, level = self._change(path, value), Severity.INFO

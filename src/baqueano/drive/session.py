@@ -101,7 +101,7 @@ def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, s
     }
     texts = {role: source_text(type(block)) for role, block in own_blocks.items()}
     text_notes = [
-        note("drive.text-unknown", room=role, block=type(own_blocks[role]).__name__)
+        note("drive.text-unknown", role=role, block=type(own_blocks[role]).__name__)
         for role in own_blocks
         if not texts[role]
     ]
@@ -296,7 +296,7 @@ def compiled_or_unchanged(
         quick.step(state, *inputs)
     except TraceError as error:
         return block, note(
-            "drive.not-compiled", room=role, block=type(block).__name__, error=error.diagnostic
+            "drive.not-compiled", role=role, block=type(block).__name__, error=error.diagnostic
         )
     except BaseException as error:  # the loop raises it again, stops, and names the block
         if from_outside(error):

@@ -155,7 +155,7 @@ def _tune_card(result: TuneResult) -> Card:
 
 @card_of.register(CheckedBlock)
 def _check_card(result: CheckedBlock) -> Card:
-    title = text(note("front.card-check", block=result.block, room=result.room))
+    title = text(note("front.card-check", block=result.block, role=result.role))
     return Card(
         title,
         result.verdict,

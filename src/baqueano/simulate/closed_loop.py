@@ -209,7 +209,7 @@ def check_compilable(**blocks: Tree) -> None:
     for role, block in blocks.items():
         if optional.of(block, "as_written"):
             command = baqueano_command("repeat", "ROUTE", *(f"--{role}", "KIND"))
-            raise UsageError(fault("simulate.as-written", command, room=role, block=type(block).__name__))
+            raise UsageError(fault("simulate.as-written", command, role=role, block=type(block).__name__))
 
 
 def as_run(name: str, t_ns: np.ndarray, output: Tree, metadata: dict[str, str]) -> Run:

@@ -23,7 +23,7 @@ class CheckedBlock(Result):
     """The findings of the checks of a block."""
 
     block: str
-    room: str
+    role: str
     findings: tuple[Diagnostic, ...]  # messages for the author of the block; empty without faults
 
     @property
@@ -42,7 +42,7 @@ class CheckedBlock(Result):
         return "\n".join(f"{self.block}  {finding}" for finding in texts(self.findings)) or str(self.verdict)
 
 
-def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | None = None) -> CheckedBlock:
+def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | None = None) -> CheckedBlock:
     """Call a block as a drive of a vehicle would, and report its faults.
 
     Parameters
@@ -52,7 +52,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
         the file.
     vehicle_file : VehicleFile, optional
         The vehicle; by default `small` of the garage.
-    room : str, optional
+    role : str, optional
         Role of the block: "vehicle", "sensor", "estimator", …; by default it follows from the arguments of `step`.
 
     Returns
@@ -71,28 +71,28 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
     --------
     >>> from baqueano.controllers import PdFeedforward
     >>> checked = check(PdFeedforward)
-    >>> checked.room, str(checked.verdict)
+    >>> checked.role, str(checked.verdict)
     ('controller', 'USABLE')
     """
     checked_vehicle = load("small") if vehicle_file is None else vehicle_file
     block_or_class = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
-    if room is None:
-        room = (
+    if role is None:
+        role = (
             _role_with_kind(block_or_class)
             if isinstance(block_or_class, str)
             else role_of(block_or_class if isinstance(block_or_class, type) else type(block_or_class))
         )
-    if room not in CHECKS:
-        raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
+    if role not in CHECKS:
+        raise UsageError(fault("cli.block-role", found=role, near=nearest(role, CHECKS)))
     diagnostics = block_checks.check(
-        room, _build(room, block, checked_vehicle), checked_vehicle.sensors, checked_vehicle.vehicle.commands
+        role, _build(role, block, checked_vehicle), checked_vehicle.sensors, checked_vehicle.vehicle.commands
     )
     name = (
         block
         if isinstance(block, str)
         else (block_or_class if isinstance(block_or_class, type) else type(block_or_class)).__name__
     )
-    return CheckedBlock(name, room, tuple(diagnostics))
+    return CheckedBlock(name, role, tuple(diagnostics))
 
 
 def _role_with_kind(kind: str) -> str:

@@ -135,10 +135,10 @@ class VehicleFile:
         which is returned unchanged. Raise FileError for a missing value."""
         return self._block("estimator", kind, changes)
 
-    def kind(self, room: str) -> type:
+    def kind(self, role: str) -> type:
         """Return the class of the block of a role."""
-        own_kind = self.data.get(room, {}).get("kind", build.DEFAULT_KINDS[room])
-        return resolve_named(room, own_kind, self.folder)
+        own_kind = self.data.get(role, {}).get("kind", build.DEFAULT_KINDS[role])
+        return resolve_named(role, own_kind, self.folder)
 
     def controller(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """Return the block of [controller]; the arguments are as for `estimator`."""
@@ -260,7 +260,7 @@ class VehicleFile:
         if keys := [k for k in content.missing_names if k not in changes]:
             advice = FINDING_COMMANDS.get(role, "")
             code = "vehicle.lacks-found-by" if advice else "vehicle.lacks"
-            raise FileError(fault(code, advice, file=report.name, room=role, keys=keys))
+            raise FileError(fault(code, advice, file=report.name, role=role, keys=keys))
         route_names = {"t_s", "route"} & build.argument_names(content.block_class)
         if role == "guide" and "route" not in arguments and route_names:
             raise UsageError(fault("vehicle.no-route", guide=content.block_class.__name__))

@@ -137,10 +137,10 @@ class Live:
         if self.lease.holder is not None:
             self.lease.check(visitor)
 
-    def announce_swap(self, room: str, kind: str, blocks: dict[str, str]) -> None:
+    def announce_swap(self, role: str, kind: str, blocks: dict[str, str]) -> None:
         """Announce to all browsers that a block of this kind is used for a role from the next mission on."""
         self._blocks = dict(blocks)
-        self._on_event({"said": note("web.swapped", room=room, kind=kind)})
+        self._on_event({"said": note("web.swapped", role=role, kind=kind)})
         self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:

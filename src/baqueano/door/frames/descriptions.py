@@ -30,10 +30,10 @@ def vehicle_description(
     """
     block_kinds = blocks or {}
     kinds = {
-        room: resolve(room, block_kinds[room], vehicle_file.folder)
-        if room in block_kinds
-        else vehicle_file.kind(room)
-        for room in ROLES
+        role: resolve(role, block_kinds[role], vehicle_file.folder)
+        if role in block_kinds
+        else vehicle_file.kind(role)
+        for role in ROLES
     }
     command, shape = vehicle_file.command, vehicle_file.geometry
     round_m = None if shape.radius_m is None else 2.0 * shape.radius_m
@@ -48,7 +48,7 @@ def vehicle_description(
             {"name": n, "low": -limit, "high": limit, "unit": command.unit}
             for n, limit in zip(names, limits, strict=True)
         ],
-        "blocks": {"model": type(vehicle_file.vehicle).__name__} | {room: k.__name__ for room, k in kinds.items()},
+        "blocks": {"model": type(vehicle_file.vehicle).__name__} | {role: k.__name__ for role, k in kinds.items()},
         "sensors": [
             {
                 "name": name, "kind": str(vehicle_file.data.get("sensors", {}).get(name, {}).get("kind", name)),

@@ -36,7 +36,7 @@ TEMPLATES: dict[str, str] = {
         "In {folder} there are {files} and {more} more. Give the path of one of these files instead."
     ),
     "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
-    "cli.block-room": "--room {found} does not exist. {near}.",
+    "cli.block-role": "--role {found} does not exist. {near}.",
     "cli.block-without-class": "Write a block as file.py:Class. {holds}.",
     "cli.block-unknown": (
         'Block "{found}" does not exist. {near}. Write one of your own as file.py:Class. To list '
@@ -134,7 +134,7 @@ TEMPLATES: dict[str, str] = {
         "{path} is not a route: it contains bytes that are not text. Expected a text file (CSV) with the columns t_s, "
         "x_m, y_m, psi_rad and velocities. To drive one: {fix}"
     ),
-    "cli.own-block": "--{room} {kind}: {cause}. To see all blocks: {fix}",
+    "cli.own-block": "--{role} {kind}: {cause}. To see all blocks: {fix}",
     "cli.drive-interrupted": "stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
     "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of the two options.",
     "cli.hex-from-afar": (

@@ -2,11 +2,11 @@
 
 TEMPLATES: dict[str, str] = {
     "block.not-a-block": (
-        '{room}={found} is not a block. Expected the name of a block, "file.py:Class", or a '
+        '{role}={found} is not a block. Expected the name of a block, "file.py:Class", or a '
         "class or object with init() and step()."
     ),
-    "block.of-other-room": (
-        "{block} was given as {room:word}, but its step() belongs to another type of block ({other:word}). "
+    "block.of-other-role": (
+        "{block} was given as {role:word}, but its step() belongs to another type of block ({other:word}). "
         "Type: {fix}"
     ),
     "front.more": "{lines} more lines: .table()",
@@ -21,7 +21,7 @@ TEMPLATES: dict[str, str] = {
     "front.card-run": "{run}: {kind}, {duration_s:.1f} s",
     "front.card-comparison": "Comparison of runs: {runs:.0f}",
     "front.card-tuned": "Gains of {vehicle}",
-    "front.card-check": "{block}, as {room}",
+    "front.card-check": "{block}, as {role}",
     "front.card-forecast": "Forecast",
     "front.card-route": "Route",
     "front.card-vehicle": "Vehicle file {vehicle}",
@@ -48,7 +48,7 @@ TEMPLATES: dict[str, str] = {
     "front.width-unknown": "The width {found} is not valid. Expected millimetres, or a name. {near}.",
     "front.width-mm": "The width {found:g} mm is out of range. Expected 20 to 2000 mm.",
     "drive.text-unknown": (
-        "This run does not contain the code of {room} {block}, because Python cannot find it. Write the "
+        "This run does not contain the code of {role} {block}, because Python cannot find it. Write the "
         "class in a file or in a notebook cell."
     ),
     "drive.no-vehicle-in-run": (

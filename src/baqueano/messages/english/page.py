@@ -17,9 +17,9 @@ TEMPLATES: dict[str, str] = {
     "web.tune-garage": (
         "{vehicle} is in the garage, so it cannot be changed. Make your own vehicle file. Type: {fix}"
     ),
-    "web.no-kind": "{found} is not in the list of blocks of type {room}: {known}.",
-    "web.no-swap": "The {room} block stays as it is; only estimator, guide and controller can be swapped.",
-    "web.swapped": "From the next mission on, {kind} is the {room}",
+    "web.no-kind": "{found} is not in the list of blocks of type {role}: {known}.",
+    "web.no-swap": "The {role} block stays as it is; only estimator, guide and controller can be swapped.",
+    "web.swapped": "From the next mission on, {kind} is the {role}",
     "web.tuned": "The gains are now in {file}",
     "web.recorded": "The recording ({kind}) lasts {seconds:.1f} s and has {events} events.",
     "web.unknown-word": 'The request "{word}" is unknown here.',

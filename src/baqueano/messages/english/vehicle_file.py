@@ -28,7 +28,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "toml.number": "{file} contains a number that cannot be read: {error}.",
     "toml.long-key": "{file} line {line}: this key has more than {most} parts.",
-    "block.no-room": (
+    "block.no-role": (
         "{place} {block}.step(state, {names}) does not match any type of block. The names of its arguments "
         "must be those of one type. Estimator: step(state, tick). Guide: step(state, estimate). "
         "Controller: step(state, reference, estimate). Supervisor: step(state, command, tick, estimate)."
@@ -50,8 +50,8 @@ TEMPLATES: dict[str, str] = {
         "that folder, or one of the garage: {garage}."
     ),
     "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
-    "vehicle.lacks": "{file} [{room}] needs {keys}. Write it into the file.",
-    "vehicle.lacks-found-by": "{file} [{room}] needs {keys}. Write it into the file, or measure it: {fix}",
+    "vehicle.lacks": "{file} [{role}] needs {keys}. Write it into the file.",
+    "vehicle.lacks-found-by": "{file} [{role}] needs {keys}. Write it into the file, or measure it: {fix}",
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
@@ -200,12 +200,12 @@ TEMPLATES: dict[str, str] = {
     "vehicle.lever-arm": (
         "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
     ),
-    "block.room-unknown": 'Block type "{found}" does not exist. {near}.',
+    "block.role-unknown": 'Block type "{found}" does not exist. {near}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
     "block.classes": "{file} contains {classes}",
     "block.no-classes": "{file} does not define a class",
     "block.unknown": (
-        '{room:word} "{found}" does not exist. {near}. Write one of your own as "file.py:Class".'
+        '{role:word} "{found}" does not exist. {near}. Write one of your own as "file.py:Class".'
     ),
     "block.file-absent": "File {missing} does not exist. A block of the vehicle is defined in it. {near}.",
     "block.elsewhere": (

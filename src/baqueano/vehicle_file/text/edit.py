@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.envelope import Envelope
 
 RANGE_DIGITS = 4  # digits of an end of the envelope
-KIND_KEYS = tuple(f"{room}.kind" for room in ("estimator", "guide", "controller", "supervisor"))
+KIND_KEYS = tuple(f"{role}.kind" for role in ("estimator", "guide", "controller", "supervisor"))
 SD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
 
 

@@ -41,7 +41,7 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
     of_file = _kind_in_file(role, vehicle_file)
     alternatives = listed_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
     if kind and kind not in alternatives and kind != of_file:
-        raise UsageError(fault("web.no-kind", room=role, found=repr(kind), known=alternatives))
+        raise UsageError(fault("web.no-kind", role=role, found=repr(kind), known=alternatives))
     block = block_of(role, kind or of_file, vehicle_file)
     cls = type(block)
     return {
@@ -97,10 +97,10 @@ def _role_of(cls: ast.ClassDef) -> str:
     if steps:
         return ROLES_BY_INPUTS.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
     bases = {getattr(base, "attr", getattr(base, "id", "")) for base in cls.bases}
-    room_of_base = {
-        target.partition(":")[2]: room for room in LOOP_ROLES for target in BLOCK_TARGETS[room].values()
+    role_of_base = {
+        target.partition(":")[2]: role for role in LOOP_ROLES for target in BLOCK_TARGETS[role].values()
     }
-    return next((room for name, room in room_of_base.items() if name in bases), "")
+    return next((role for name, role in role_of_base.items() if name in bases), "")
 
 
 def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:

@@ -149,9 +149,9 @@ class Questions:
             return {"findings": [text(Diagnostic.of_json(finding)) for finding in reply["findings"]]}
 
     def _block_word(self, word: "JsonObject") -> "JsonObject":
-        room = str(word["room"])[:LONGEST_NAME]
-        own = "" if word.get("run") else self.blocks.get(room, "")
-        return self.about(word) | {"room": room, "kind": str(word.get("kind") or own)[:LONGEST_NAME]}
+        role = str(word["room"])[:LONGEST_NAME]
+        own = "" if word.get("run") else self.blocks.get(role, "")
+        return self.about(word) | {"room": role, "kind": str(word.get("kind") or own)[:LONGEST_NAME]}
 
     async def _compare(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         paths = self._shelf.paths()
@@ -163,20 +163,20 @@ class Questions:
         )
         return reply
 
-    async def swap(self, room: str, kind: str) -> str:
+    async def swap(self, role: str, kind: str) -> str:
         """Use a block of this kind for a role from the next mission on, "" for the file's block; return its kind.
 
         Raise UsageError if a block of this role cannot be swapped, or if the kind is not in the list of the role.
         """
         reply, _ = await self.slow.request(
-            "block", **self.about({}), room=room[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
+            "block", **self.about({}), room=role[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
         )
         if not reply["kinds"]:
-            raise UsageError(fault("web.no-swap", room=one_line(room)[:LONGEST_NAME]))
+            raise UsageError(fault("web.no-swap", role=one_line(role)[:LONGEST_NAME]))
         if reply["kind"] == reply["of_file"]:
-            self.blocks.pop(room, None)
+            self.blocks.pop(role, None)
         else:
-            self.blocks[room] = reply["kind"]
+            self.blocks[role] = reply["kind"]
         return reply["kind"]
 
     def path_of(self, word: str) -> Path:

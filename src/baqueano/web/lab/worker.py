@@ -134,7 +134,7 @@ def _refilter(run: "Run", estimator: str) -> "Run":
     vehicle_file = vehicle_of(run)
     kinds = listed_kinds("estimator", vehicle_file)
     if estimator not in kinds:
-        raise UsageError(fault("web.no-kind", room="estimator", found=repr(estimator), known=kinds))
+        raise UsageError(fault("web.no-kind", role="estimator", found=repr(estimator), known=kinds))
     replayed = replay(run, vehicle_file, estimator=estimator, backend="auto")
     return replace(replayed, name=estimator, metadata=run.metadata | replayed.metadata | {"kind": "replay"})
 

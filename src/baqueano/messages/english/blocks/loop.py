@@ -36,7 +36,7 @@ TEMPLATES: dict[str, str] = {
     "drive.disk-full": (
         "the disk is full, so the rest of this run is not stored ({error}); the drive continues"
     ),
-    "drive.not-compiled": "{room} {block} runs without compilation: {error}",
+    "drive.not-compiled": "{role} {block} runs without compilation: {error}",
     "drive.not-watched": "the monitor cannot check the sensors: {error}",
     "drive.other-vehicle": (
         "{file} has {found} commands but the vehicle of the world accepts {expected}: they are not the "

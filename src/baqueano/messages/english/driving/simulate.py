@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "simulate.as-written": (
-        "the {room} {block} depends on a solver, a person or a clock, so its step cannot be compiled. It "
+        "the {role} {block} depends on a solver, a person or a clock, so its step cannot be compiled. It "
         "cannot be tuned or simulated in one kernel. Run it tick by tick: {fix}"
     ),
     "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",

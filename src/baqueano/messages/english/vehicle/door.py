@@ -67,7 +67,7 @@ TEMPLATES: dict[str, str] = {
     "door.not-settable": (
         "{path} cannot be set while the vehicle drives; the values that can be set are {known}"
     ),
-    "door.swapped": "{kind} is used as {room}, in place of the block of the vehicle file",
+    "door.swapped": "{kind} is used as {role}, in place of the block of the vehicle file",
     "door.set": "{path} is now {now}; it was {before}",
     "door.pace": "pace {found:g}: expected a factor from {slowest:g} to {fastest:g}",
     "door.guide-pace": "guide.pace = {found}: expected a number from 0 (the vehicle waits) to 1",
