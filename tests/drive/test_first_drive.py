@@ -86,8 +86,8 @@ def test_an_immobile_vehicle_is_reported_after_full_command(small, monkeypatch):
     monkeypatch.setattr(first_drive_pulses, "STEP", 0.4)
     stuck_vehicle = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
     first = first_drive(small, truth=stuck_vehicle, seed=2)
-    assert len(first.still) == 4
-    assert first.still[0].figures["command"] == "the left wheel forward"
+    assert len(first.no_motion) == 4
+    assert first.no_motion[0].figures["command"] == "the left wheel forward"
     assert first.moving_pulses == 0
     with refused("first-drive.nothing-moved", AnswerNo):
         with_rough_gains(first, small)
@@ -95,17 +95,17 @@ def test_an_immobile_vehicle_is_reported_after_full_command(small, monkeypatch):
 
 def test_a_first_drive_that_ends_early_reports_no_motor_fault(first, small):
     estimate = estimate_first_drive(first.run.cut(0.0, 10.0), small)
-    assert estimate.still
-    assert {finding.code for finding in estimate.still} == {"first-drive.ended-early"}
-    assert estimate.still[0].figures["command"] == "the left wheel forward"
-    assert estimate.still[0].figures["tried_percent"] == pytest.approx(8.0, abs=0.5)
+    assert estimate.no_motion
+    assert {finding.code for finding in estimate.no_motion} == {"first-drive.ended-early"}
+    assert estimate.no_motion[0].figures["command"] == "the left wheel forward"
+    assert estimate.no_motion[0].figures["tried_percent"] == pytest.approx(8.0, abs=0.5)
 
 
 @pytest.mark.parametrize("seed", [2, 19, 21, 22])
 def test_motion_of_a_car_is_detected_with_a_noisy_accelerometer(seed):
     """Its noise of 0.6 m/s², integrated twice over a minute, is not mistaken for a distance."""
     first = first_drive(load("car"), seed=seed)
-    assert first.still == ()
+    assert first.no_motion == ()
     assert 0.5 < first.gain_along < 2.0
     assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.6
 
@@ -119,7 +119,7 @@ def test_a_car_with_unequal_dead_zones_stays_near_its_start():
     first = first_drive(
         car, truth=car.with_values(zones | {"sensors.imu.accel_noise_std": [0.1, 0.1]}), seed=1
     )
-    assert first.still == ()
+    assert first.no_motion == ()
     assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.3
 
 

@@ -70,13 +70,13 @@ class FirstDrive(Result):
         Each pulse, and the motion after it.
     wiring : tuple of Diagnostic
         Wiring faults and their remedies; empty if the wiring is right.
-    still : tuple of Diagnostic
+    no_motion : tuple of Diagnostic
         Directions in which the vehicle did not move.
     gain_along, gain_about : float
         Gains of the vehicle divided by the gains of the file's model, along x and about z; NaN without measured motion.
     moves_at : ndarray (D,)
         Part of the limit at which motion was first measured, per direction; NaN if it was never measured.
-    late : bool
+    file_dead_zones_fit : bool
         True if the dead zones of the file fit better than `moves_at`: the vehicle moved before that level.
 
     Examples
@@ -89,11 +89,11 @@ class FirstDrive(Result):
     run: Run
     pulses: tuple[Pulse, ...]
     wiring: tuple[Diagnostic, ...]
-    still: tuple[Diagnostic, ...]
+    no_motion: tuple[Diagnostic, ...]
     gain_along: float
     gain_about: float
     moves_at: np.ndarray
-    late: bool = False
+    file_dead_zones_fit: bool = False
 
     @property
     def moving_pulses(self) -> int:
@@ -125,7 +125,7 @@ class FirstDrive(Result):
             lines.append(_("along: {times:.2g} times the gain in the file", times=self.gain_along))
         if np.isfinite(self.gain_about):
             lines.append(_("about z: {times:.2g} times the gain in the file", times=self.gain_about))
-        return "\n".join([*lines, *texts((*self.still, *self.wiring))])
+        return "\n".join([*lines, *texts((*self.no_motion, *self.wiring))])
 
 
 def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
@@ -156,7 +156,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     --------
     >>> from baqueano.vehicle_file import load
     >>> drive = first_drive(load("small"))
-    >>> drive.wiring, drive.still, round(drive.gain_along, 1), round(drive.gain_about, 1)
+    >>> drive.wiring, drive.no_motion, round(drive.gain_along, 1), round(drive.gain_about, 1)
     ((), (), 1.0, 1.0)
     """
     return estimate_first_drive(careful_drive(vehicle_file, **options), vehicle_file)
@@ -262,14 +262,16 @@ def onset_level(level: np.ndarray) -> np.ndarray:
 
 
 def with_rough_gains(result: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
-    """Return the file with the rough gains, and the dead zones if `result.late` is False, as initial values for a fit.
+    """Return the file with the rough gains as initial values for a fit, and with the measured dead zones.
+
+    The dead zones of the file stay if `result.file_dead_zones_fit` is True.
 
     Raise AnswerNo if the wiring is wrong or a direction did not move the vehicle.
     """
-    if (fault_note := merge_diagnostics([*result.wiring, *result.still])) is not None:
+    if (fault_note := merge_diagnostics([*result.wiring, *result.no_motion])) is not None:
         raise AnswerNo(fault_note)
     changed = vehicle_file
-    if not result.late:
+    if not result.file_dead_zones_fit:
         changed = with_dead_zones(changed, directions(changed), result.moves_at)
     k_x, k_z, changes = _or_one(result.gain_along), _or_one(result.gain_about), {}
     for path, p in all_parameters(changed.vehicle, "model"):

@@ -34,7 +34,7 @@ from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCAL
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import branch, effort_of, row_of, rows_before, step_in_rows, tree_where
-from baqueano.estimators.readings.doubt import update_inconsistency
+from baqueano.estimators.readings.inconsistency import update_inconsistency
 from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
 from baqueano.estimators.readings.sensor_numbers import check_use
 from baqueano.parameter import document, parameter
@@ -58,7 +58,9 @@ class AugmentedBelief(NamedTuple):
     mean_disturbance: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not decay
     model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
     last_innovations: np.ndarray  # (m,) the last innovation of each channel
-    inconsistency: np.ndarray  # (2, 2) of speed and yaw rate: absolute value and duration, see doubt.py
+    inconsistency: (
+        np.ndarray
+    )  # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
     pose_memory: PoseMemory  # of the sensors that measure the pose
     quiet_s: Value  # time since the last command, or since the last rejected channel
     drivetrain: DrivetrainState

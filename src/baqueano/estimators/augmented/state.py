@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Sensor
-from baqueano.estimators.readings.doubt import SPEED_AND_YAW_RATE
+from baqueano.estimators.readings.inconsistency import SPEED_AND_YAW_RATE
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     measurement_jacobian,

@@ -5,7 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from baqueano.estimators.readings.doubt import MIN_INCONSISTENT_S, added_covariances, inconsistency_after
+from baqueano.estimators.readings.inconsistency import (
+    MIN_INCONSISTENT_S,
+    added_covariances,
+    inconsistency_after,
+)
 from baqueano.geometry import wrap
 from baqueano.runs import Run
 from baqueano.signals import Slot, Tick
