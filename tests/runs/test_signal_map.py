@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.runs.diagnostics.signal_map import MAX_CHANCE_GAIN, MappedChannel, ratios, relation, signal_map
+from baqueano.runs.diagnostics.signal_map import MappedChannel, ratios, relation, signal_map
 
 UNITS = ratios("acceleration", "m/s^2")
 
@@ -35,4 +35,30 @@ def test_at_most_one_percent_of_unrelated_slow_signals_are_called_related():
     """Of 400 unrelated pairs, one of seven correlates beyond 0.3; only two are called related."""
     relations = [relation(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)]
     assert sum(abs(pair.correlation) > 0.3 for pair in relations) > 40
-    assert sum(pair.is_clear(MAX_CHANCE_GAIN) for pair in relations) <= 4
+    assert sum(pair.is_clear(0.05) for pair in relations) <= 4
+
+
+@pytest.mark.parametrize(
+    ("factor", "noise", "code"),
+    [
+        (-1.0, 1.5, "inverted"),
+        (1.0 / 9.80665, 1.5, "unit"),
+        (9.0, 1.5, ""),
+        (9.0, 0.1, "scale"),
+        (1.0, 1.5, ""),
+    ],
+)
+def test_an_unknown_scale_needs_a_stronger_relation_than_a_sign_or_a_unit(factor, noise, code):
+    """With this noise the prediction explains a third of the variance."""
+    h, e = np.random.default_rng(4).normal(size=(2, 2000, 1))
+    (channel,) = signal_map(factor * (h + noise * e), h, [MappedChannel(0.4, 2.5, UNITS)])
+    assert channel.code == code
+
+
+def test_a_slope_reduced_by_noise_of_the_prediction_is_not_reported_as_a_unit():
+    """The slope is 0.24, near that of a reading in g, although the scale is 1."""
+    x, e = np.random.default_rng(5).normal(size=(2, 2000, 1))
+    (channel,) = signal_map(x, x + 1.8 * e, [MappedChannel(0.4, 2.5, UNITS)])
+    assert channel.code == ""
+    assert channel.relation.is_clear()
+    assert channel.relation.slope == pytest.approx(0.24, abs=0.02)

@@ -7,9 +7,9 @@ repeated for other mounts. Their axes are swapped, turned by a quarter or a half
 
     gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other mount),   n_c readings of the IMU              (1)
 
-A turned mount cannot be detected if the vehicle can have any force along x and y. A mirrored mount can be detected:
-the acceleration in a turn, ν_x ω, points to the left in a left turn. If four mounts have the same residuals, the
-signs of the commands in the file decide. A mount is reported if its residuals are a tenth smaller, a gain of n/10.
+The signal map decides if (1) is large enough. A turned mount cannot be detected if the vehicle can have any force
+along x and y. A mirrored mount can be detected: the acceleration in a turn, ν_x ω, points to the left in a left turn.
+If four mounts have the same residuals, the signs of the commands in the file decide.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -23,7 +23,7 @@ from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.runs.diagnostics.signal_map import MAX_CHANCE_CORRELATION, MappedChannel, relations, signal_map
+from baqueano.runs.diagnostics.signal_map import MappedChannel, is_clear, relations, signal_map
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
@@ -32,7 +32,6 @@ MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
 CLIP_SIGMA = 4.0
 DIVERGED_PREDICTION = 1e6  # SI units: a model with a larger prediction is treated as diverged
 MAX_ROWS = 3000  # rows of each run
-MIN_LOG_GAIN = 0.1  # least gain of the logarithm of σ, per reading of the IMU
 SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts whose gain is above it
 AXIS_CODES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 
@@ -131,11 +130,12 @@ def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnosti
 def _has_wrong_axes(task: Task, name: str) -> bool:
     """Return True if a channel of the IMU does not follow its prediction, or follows the prediction of another
     channel more closely."""
-    hypotheses = relations(*sensor_samples(task.problem, task.first, name))
-    rho = np.array([[hypothesis.correlation for hypothesis in row] for row in hypotheses])
-    own_rho, max_rho = np.diagonal(rho), np.max(np.abs(rho), axis=1)
-    is_related = any(hypothesis.is_clear() for row in hypotheses for hypothesis in row)
-    return is_related and bool(np.any((own_rho < MAX_CHANCE_CORRELATION) | (own_rho < max_rho)))
+    table = relations(*sensor_samples(task.problem, task.first, name))
+    is_related = any(r.is_clear() for row in table for r in row)
+    return is_related and not all(
+        row[i].is_clear() and row[i].slope > 0.0 and row[i].gain == max(r.gain for r in row)
+        for i, row in enumerate(table)
+    )
 
 
 def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagnostic] | None:
@@ -165,7 +165,7 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
         for hypothesis, result in searches
     ]
     max_gain = max(gains)
-    if not max_gain > MIN_LOG_GAIN * n.sum():
+    if not is_clear(max_gain, max_gain / n.sum()):
         return None
     for gain, (hypothesis, result) in zip(gains, searches, strict=True):
         if gain > SIMILAR_GAIN_FRACTION * max_gain and _agrees_with_file(task, blocks, result):

@@ -25,7 +25,7 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
 from baqueano.runs.diagnostics.physical_limits import MAX_YAW_RATE_RAD_S
-from baqueano.runs.diagnostics.signal_map import MAX_CHANCE_GAIN, Hypothesis, MappedChannel, signal_map
+from baqueano.runs.diagnostics.signal_map import Hypothesis, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import means
@@ -161,7 +161,7 @@ def _turns(parameter: Free) -> bool:
 def _unit_hypothesis(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
     """Return the signal map from h (N,) to z (N,), with the possible `units` of their ratio."""
     z, h = (channel_map.clip(x[:, None]) for x in (z, h))
-    return signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)], MAX_CHANCE_GAIN)[0]
+    return signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])[0]
 
 
 def _is_near(hypothesis: Hypothesis) -> bool:

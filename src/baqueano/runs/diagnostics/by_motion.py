@@ -19,7 +19,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.motion import LoggedMotion
 from baqueano.runs.diagnostics.signal_map import (
-    MAX_CHANCE_CORRELATION,
+    MIN_GAIN,
     MIN_WINDOWS,
     Hypothesis,
     MappedChannel,
@@ -118,7 +118,7 @@ def _truth_findings(
         findings += [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
     elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
         findings.append(ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key)))
-    elif abs(r.correlation) < MAX_CHANCE_CORRELATION:
+    elif r.gain < MIN_GAIN:
         findings.append(ImportFinding("unrelated", "warning", None, reason))
     return findings
 
@@ -167,7 +167,7 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
         return [
             ImportFinding("track", "error", None, note("recording.track", **figures, apart_m=r.slope), line)
         ]
-    if abs(r.correlation) < MAX_CHANCE_CORRELATION and np.std(difference) > 0.0:
+    if r.gain < MIN_GAIN and np.std(difference) > 0.0:
         return [ImportFinding("unrelated", "warning", None, note("recording.turns-otherwise", **figures))]
     return []
 

@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages.language import mark as N_
 from baqueano.runs.diagnostics.finding import ImportFinding
-from baqueano.runs.diagnostics.signal_map import relation
+from baqueano.runs.diagnostics.signal_map import MIN_SCALE_GAIN, relation
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Run
@@ -151,7 +151,7 @@ def _robust_std(x: np.ndarray) -> float:
 def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
     """Yield a finding if a_y and ω_z imply a curve at an impossible speed.  (4)"""
     curve = relation(*_means(channel).T[1:])
-    if curve.is_clear() and (v := abs(curve.slope)) > MAX_CURVE_SPEED_M_S:
+    if curve.is_clear(MIN_SCALE_GAIN) and (v := abs(curve.slope)) > MAX_CURVE_SPEED_M_S:
         first, last = signal.entries[1], signal.entries[2]
         reason = note("recording.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
         cure = note("recording.check-both-units")

@@ -1,20 +1,18 @@
 """Match each channel with a known signal by likelihood: signed permutation, unit ratio and scale.
 
     z_i = s_i r_i g_i h_π(i) + e_i,   s_i = ±1,   low_i ≤ g_i ≤ high_i                                    (1)
-
-z is measured. h is predicted from one of these: a truth, wheels, v̇ and v ω, a model. r is the ratio of two units. g is
-the scale that data sheets, skidding wheels or guessed files do not determine. ρ is the correlation of z_i and h_j, and
-N windows contain as much information as n independent windows. Compared with a slope of 0, the best slope has the gain
-
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
+    gain of log L > MIN_TOTAL_GAIN in total,   > MIN_GAIN per measurement                                 (3)
 
-a_e, a_h are the autocorrelations, one window apart, of the residual and of h. s is the sign of the slope, and r the
-ratio nearest to it. A relation is clear if log L rises by MIN_GAIN_MARGIN in total and by MIN_GAIN per window. Channels
-are swapped only if neither channel fits its own prediction: a nearly right prediction can correlate less than a wrong
-one.
+z is measured. h is predicted from a truth, wheels, v̇ and v ω, or a model. r is a ratio of two units, and g a scale that
+data sheets, skidding wheels or guessed files do not determine. (2) compares the best slope of z_i on h_j with a slope
+of 0; s is its sign, and r the nearest ratio. a_e, a_h are the autocorrelations, one window apart, of the residual and
+of h. Import and fit accept another hypothesis π, s, r only by (3). Channels are swapped only if neither channel fits
+its own prediction: a nearly right prediction can correlate less than a wrong one. A scale of no known unit is not such
+a hypothesis. It needs MIN_SCALE_GAIN, as vibration also correlates. A slope that noise of h can explain also needs it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -23,9 +21,9 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic
 from baqueano.runs.maps.units import UNITS, unit
 
-MIN_GAIN_MARGIN, MIN_GAIN = 5.0, 0.3  # of log L: a slope of three standard errors; 45 % of the variance
+MIN_TOTAL_GAIN, MIN_GAIN = 5.0, 0.1  # (3): a slope of three standard errors; 18 % of the variance
+MIN_SCALE_GAIN = 0.3  # per measurement: 45 % of the variance
 MIN_WINDOWS = 20  # windows
-MAX_CHANCE_CORRELATION, MAX_CHANCE_GAIN = 0.3, 0.05  # correlation, and its gain per window
 ROUNDING_VARIANCE = 1e-12  # part of the variance that rounding leaves
 
 
@@ -42,8 +40,17 @@ class Relation(NamedTuple):
         return -0.5 * float(np.log(max(1.0 - self.correlation**2, ROUNDING_VARIANCE)))
 
     def is_clear(self, min_gain: float = MIN_GAIN) -> bool:
-        """Return True if the total gain exceeds MIN_GAIN_MARGIN and the gain per window exceeds `min_gain`."""
-        return self.n * self.gain > MIN_GAIN_MARGIN and self.gain > min_gain
+        """Return True if the gain is large enough."""
+        return is_clear(self.n * self.gain, self.gain, min_gain)
+
+
+def is_clear(total_gain: float, gain: float, min_gain: float = MIN_GAIN) -> bool:
+    """Return True if log L rises enough, in total and by `gain` per measurement.  (3)
+
+    >>> is_clear(40.0, 0.2), is_clear(4.0, 0.2), is_clear(40.0, 0.02)
+    (True, False, False)
+    """
+    return total_gain > MIN_TOTAL_GAIN and gain > min_gain
 
 
 class MappedChannel(NamedTuple):
@@ -100,55 +107,55 @@ def _autocorrelation(x: np.ndarray, min_lag_share: float = 0.0) -> float:
     return float(x[1:] @ x[:-1]) / power if power > min_lag_share else 0.0
 
 
-def signal_map(
-    z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel], min_gain: float = MIN_GAIN
-) -> list[Hypothesis]:
+def signal_map(z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel]) -> list[Hypothesis]:
     """Return, for each channel of z (N, m), the prediction of h (N, k ≥ m) that it shows.
     Channel i should show prediction i; the code "swapped" marks another prediction.
     """
     table = relations(z, h)
-    hypotheses = [_hypothesis(i, table[i][i], channel, min_gain) for i, channel in enumerate(channels)]
-    swaps = {
-        (i, j): _swap(table, i, j, min_gain) for i in range(len(table)) for j in range(i + 1, h.shape[1])
-    }
-    for i, j in sorted((pair for pair in swaps if swaps[pair] > 0.0), key=lambda pair: -swaps[pair]):
-        pairs = _pairs(table, i, j)
-        swap_hypotheses = {a: _hypothesis(b, table[a][b], channels[a], min_gain) for a, b in pairs}
-        if all(
-            hypotheses[a].code != "swapped" and np.isfinite(hypothesis.ratio)
-            for a, hypothesis in swap_hypotheses.items()
-        ):
-            for a, hypothesis in swap_hypotheses.items():
-                hypotheses[a] = hypothesis._replace(code="swapped")
+    hypotheses = [_hypothesis(i, table[i][i], channel) for i, channel in enumerate(channels)]
+    swaps = [(_swap_gain(table, i, j), i, j) for i in range(len(table)) for j in range(i + 1, h.shape[1])]
+    for gain, i, j in sorted(swaps, reverse=True):
+        swap = {a: _hypothesis(b, table[a][b], channels[a]) for a, b in _pairs(table, i, j)}
+        is_free = all(hypotheses[a].code != "swapped" and np.isfinite(swap[a].ratio) for a in swap)
+        for a in swap if gain > 0.0 and is_free else ():
+            hypotheses[a] = swap[a]._replace(code="swapped")
     return hypotheses
 
 
-def _hypothesis(prediction_index: int, r: Relation, channel: MappedChannel, min_gain: float) -> Hypothesis:
-    """Return the hypothesis for a channel that shows prediction `prediction_index` with the regression `r`."""
-    is_clear, magnitude = r.is_clear(min_gain), abs(r.slope)
-    if not is_clear or channel.low <= r.slope <= channel.high:
-        return Hypothesis("", prediction_index, r, is_clear)
-    low, high, meanings = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
-    close_ratios = [ratio for ratio in meanings if ratio * low <= magnitude <= ratio * high]
+def nearest_ratio(magnitude: float, low: float, high: float, known_ratios: Collection[float]) -> float:
+    """Return the known ratio r with low r ≤ magnitude ≤ high r. Return NaN without such a ratio.
+
+    >>> nearest_ratio(50.0, 0.5, 2.0, [1.0, 57.3])
+    57.3
+    """
+    close_ratios = [r for r in known_ratios if r * low <= magnitude <= r * high]
     typical = np.sqrt(low * high) if len(close_ratios) > 1 else 1.0
-    nearest_ratio = min(
-        close_ratios, key=lambda ratio: abs(np.log(magnitude / ratio / typical)), default=np.nan
-    )
-    code = "inverted" if r.slope < 0.0 else "unit" if close_ratios else "scale"
-    return Hypothesis(code, prediction_index, r, is_clear, nearest_ratio, meanings.get(nearest_ratio))
+    return min(close_ratios, key=lambda r: abs(np.log(magnitude / r / typical)), default=np.nan)
 
 
-def _swap(table: Sequence[Sequence[Relation]], i: int, j: int, min_gain: float) -> float:
+def _hypothesis(prediction_index: int, r: Relation, channel: MappedChannel) -> Hypothesis:
+    """Return the hypothesis for a channel that shows prediction `prediction_index` with the regression `r`."""
+    low, high, meanings = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
+    as_read = Hypothesis("", prediction_index, r, r.is_clear())
+    if not as_read.is_clear or low <= r.slope <= high:
+        return as_read
+    ratio = nearest_ratio(abs(r.slope), low, high, meanings)
+    is_attenuated = abs(r.slope) < low <= abs(r.slope) / r.correlation**2  # possible if h has all the noise
+    if (np.isnan(ratio) or is_attenuated) and not r.is_clear(MIN_SCALE_GAIN):
+        return as_read._replace(is_clear=False)
+    code = "inverted" if r.slope < 0.0 else "scale" if np.isnan(ratio) else "unit"
+    return Hypothesis(code, prediction_index, r, True, ratio, meanings.get(ratio))
+
+
+def _swap_gain(table: Sequence[Sequence[Relation]], i: int, j: int) -> float:
     """Return the gain of log L if the channels i and j swap their predictions. Return 0 if the gain is small, or if one
     of the two channels fits its own prediction.
     """
     pairs = [(table[a][a], table[a][b]) for a, b in _pairs(table, i, j)]
-    gain = sum(candidate.n * (candidate.gain - present.gain) for present, candidate in pairs)
-    is_clear = (
-        sum(candidate.gain - present.gain for present, candidate in pairs) > min_gain
-        and gain > MIN_GAIN_MARGIN
-    )
-    return gain if is_clear and not any(present.is_clear(MAX_CHANCE_GAIN) for present, _ in pairs) else 0.0
+    total_gain = sum(candidate.n * (candidate.gain - present.gain) for present, candidate in pairs)
+    gain = sum(candidate.gain - present.gain for present, candidate in pairs) / len(pairs)
+    is_possible = not any(present.is_clear() for present, _ in pairs)
+    return total_gain if is_possible and is_clear(total_gain, gain) else 0.0
 
 
 def _pairs(table: Sequence[Sequence[Relation]], i: int, j: int) -> list[tuple[int, int]]:
