@@ -19,6 +19,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import entries, value
 from baqueano.parameter import all_parameters
+from baqueano.runs.diagnostics.signal_map import nearest_ratio
 from baqueano.symbolic import get
 
 MAX_GAIN_RATIO = (
@@ -109,10 +110,8 @@ def _comparison(path: str, file_value: float, fitted: float, std: float) -> list
 
 
 def _unit(off: float) -> Diagnostic | str:
-    for unit_factor, code in UNITS.items():
-        if 0.8 < off / unit_factor < 1.25:
-            return note(code)
-    return ""
+    code = UNITS.get(nearest_ratio(off, 0.8, 1.25, UNITS))
+    return note(code) if code else ""
 
 
 def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]) -> list[Diagnostic]:

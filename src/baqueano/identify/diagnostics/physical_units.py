@@ -13,7 +13,7 @@ file are guesses. A gyro that agrees with wheels or model is confirmed. (4) cann
 in another unit, and reports both.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from baqueano.identify.diagnostics import channel_map
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
-from baqueano.runs.diagnostics.physical_limits import MAX_YAW_RATE_RAD_S
-from baqueano.runs.diagnostics.signal_map import Hypothesis, MappedChannel, signal_map
+from baqueano.runs.diagnostics.physical_limits import LIMIT_OF_KIND, MAX_YAW_RATE_RAD_S
+from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import means
@@ -34,17 +34,11 @@ from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
     from baqueano.vehicle_file import VehicleFile
-if TYPE_CHECKING:
-    from baqueano.runs.run import Run
-    from baqueano.vehicle_file import VehicleFile
 
 CURVE_CODE = "gyro.or-accelerometer"  # the code of a message that names two possible causes
 MAX_UNIT_RATIO = 2.0  # either way: the tolerances of data sheet and scale together
 WINDOW_S, WINDOW_SAMPLES = 0.2, 4.0
-MIN_ROWS = 20  # rows
 UNIT_BY_RATIO = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # r → unit of the gyro
-UNIT_BY_INVERSE_RATIO = {1.0 / r: unit for r, unit in UNIT_BY_RATIO.items()}  # and by 1/r
-MAX_ACCELERATION_M_S2 = 300.0  # the largest acceleration on a small vehicle, apart from shocks
 TILT_M_S2 = 3.0  # component of gravity in the plane: the mount is tilted by 18°
 LIMIT_TOLERANCE = 1.2  # times the limit: rounding and trims are less
 MIN_REST_TICKS = 20  # ticks at rest
@@ -56,52 +50,29 @@ def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Di
     acceleration. The list is empty if the wheels of a sensor show the same yaw rate as the gyro. If only (4) shows
     the fault, the message names gyro or accelerometer.  (3), (4)
     """
-    sensors, by_wheels, curves = vehicle_file.sensors._asdict(), [], []
+    sensors, by_wheels, by_curves = vehicle_file.sensors._asdict(), [], []
     for sensor_name, channel in run.sensors.items():
         block: Tree = sensors.get(sensor_name)
         is_wheels = has_field(block, "track_m")
         if not (is_wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
             continue
-        if (windows := _windows(run.sensors[name], channel)) is None:
+        if min(len(run.sensors[name].t_ns), len(channel.t_ns)) < MIN_WINDOWS:
             continue
-        imu, wheel_speeds = windows
+        imu, speed = _window_means(run.sensors[name], channel)
         if is_wheels:
-            by_wheels.append(
-                (
-                    _unit_hypothesis(
-                        imu[:, 2], (wheel_speeds[:, 1] - wheel_speeds[:, 0]) / block.track_m, UNIT_BY_RATIO
-                    ),
-                    sensor_name,
-                )
-            )
-        curves.append(
-            (
-                _unit_hypothesis(imu[:, 1], wheel_speeds.mean(axis=1) * imu[:, 2], UNIT_BY_INVERSE_RATIO),
-                sensor_name,
-            )
-        )
-    if any(_is_near(hypothesis) for hypothesis, _ in by_wheels):
+            rate = (speed[:, 1] - speed[:, 0]) / block.track_m
+            source = note("gyro.as-wheels", subject=sensor_name)
+            by_wheels.append(_gyro_comparison(name, imu[:, 2], rate, source))
+        source = note("gyro.as-curve", subject=f"{name}[1]", speed=sensor_name)
+        by_curves.append(_gyro_comparison(name, imu[:, 1], speed.mean(axis=1) * imu[:, 2], source, -1))
+    if any(comparison.is_near for comparison in by_wheels):
         return []
-    messages = [
-        _wrong_unit(
-            name, hypothesis, abs(hypothesis.relation.slope), note("gyro.as-wheels", subject=sensor_name)
-        )
-        for hypothesis, sensor_name in by_wheels
-    ]
-    messages += [_curve_message(name, hypothesis, sensor_name) for hypothesis, sensor_name in curves]
-    return [message for message in messages if message is not None][:1]
-
-
-def _curve_message(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | None:
-    """Return a message if a_y = v ω_z / r shows a wrong unit, else None. The test cannot separate a wrong gyro from
-    a wrong accelerometer.  (4)"""
-    slope = abs(curve.relation.slope) or np.nan
-    message = _wrong_unit(
-        name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=speed_name)
-    )
-    if message is None:
-        return None
-    return note(CURVE_CODE, Severity.ERROR, subject=f"{name}[1]", gyro=message, times=slope)
+    messages = [comparison.message for comparison in by_wheels if comparison.message]
+    for comparison in by_curves:
+        if comparison.message:  # the test cannot separate a wrong gyro from a wrong accelerometer
+            figures: JsonObject = {"gyro": comparison.message, "times": comparison.slope}
+            messages.append(note(CURVE_CODE, Severity.ERROR, subject=f"{name}[1]", **figures))
+    return messages[:1]
 
 
 def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
@@ -120,14 +91,13 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     fitted = (
         [channel_map.predictions(problem, end.search.solution.theta)] if _keeps_turning_gains(end) else []
     )
-    messages, is_cleared = [], True
+    messages, is_cleared, source = [], True, note("gyro.as-commands")
     for name in (name for name in first_channel if has_field(sensors[name], "gyro_scale")):
         i = first_channel[name] + 2
         turn_rates = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted)
-        model, *other_hypotheses = (_unit_hypothesis(z[:, i], omega, UNIT_BY_RATIO) for omega in turn_rates)
-        if not any(map(_is_near, (model, *other_hypotheses))):
-            slope, is_cleared = abs(model.relation.slope), False
-            messages.append(_wrong_unit(name, model, slope, note("gyro.as-commands")))
+        comparisons = [_gyro_comparison(name, z[:, i], omega, source) for omega in turn_rates]
+        if not any(comparison.is_near for comparison in comparisons):
+            messages, is_cleared = [*messages, comparisons[0].message], False
     return [message for message in messages if message is not None], is_cleared
 
 
@@ -136,15 +106,10 @@ def _keeps_turning_gains(end: "FinishedFit") -> bool:
 
     Return False if the file contains such values, but none of them is identifiable.
     """
-    free = end.free
-    fitted, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
-    file_values = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]
-    ratios = [
-        x / x_0
-        for x, x_0, is_shown in zip(fitted, file_values, is_identifiable, strict=True)
-        if is_shown and x_0
-    ]
-    identifiable = bool(ratios) or not any(file_values)
+    theta, mask = end.search.solution.theta, end.identifiability.mask
+    turning = [(k, value(end.blocks, free.path)) for k, free in enumerate(end.free) if _turns(free)]
+    ratios = [theta[k] / x_0 for k, x_0 in turning if x_0 and mask[k]]
+    identifiable = bool(ratios) or not any(x_0 for _, x_0 in turning)
     return (
         end.search.solution.converged
         and identifiable
@@ -158,37 +123,36 @@ def _turns(parameter: Free) -> bool:
     return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
 
-def _unit_hypothesis(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
-    """Return the signal map from h (N,) to z (N,), with the possible `units` of their ratio."""
+class _GyroComparison(NamedTuple):
+    """The comparison of a gyro with another measure of turning."""
+
+    is_near: bool  # the unit is confirmed
+    slope: float
+    message: Diagnostic | None  # of a wrong unit
+
+
+def _gyro_comparison(
+    name: str, z: np.ndarray, h: np.ndarray, source: Diagnostic, power: int = 1
+) -> _GyroComparison:
+    """Return the signal map from h (N,) to z (N,). Their ratio is r for a `power` of 1, or 1/r for −1."""
     z, h = (channel_map.clip(x[:, None]) for x in (z, h))
-    return signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])[0]
+    units = {r**power: unit for r, unit in UNIT_BY_RATIO.items()}
+    (found,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
+    slope, message = abs(found.relation.slope), None
+    if found.meaning:
+        read = next(unit for unit in UNIT_BY_RATIO.values() if unit != found.meaning)
+        figures: JsonObject = {"times": slope**power, "by": source, "given": found.meaning, "read": read}
+        message = note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", **figures)
+    return _GyroComparison(found.is_clear and found.ratio == 1.0, slope, message)
 
 
-def _is_near(hypothesis: Hypothesis) -> bool:
-    return hypothesis.is_clear and hypothesis.ratio == 1.0
-
-
-def _wrong_unit(name: str, hypothesis: Hypothesis, r: float, source: Diagnostic) -> Diagnostic | None:
-    if not hypothesis.meaning:
-        return None
-    units = {"given": hypothesis.meaning, "read": "rad/s" if hypothesis.meaning == "deg/s" else "deg/s"}
-    return note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", times=r, by=source, **units)
-
-
-def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the means (W, m) of both logs over the windows in which both have samples.
-
-    Return None if one of the logs has fewer than MIN_ROWS samples.
-    """
-    if min(len(log.t_ns), len(second_log.t_ns)) < MIN_ROWS:
-        return None
+def _window_means(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray]:
+    """Return the means (W, m) of both logs over the windows in which both have samples."""
     typical_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
-    width = max(WINDOW_S, WINDOW_SAMPLES * typical_s)
-    origin = int(min(log.t_ns[0], second_log.t_ns[0]))
-    window_means = [means(c, origin, width) for c in (log, second_log)]
-    common_windows = np.intersect1d(window_means[0][0], window_means[1][0])
-    first, second = (mean[np.searchsorted(windows, common_windows)] for windows, mean in window_means)
-    return first, second
+    width, origin = max(WINDOW_S, WINDOW_SAMPLES * typical_s), int(min(log.t_ns[0], second_log.t_ns[0]))
+    (windows, mean), (second_windows, second_mean) = (means(c, origin, width) for c in (log, second_log))
+    _, rows, second_rows = np.intersect1d(windows, second_windows, return_indices=True)
+    return mean[rows], second_mean[second_rows]
 
 
 def implausible_values(run: Run, vehicle_file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
@@ -224,15 +188,15 @@ def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]
 
 def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     z, messages = run.sensors[name].z, []
-    magnitudes = np.abs(z[np.isfinite(z).all(axis=1)])
+    magnitudes, most_m_s2 = np.abs(z[np.isfinite(z).all(axis=1)]), LIMIT_OF_KIND["acceleration"][0]
     if not len(magnitudes):
         return []
-    is_implausible = np.any(magnitudes > [MAX_ACCELERATION_M_S2, MAX_ACCELERATION_M_S2, MAX_YAW_RATE_RAD_S])
+    is_implausible = np.any(magnitudes > [most_m_s2, most_m_s2, MAX_YAW_RATE_RAD_S])
     peaks = np.quantile(magnitudes, 0.99, axis=0) if is_implausible else np.zeros(3)
     if peaks[2] > MAX_YAW_RATE_RAD_S:
         rates: JsonObject = {"most_rad_s": float(peaks[2]), "fastest_rad_s": MAX_YAW_RATE_RAD_S}
         messages.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
-    for i in np.flatnonzero(peaks[:2] > MAX_ACCELERATION_M_S2):
+    for i in np.flatnonzero(peaks[:2] > most_m_s2):
         figures = {"subject": f"{name}[{i}]", "most_m_s2": float(peaks[i])}
         messages.append(note("accelerometer.unit", Severity.ERROR, **figures))
     return messages + _gravity_messages(run, name, block)
@@ -241,26 +205,19 @@ def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
 def _gravity_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     channel = run.sensors[name]
     tick = np.minimum(np.searchsorted(run.t_ns, channel.t_ns), len(run.t_ns) - 1)
-    is_at_rest = ~np.any(run.applied != 0.0, axis=1)[tick]
-    rows = is_at_rest if is_at_rest.sum() >= MIN_REST_TICKS else np.ones(len(tick), bool)
+    at_rest = ~np.any(run.applied != 0.0, axis=1)[tick]
+    has_rest = at_rest.sum() >= MIN_REST_TICKS
+    rows = at_rest if has_rest else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
     expected = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
     messages = []
     for i in range(2):
         x = channel.z[rows, i]
         x = x[np.isfinite(x)]
-        tilted_rows = np.count_nonzero(
-            np.abs(x - expected[i]) > TILT_M_S2
-        )  # fewer than half do not change the median
-        offset = (
-            float(np.median(x)) - float(expected[i]) if tilted_rows and 2 * tilted_rows >= len(x) else 0.0
-        )
+        offset = float(np.median(x)) - float(expected[i]) if len(x) else 0.0
         if abs(offset) > TILT_M_S2:
-            is_full_gravity = (
-                abs(abs(offset) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY
-                and is_at_rest.sum() >= MIN_REST_TICKS
-            )
-            code = "gravity.at-rest" if is_at_rest.sum() >= MIN_REST_TICKS else "gravity.all-the-time"
+            is_full_gravity = has_rest and abs(abs(offset) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY
             severity = Severity.ERROR if is_full_gravity else Severity.WARNING
+            code = "gravity.at-rest" if has_rest else "gravity.all-the-time"
             messages.append(note(code, severity, subject=f"{name}[{i}]", off_m_s2=offset))
     return messages

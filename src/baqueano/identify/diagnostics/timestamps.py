@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.runs.diagnostics.signal_map import nearest_ratio
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 
@@ -28,6 +29,7 @@ MAX_RATE_FACTOR = 20.0  # factor on the rate beyond which the clock is in anothe
 SHORT_STEP_RATIO, LARGE_SHARE = 0.2, 0.2  # of a burst
 MAX_LATENESS_S = 0.25
 MIN_SAMPLES = 20  # samples
+UNIT_CODES = {1e3: "time.milliseconds-as-seconds", 1e-3: "time.seconds-as-milliseconds"}
 
 
 def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
@@ -52,10 +54,8 @@ def _check_unit(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     rate_ratio = median_s * rate_hz
     if 1.0 / MAX_RATE_FACTOR < rate_ratio < MAX_RATE_FACTOR:
         return run, []
-    power = 10.0 ** (3 * round(np.log10(rate_ratio) / 3))
-    guess = {1e3: note("time.milliseconds-as-seconds"), 1e-3: note("time.seconds-as-milliseconds")}.get(
-        power, note("time.which-unit")
-    )
+    ratio = nearest_ratio(rate_ratio, 1000.0**-0.5, 1000.0**0.5, UNIT_CODES)
+    guess = note(UNIT_CODES.get(ratio, "time.which-unit"))
     message = note(
         "time.unit", Severity.ERROR, step_s=median_s, rate_hz=rate_hz, expected_s=1.0 / rate_hz, guess=guess
     )
