@@ -332,6 +332,7 @@ HARMLESS = {
     "check_compilable",
     "repeat",
     "closure",
+    "lap_closure",
     "MARK_SOURCE",
     "RoomWatch",
 }

@@ -68,7 +68,7 @@ class VehicleSide(Protocol):
         """Raise SafetyStop if a browser is not allowed to change the next mission."""
         ...
 
-    def announce_swap(self, room: str, kind: str, blocks: dict[str, str]) -> None:
+    def announce_swap(self, role: str, kind: str, blocks: dict[str, str]) -> None:
         """Announce that a block of this kind is used for a role from the next mission on.
 
         `blocks` contains all swapped blocks, role → kind.
