@@ -137,13 +137,13 @@ def _gyro_comparison(
     """Return the signal map from h (N,) to z (N,). Their ratio is r for a `power` of 1, or 1/r for −1."""
     z, h = (channel_map.clip(x[:, None]) for x in (z, h))
     units = {r**power: unit for r, unit in UNIT_BY_RATIO.items()}
-    (found,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
-    slope, message = abs(found.relation.slope), None
-    if found.meaning:
-        read = next(unit for unit in UNIT_BY_RATIO.values() if unit != found.meaning)
-        figures: JsonObject = {"times": slope**power, "by": source, "given": found.meaning, "read": read}
+    (channel,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
+    slope, message = abs(channel.relation.slope), None
+    if channel.meaning:
+        read = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
+        figures: JsonObject = {"times": slope**power, "by": source, "given": channel.meaning, "read": read}
         message = note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", **figures)
-    return _GyroComparison(found.is_clear and found.ratio == 1.0, slope, message)
+    return _GyroComparison(channel.is_clear and channel.ratio == 1.0, slope, message)
 
 
 def _window_means(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray]:
