@@ -21,7 +21,7 @@ def shape(figure):
 
 
 def test_the_build_page_shows_the_doctor_output_of_an_uno(firmware):
-    block = PAGE.partition("The output of step 5 for a sound Uno")[2].split("```")[1]
+    block = PAGE.partition("The output of step 5 for an Uno without faults")[2].split("```")[1]
     rows = [re.split(r"  +", line, maxsplit=2)[1:] for line in block.splitlines()[1:]]
     with on_pty(firmware) as live:
         checks = list(uno_checks.check_uno(live.path, 0.0, seconds=0.3))
