@@ -52,6 +52,9 @@ ROOMS = [
 MOST_NAMES = 190  # of all rooms together
 MODULE_LINES = 15  # of the docstring of a module: equations and source
 LETTERS = re.compile(r"(eta|nu|u|psi|xy|nu_dot)(_\w+)?")  # physical quantities by their letter alone
+FRAMED = re.compile(r"\b(poses?|velocity|velocities)\b", re.I)  # quantities that have components in a frame
+SHAPE = re.compile(r"\([^)]*\b[236],?\)")  # of 2, 3 or 6 components
+FRAME = re.compile(r"\b(map|body|sensor frame|relative to)\b", re.I)
 BARE_RAISE = {
     "NotImplementedError",
     "AttributeError",
@@ -94,6 +97,18 @@ def test_a_public_name_is_documented(name):
     lacks += [] if "".join(doc["Summary"]).strip() else ["a summary"]
     lacks += [] if ">>> " in "\n".join(doc["Examples"]) else ["Examples"]
     assert not lacks, f"{name} lacks {', '.join(lacks)}"
+
+
+def test_a_pose_or_velocity_of_a_public_name_states_its_frame():
+    lacks = []
+    for name, value in DOCUMENTED.items():
+        doc = NumpyDocString(inspect.getdoc(value) or "")
+        for section in ("Parameters", "Attributes", "Other Parameters", "Returns", "Yields"):
+            for entry in doc[section]:
+                text = " ".join([entry.type, *entry.desc])
+                if FRAMED.search(text) and SHAPE.search(text) and not FRAME.search(text):
+                    lacks.append(f"{name}: {entry.name or section}: {text}")
+    assert not lacks, "name the frame (map, body, sensor frame, relative to): " + "; ".join(lacks)
 
 
 def in_a_function(function, doc: NumpyDocString) -> list[str]:

@@ -44,7 +44,7 @@ def map_from_body(psi: Value) -> np.ndarray:
     Returns
     -------
     ndarray (3, 3)
-        J(ψ).
+        J(ψ), which multiplies a velocity of the body.
 
     Notes
     -----
@@ -72,7 +72,7 @@ def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray (3,) [m, m, rad]
-        Error forward, error to the left, and error of the heading.
+        Error along body x, error along body y, and error of the heading.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def compose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
     eta_a : ndarray (3,) [m, m, rad]
         Pose a in the map.
     eta_b : ndarray (3,) [m, m, rad]
-        Pose b in the frame of a.
+        Pose b relative to pose a.
 
     Returns
     -------
@@ -114,16 +114,16 @@ def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
     Parameters
     ----------
     xy_from : ndarray (n, 2) [m]
-        Points to move.
+        Points to move, in the first frame.
     xy_to : ndarray (n, 2) [m]
-        Corresponding points, in the same order.
+        Corresponding points in the second frame, in the same order.
 
     Returns
     -------
     angle : float [rad]
         Rotation about the origin, counter-clockwise.
     shift : ndarray (2,) [m]
-        Added after the rotation.
+        Shift in the second frame, added after the rotation.
 
     References
     ----------

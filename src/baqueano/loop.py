@@ -87,7 +87,7 @@ def run(
     """Run the clocked loop over a world. The last command is always zero.
 
     After a fault of a block or a stop by the supervisor the command stays zero; the reason names a faulty block. The
-    loop then records for AFTER_STOP_S and ends. `eta` (3,) is the pose at the start.
+    loop then records for AFTER_STOP_S and ends. `eta` (3,) is the pose at the start, in the map.
     """
     n = world.commands
     blocks = Blocks(*(guard_block(role, b, n) for role, b in zip(Blocks._fields, blocks, strict=True)))

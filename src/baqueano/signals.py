@@ -87,7 +87,7 @@ class Motion(NamedTuple):
     nu : ndarray (3,) [m/s, m/s, rad/s]
         Velocity in the body frame: ν_x, ν_y, ν_ψ.
     nu_dot : ndarray (3,) [m/s², m/s², rad/s²]
-        Rate of change of the components of ν.
+        Rate of change of the body components of ν.
     gravity : ndarray (2,) [m/s²]
         Gravity along body x and y; zero on a level floor.
     tick : tuple of Motion, optional

@@ -108,12 +108,13 @@ class Estimator(Protocol):
     def init(self) -> Callable[..., Tree]:
         """Return the function that returns the belief before the first tick.
 
-        The function can have the arguments `eta` (3,), the pose at the start, and `nu` (3,), the velocity at the start.
+        The function can have the arguments `eta` (3,) and `nu` (3,): the pose in the map and the velocity in the
+        body at the start.
         """
         ...
 
     def step(self, belief: Tree, tick: Tick, /) -> tuple[Tree, Estimate]:
-        """Return the next belief, and the estimate of η (3,) and ν (3,) with their covariance (6, 6)."""
+        """Return the next belief, and the estimate: η (3,) in the map, ν (3,) in the body, and covariance (6, 6)."""
         ...
 
 
@@ -134,7 +135,7 @@ class Guide(Protocol):
         ...
 
     def step(self, state: Tree, estimate: Estimate, /) -> tuple[Tree, Reference]:
-        """Return the next state, and the reference: the desired pose (3,) and velocity (3,)."""
+        """Return the next state, and the reference: the desired pose (3,) in the map and velocity (3,) in the body."""
         ...
 
 

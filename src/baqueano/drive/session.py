@@ -40,8 +40,8 @@ class Conditions:
     its default is the truth that the file of the drive names, or that file itself. Another `world` and its clock
     `ticking` can be given. `shake` contains faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s: push
     0.3 N s left"). An empty list yields the same drive without faults: it is bit for bit equal to a run with faults up
-    to the first fault. `eta` (3,) [m, rad] is the pose at the start, or (6,) with the velocity of a vehicle that is
-    already moving. For `backend` see `symbolic.compile_block`.
+    to the first fault. `eta` [m, rad] is the pose at the start in the map (3,). For a moving vehicle it is (6,) and
+    contains the body velocity. For `backend` see `symbolic.compile_block`.
     """
 
     truth: VehicleFile | None = None

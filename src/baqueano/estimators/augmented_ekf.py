@@ -133,7 +133,7 @@ class AugmentedEkf:
         check_use(self.sensors, (*self.use, *self.speed_from), allow_channels=True)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> AugmentedBelief:
-        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
+        """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         states = layout(self)
         mean, no_innovations = (

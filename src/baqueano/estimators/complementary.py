@@ -82,7 +82,7 @@ class Complementary:
     rest_time_s: float = parameter("s", "time constant T_b of the estimated gyro bias", low=1e-3, default=1.0)
     velocity_std: np.ndarray = parameter(
         "m/s, m/s, rad/s",
-        "standard deviations of the measured velocity, √V",
+        "standard deviations of the measured velocity in the body, √V",
         low=0.0,
         default=(0.03, 0.03, 0.01),
         shape=(3,),
@@ -93,7 +93,7 @@ class Complementary:
         object.__setattr__(self, "readings", readings_of(self.sensors))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> ComplementaryBelief:
-        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
+        """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 

@@ -122,7 +122,7 @@ class DeadReckoning:
         object.__setattr__(self, "gyro_bias", tuple(bias for bias in uncertainties if bias.walk))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> DeadReckoningBelief:
-        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
+        """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         speed, turning = scale_std(self.sensors, {r.name: r.rows for r in self.readings})
         bias = [bias.value_at(self.sensors, bias.std) for bias in self.gyro_bias]

@@ -153,7 +153,7 @@ class Ekf:
             raise Invalid(fault("ekf.initial-std", found=self.initial_std))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
-        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
+        """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         effort = np.zeros(self.vehicle.commands)
         nu_dot = self.vehicle.nu_dot(start[1], effort, start[0][2]) if self._is_dynamic else np.zeros(3)

@@ -70,7 +70,7 @@ class Inertial:
         return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
-        """Return the belief, and the estimate: pose since the start, velocity, and the variances of (2) and (3)."""
+        """Return the belief, and the estimate: pose relative to the start, body velocity, variances of (2) and (3)."""
         s = state
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns

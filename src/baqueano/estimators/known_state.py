@@ -40,7 +40,7 @@ class KnownState:
     sensor: str = "truth"
 
     def init(self, eta: np.ndarray | None = None) -> KnownStateBelief:
-        """Return the belief at rest at `eta` (3,)."""
+        """Return the belief at rest at `eta` (3,) in the map."""
         return KnownStateBelief(np.concatenate([np.zeros(3) if eta is None else eta, np.zeros(3)]))
 
     def step(self, belief: KnownStateBelief, tick: Tick) -> tuple[KnownStateBelief, Estimate]:

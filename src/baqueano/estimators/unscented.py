@@ -115,7 +115,7 @@ class Unscented:
         object.__setattr__(self, "process_noise_cov", R)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> UnscentedBelief:
-        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
+        """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         effort = np.zeros(self.vehicle.commands)
         mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])

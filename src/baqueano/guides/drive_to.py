@@ -63,7 +63,7 @@ class DriveTo:
     0.0
     """
 
-    goals: np.ndarray = parameter("m, m, rad", "poses, (k, 3)", shape=None)
+    goals: np.ndarray = parameter("m, m, rad", "poses in the map, (k, 3)", shape=None)
     tau_s: np.ndarray = parameter("s", "times of the route at the goals, (k,)", default=(0.0,), shape=None)
     v_m_s: np.ndarray = parameter("m/s", "speeds of the route there, (k,)", default=(0.0,), shape=None)
     radius_m: float = parameter("m", "smallest radius of a curve", low=0.01, high=1e3, default=0.25)

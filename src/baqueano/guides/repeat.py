@@ -60,7 +60,9 @@ class Repeat:
     """
 
     t_s: np.ndarray = parameter("s", "times of the route, from 0, increasing, (m,)", shape=None)
-    eta: np.ndarray = parameter("m, m, rad", "poses of the route, heading continuous, (m, 3)", shape=None)
+    eta: np.ndarray = parameter(
+        "m, m, rad", "poses of the route in the map, heading continuous, (m, 3)", shape=None
+    )
     nu: np.ndarray = parameter("m/s, m/s, rad/s", "velocities of the route, body frame, (m, 3)", shape=None)
     laps: int = 1
     closed: bool = False

@@ -108,7 +108,7 @@ class TruthLog(NamedTuple):
     nu : ndarray (K, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
     nu_dot : ndarray (K, 3) [m/s², m/s², rad/s²]
-        Rates of change of the components of ν.
+        Rates of change of the body components of ν.
 
     Examples
     --------

@@ -33,7 +33,7 @@ MODELS = ("physical", "paper")
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """Sensor of z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes: two accelerometers and the gyro about z.
+    """Sensor of z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], sensor frame: two accelerometers, gyro about z.
 
     Parameters
     ----------

@@ -46,7 +46,12 @@ class Pose(SampledSensor):
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=10.0)
     noise_std: np.ndarray = parameter(
-        "m, m, rad", "white noise of the pose", low=0.0, high=100.0, default=(0.0, 0.0, 0.0), shape=(3,)
+        "m, m, rad",
+        "white noise of the pose in the map",
+        low=0.0,
+        high=100.0,
+        default=(0.0, 0.0, 0.0),
+        shape=(3,),
     )
     delay_s: float = parameter("s", "age of the pose that is read", low=0.0, high=2.0, default=0.0)
     lever_arm_m: np.ndarray = parameter(

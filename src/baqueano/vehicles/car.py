@@ -178,7 +178,7 @@ class Car:
         return np.array([x[0], x[1], wrap(x[2])]), nu, self.nu_dot(nu, effort.last)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """Return the state at `eta` (3,) with the velocity `nu` (3,), both zero by default, with the motor off."""
+        """Return the state at `eta` (3,) in the map with `nu` (3,) in the body, both zero by default, motor off."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else self._nu(nu[0], nu[2])
         return VehicleState(eta, nu, self.nu_dot(nu, np.zeros(2)), self.drivetrain.init())

@@ -94,7 +94,7 @@ class FromAcceleration:
         return eta, x[3:], self.nu_dot(x[3:], effort.last, eta[2])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """Return the state at the pose `eta` (3,) and the velocity `nu` (3,), both zero by default, with motors off."""
+        """Return the state at `eta` (3,) in the map with `nu` (3,) in the body, both zero by default, motors off."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else self._mask_axes(nu)
         nu_dot = self.nu_dot(nu, np.zeros(self.commands), eta[2])

@@ -58,7 +58,7 @@ class Kinematic:
     commands: ClassVar[int] = 3
 
     velocity_matrix: np.ndarray = parameter(
-        "m/s, m/s, rad/s per unit of u", "velocity of a command, V", low=-1e6, high=1e6, shape=(3, 3),
+        "m/s, m/s, rad/s per unit of u", "body velocity for a command, V", low=-1e6, high=1e6, shape=(3, 3),
         role="gain", term="cross-talk", symbol="V",
     )  # fmt: skip
     slide_s: float = parameter(
@@ -67,7 +67,7 @@ class Kinematic:
     )  # fmt: skip
     drivetrain: Drivetrain = field(default_factory=Drivetrain)
     process_noise_std: np.ndarray = parameter(
-        "m/s, m/s, rad/s", "standard deviation of the velocity in a tick", low=0.0, high=1e6, default=NO_FRICTION,
+        "m/s, m/s, rad/s", "standard deviation of the body velocity in a tick", low=0.0, high=1e6, default=NO_FRICTION,
         shape=(3,),
         role="noise",
     )  # fmt: skip
@@ -99,7 +99,7 @@ class Kinematic:
         return nu - np.array([0.0, self.slide_s * nu[0] * nu[2], 0.0])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """Return the state at `eta` (3,) with the velocity `nu` (3,); both are zero by default."""
+        """Return the state at `eta` (3,) in the map with `nu` (3,) in the body; both are zero by default."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else nu
         return VehicleState(eta, nu, np.zeros(3), self.drivetrain.init())

@@ -86,7 +86,7 @@ class Planar:
     )
     process_noise_std: np.ndarray = parameter(
         "m/s^1.5, m/s^1.5, rad/s^1.5",
-        "white acceleration outside the model: its random walk of ν in 1 s", low=0.0, high=1e6,
+        "white body acceleration outside the model: its random walk of ν in 1 s", low=0.0, high=1e6,
         default=NO_FRICTION, shape=(3,), role="noise",
     )  # fmt: skip
 
@@ -136,7 +136,7 @@ class Planar:
         return eta, x[3:], self.nu_dot(x[3:], effort.last, eta[2])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """Return the state at `eta` (3,) with the velocity `nu` (3,), both zero by default, with motors off."""
+        """Return the state at `eta` (3,) in the map with `nu` (3,) in the body, both zero by default, motors off."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else nu
         return VehicleState(eta, nu, self.nu_dot(nu, np.zeros(3), eta[2]), self.drivetrain.init())

@@ -20,7 +20,7 @@ class VehicleState(NamedTuple):
     nu : ndarray (3,) [m/s, m/s, rad/s]
         Velocity in the body frame.
     nu_dot : ndarray (3,) [m/s², m/s², rad/s²]
-        Rate of change of the components of ν.
+        Rate of change of the body components of ν.
     drivetrain : DrivetrainState
         State of the drivetrain.
 
@@ -58,7 +58,7 @@ class Vehicle(Protocol):
         ...
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """Return the state at the pose `eta` (3,) with the velocity `nu` (3,)."""
+        """Return the state at the pose `eta` (3,) in the map, with the body velocity `nu` (3,)."""
         ...
 
     def advance(
