@@ -1,18 +1,19 @@
-"""Define types that are wider than usual, because a narrower type would not be correct."""
+"""Define type aliases for numbers, arrays and their containers that may be numeric or symbolic."""
 
 from typing import Any, TypeAlias
 
 Value: TypeAlias = Any
-"""A number, or an array of them: floats where the text runs under NumPy, symbols of `symbolic` where it is compiled.
-They share their operators, and no type that NumPy knows holds both. An annotation of this kind says: it may be traced.
+"""A scalar or an array, numeric (NumPy) or symbolic (`symbolic`). A block is traced with symbolic values to compile it.
+The two kinds share their operators, but no common NumPy type. A function of `Value` accepts both.
 """
 
 Tree: TypeAlias = Any
-"""A nest of NamedTuples, tuples, dicts and frozen dataclasses around values, traced or not (a pytree of JAX). The state
-of a block is one that the block alone knows; so are the arguments and the results of a function that is compiled."""
+"""A nested container of values: NamedTuples, tuples, dicts and frozen dataclasses (a pytree of JAX). Examples: the
+state of a block, and the arguments and the result of a compiled function. The type of a state is private to its block.
+"""
 
 TableRow: TypeAlias = dict[str, Any]
-"""A row of a printed table, and of `rows` in JSON: name → number, text, True or False, None where it is not known."""
+"""A row of a printed table, or of `rows` in JSON: column → number, text, boolean, or None if the value is unknown."""
 
 JsonObject: TypeAlias = dict[str, Any]
-"""An object of JSON or a table of TOML: name → number, text, True or False, None, a list of such, another object."""
+"""A JSON object or a TOML table: key → number, text, boolean, None, list, or nested object."""
