@@ -59,10 +59,10 @@ class Wheel:
             time.sleep(0.3)
 
     def drives(self):
-        """Drive ahead by hand, until the motors turn; a machine that stalls may stop it before."""
+        """Drive ahead manually, until the motors turn; a machine that stalls may stop it before."""
         for _ in range(TRIES):
             self.ready()
-            self.hold("By hand")
+            self.hold("Manual")
             if until(lambda: self.state() == "MANUAL", 10.0):
                 self.tab.down("w", "KeyW")
                 if until(self.live.moving, 5.0):

@@ -32,7 +32,7 @@ PICK = (
 
 
 def teach(wheel, body):
-    """Teach a route ahead by hand; a stalled machine may stop the vehicle, then it is taught again."""
+    """Teach a route ahead in a manual drive; a stalled machine may stop the vehicle, then it is taught again."""
     for _ in range(TRIES):
         wheel.ready()
         wheel.hold("Teach")

@@ -55,12 +55,12 @@ def test_a_user_takes_control_drives_and_stops_a_vehicle(chromium, tmp_path):
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         show_text(tab, "nobody drives")
         end = time.monotonic() + START_S
-        while not tab.js(TEXT.format(text="BY HAND")):  # a busy machine loses control: it is taken again
+        while not tab.js(TEXT.format(text="MANUAL")):  # a busy machine loses control: it is taken again
             assert time.monotonic() < end, tab.js("document.body.innerText")
             if tab.js("baqueano.page.state.state") == "STOPPED":
                 tab.js("baqueano.page.link.send({is: 'clear'})")
             take(tab)
-            tab.js(PRESS.format(name="By hand"))
+            tab.js(PRESS.format(name="Manual"))
             time.sleep(0.7)
         show_text(tab, "m/s forward")
         tab.js(PRESS.format(name="STOP"))

@@ -47,7 +47,7 @@ async def beats(visitor):
 
 
 async def drives(visitor):
-    """Drive by hand until the pictures show the command and the motion of the vehicle."""
+    """Drive manually until the pictures show the command and the motion of the vehicle."""
     await visitor.send("take")
     await visitor.send("mission", kind="drive")
     await expected(visitor, "state", lambda word: word["state"] == "MANUAL")

@@ -85,7 +85,7 @@ class Watcher:
 
 
 async def driving(port, moves, via=None):
-    """Drive by hand as a browser does, a heartbeat for each picture, until the page has ended; `moves` is set
+    """Drive manually as a browser does, a heartbeat for each picture, until the page has ended; `moves` is set
     meanwhile. The packets pass `via` another port."""
     from websockets.asyncio.client import connect
 

@@ -95,7 +95,7 @@ def test_spanish_texts_differ_from_english_except_names():
     same = {key for key, text in english.items() if text and text == spanish[key]}
     assert same <= {
         "world.real",
-        "state.MANUAL",
+        "drive.by-hand",
         "block.supervisor",
         "drive.pace-is",
         "identify.bits",

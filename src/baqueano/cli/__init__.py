@@ -20,7 +20,7 @@ VERBS = {
     "experiment": "Drive the vehicle with a signal that excites its dynamics; write a run.",
     "identify": "Fit the model, and the noise, to one or more runs.",
     "tune": "Tune the controller's gains on the identified model.",
-    "drive": "Drive by hand from this terminal, with keys or a game pad; write a run.",
+    "drive": "Drive manually from this terminal, with keys or a game pad; write a run.",
     "teach": "Drive a path once and store it as a route.",
     "route": (
         "Draw, import, smooth, cut, join, reverse, scale or speed up a route; check it before a drive."

@@ -1,4 +1,4 @@
-"""Define `baqueano drive`: drive by hand from this terminal."""
+"""Define `baqueano drive`: drive manually from this terminal."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
 
 
-@click.command(help="Drive by hand from this terminal, with keys or a game pad; write a run.")
+@click.command(help="Drive manually from this terminal, with keys or a game pad; write a run.")
 @options.vehicle
 @options.robot
 @click.option("--latched", is_flag=True, help="Each key press changes a set-point, which is kept.")
@@ -69,7 +69,7 @@ def command(
 
 @dataclass(frozen=True)
 class DriveResult:
-    """The result of a drive by hand."""
+    """The result of a manual drive."""
 
     run: "Run"
     path: Path

@@ -1,4 +1,4 @@
-"""Drive by hand from this terminal, in real time, for `drive` and `teach --driver keys`."""
+"""Drive manually from this terminal, in real time, for `drive` and `teach --driver keys`."""
 
 import os
 import signal
@@ -40,7 +40,7 @@ def drive_by_hand(
     verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
     hold: bool = True, **how: Any,
 ) -> "Run":  # fmt: skip
-    """Return the run of a drive by hand in real time, which ends with q.
+    """Return the run of a manual drive in real time, which ends with q.
 
     `verb` is "drive" or "teach". `pad` is the device of the game pad, or ANY_PAD to search for it. With `hold` and a
     gyro, the heading is kept during straight motion. `how` contains `share` and `latched` of a Cockpit. Raise
@@ -88,7 +88,7 @@ def drive_by_hand(
 
 
 def drive_from_page(folder: str, pace: float) -> Callable[..., "Run"]:
-    """Return a function like `drive_by_hand`, which drives by hand from the page instead of this terminal."""
+    """Return a function like `drive_by_hand`, which drives manually from the page instead of this terminal."""
 
     def drive(
         verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True

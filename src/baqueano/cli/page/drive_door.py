@@ -83,7 +83,7 @@ class DriveDoor:
         self._door.close()
 
     def wait_for_hand(self, is_running: Callable[[], bool]) -> None:
-        """Wait until a person begins to drive by hand on the page.
+        """Wait until a person begins a manual drive on the page.
 
         Requests for other missions are refused. Raise RobotUnreachable once `is_running` returns False.
         """

@@ -238,10 +238,10 @@ TEMPLATES: dict[str, str] = {
     "cli.study-corridor": "identifying and driving {vehicles} vehicles",
     "cli.tuning": "tuning: the closed loop is compiled, then searched from several starts",
     "cli.tuned": "these gains are for a {route} at {speed_m_s:g} m/s. For your own path: {fix}",
-    "cli.page-waits": 'take control on the page and press "By hand"; Ctrl-C ends it',
+    "cli.page-waits": 'take control on the page and press "Manual"; Ctrl-C ends it',
     "cli.page-over": "This drive is over. Its run is in the folder {folder}",
     "cli.page-gone": "The page process has ended.",
-    "cli.page-by-hand": 'This page is for driving by hand. Press "By hand" on it.',
+    "cli.page-by-hand": 'This page is for manual driving. Press "Manual" on it.',
     "cli.page-set": (
         "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on the page of another "
         "command."

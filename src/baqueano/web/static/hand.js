@@ -1,4 +1,4 @@
-// Driving by hand: touch pad, keys, game pad; and the beats that keep the vehicle ours.
+// Manual driving: touch pad, keys, game pad; and the beats that keep the vehicle ours.
 // A beat comes from the drawing loop alone and names the last frame drawn: a hidden tab or a frozen picture falls silent.
 
 import { clamp } from "./canvas.js";
