@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import baqueano as bq
+from baqueano.atomic_file import replace_file
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.runs.run import EstimateLog, Run, TruthLog
@@ -15,7 +16,7 @@ from baqueano.sweep.cell import SweepBlocks
 from baqueano.sweep.figures import figures_of, joining_distance
 from baqueano.sweep.grid import sweep as one_process
 from baqueano.sweep.result import SweepResult
-from baqueano.sweep.stored_drives import _write, digest
+from baqueano.sweep.stored_drives import digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
 from tests.figure_files import width_mm
@@ -177,7 +178,7 @@ def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
 def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):
     path = tmp_path / "drive.json"
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda k: [_write(path, {"figures": k}) for _ in range(200)], range(4)))
+        list(pool.map(lambda k: [replace_file(path, str(k)) for _ in range(200)], range(4)))
     assert [each.name for each in tmp_path.iterdir()] == ["drive.json"]
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
+from baqueano.atomic_file import write_then_appear
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
@@ -30,7 +31,6 @@ from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, U
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
-from baqueano.runs.appearing import write_then_appear
 from baqueano.runs.folder import is_name
 
 if TYPE_CHECKING:

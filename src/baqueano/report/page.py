@@ -3,13 +3,13 @@ network."""
 
 import html
 import io
-import os
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import Verdict, fault, nearest
 from baqueano.errors import UsageError
 from baqueano.messages.language import current, number
@@ -198,12 +198,7 @@ def check_format(file_format: str, width: str | float | None = None) -> None:
 
 def save_text(path: str | Path, text: str) -> Path:
     """Write a file that appears complete or not at all, and return its path. It replaces an older file of this name."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part_file = path.with_name(path.name + ".part")
-    part_file.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(part_file, path)
-    return path
+    return replace_file(Path(path), text)
 
 
 def cell(value: object, key: str = "") -> str:

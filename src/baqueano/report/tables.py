@@ -5,13 +5,13 @@ LaTeX needs \\usepackage{booktabs}; numbers are in math mode with as many digits
 
 import csv
 import io
-import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.parameter import parameters
@@ -98,11 +98,7 @@ def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", bloc
     """
     path = Path(path)
     text = csv_text(rows) if suffix_of(path) == ".csv" else latex_text(rows, caption, blocks)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part_file = path.with_name(path.name + ".part")
-    part_file.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(part_file, path)
-    return path
+    return replace_file(path, text)
 
 
 def _is_nan(value: object) -> bool:

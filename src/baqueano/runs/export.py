@@ -6,12 +6,14 @@ and all digits of a double. A cell is empty if nothing was measured at this tick
 """
 
 import csv
+import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from baqueano.atomic_file import write_then_appear
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.run import Run
@@ -61,7 +63,7 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
         return "" if math.isnan(x) else repr(x).replace(".", decimal)
 
     path = _checked_new_path(path)
-    with path.open("w", encoding="utf-8", newline="") as stream:
+    with write_then_appear(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as stream:
         writer = csv.writer(stream, delimiter=";" if decimal == "," else ",")
         writer.writerow(names)
         writer.writerows([cell(x) for x in row] for row in rows.tolist())
@@ -144,7 +146,7 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
         available = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
         raise UsageError(fault("runs.no-trajectory", run=run.name, found=which, has=available))
     path = _checked_new_path(path)
-    with path.open("w", encoding="utf-8", newline="\n") as stream:
+    with write_then_appear(path) as file, io.TextIOWrapper(file, "utf-8", newline="\n") as stream:
         stream.write("# t_s x y z qx qy qz qw\n")
         for t_ns, (x, y, psi) in zip(log.t_ns.tolist(), log.eta.tolist(), strict=True):
             t = f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"

@@ -13,11 +13,11 @@ from functools import partial
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
-from uuid import uuid4
 
 import numpy as np
 
 from baqueano import __version__
+from baqueano.atomic_file import replace_file
 from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.blocks import LOOP_ROLES, resolve
 from baqueano.contracts import optional
@@ -81,14 +81,8 @@ def _run_and_store(job: NumberedJob, keep: Path | None, names: dict[int, str]) -
     """Run a job, write its row to `keep`, and return its number and row."""
     row = as_row(work(job.job))
     if keep is not None:
-        _write(keep / f"{names[job.number]}.json", row)
+        replace_file(keep / f"{names[job.number]}.json", json.dumps(row))
     return job.number, row
-
-
-def _write(path: Path, row: dict) -> None:
-    temporary_path = path.with_name(f".{uuid4().hex}.half")  # another sweep can store the same drive now
-    temporary_path.write_text(json.dumps(row), encoding="utf-8")
-    temporary_path.replace(path)
 
 
 def _stored_row(path: Path) -> dict | None:
@@ -184,7 +178,7 @@ def on_cluster(
             for future in as_completed(waiting, loop=client.loop):
                 k, row = future.result()
                 if resources.keep is not None:
-                    _write(resources.keep / f"{names[k]}.json", row)
+                    replace_file(resources.keep / f"{names[k]}.json", json.dumps(row))
                 results.append((k, row))
                 advance(1)
         except KeyboardInterrupt:

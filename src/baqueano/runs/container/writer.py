@@ -7,7 +7,6 @@ drops messages that can be computed again (estimates, references). It counts and
 """
 
 import heapq
-import os
 import platform
 import struct
 import threading
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.atomic_file import give_new_name, temporary_file
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import in_english
@@ -231,20 +231,20 @@ def write_run(run: Run, path: Path | str) -> Path:
     path = Path(path)
     if path.exists():
         raise FileError(fault("runs.run-there", path=path))
-    temporary_path = path.with_name(path.name + ".part")
-    temporary_path.unlink(missing_ok=True)
-    run_file = RunFile(temporary_path, run.vehicle_text, run.metadata)
-    try:
-        for message in _messages(run, run_file):
-            run_file.add(*message)
-        run_file.finish()
-        os.replace(temporary_path, path)
-    except BaseException as error:
-        run_file.abandon()
-        temporary_path.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise FileError(fault("runs.not-written", path=path, error=error.strerror or error)) from error
-        raise
+    with temporary_file(path) as temporary_path:
+        run_file = RunFile(temporary_path, run.vehicle_text, run.metadata)
+        try:
+            for message in _messages(run, run_file):
+                run_file.add(*message)
+            run_file.finish()
+            give_new_name(temporary_path, path)
+        except BaseException as error:
+            run_file.abandon()
+            if isinstance(error, OSError):
+                raise FileError(
+                    fault("runs.not-written", path=path, error=error.strerror or error)
+                ) from error
+            raise
     return path
 
 

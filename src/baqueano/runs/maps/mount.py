@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
@@ -104,7 +105,7 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
         _set_value(
             document["truth"], key, getattr(mount, key), f"± {errors} (95 %), runs calibrate {run.name}"
         )
-    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+    replace_file(path, tomlkit.dumps(document))
     return mount
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.messages.language import number
@@ -236,9 +237,7 @@ def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
     cases = "-".join(str(CASES.index(case)) for case in job.cases)
     path = keep / f"{job.seeds[0]}to{job.seeds[-1]}_cases{cases}_{job.duration_s:g}s.pickle"
     if not path.exists():
-        temporary_path = path.with_suffix(".half")
-        temporary_path.write_bytes(pickle.dumps(work(job)))
-        temporary_path.replace(path)
+        replace_file(path, pickle.dumps(work(job)))
     return pickle.loads(path.read_bytes())
 
 

@@ -4,8 +4,6 @@ So the difference of two files shows only the changes of the vehicle, such as we
 at all.
 """
 
-import os
-import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
 from datetime import date
@@ -15,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.atomic_file import replace_file
 from baqueano.blocks import read_module
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
@@ -124,24 +123,10 @@ def write_whole(vehicle_file: VehicleFile, path: str | Path | None = None) -> Pa
     ):
         raise FileError(fault("vehicle.changed-since", file=target.name))
     try:
-        _replace_file(target, vehicle_file.text.encode("utf-8"))
+        replace_file(target, vehicle_file.text)
     except OSError as error:
         raise FileError(fault("vehicle.not-written", path=target, error=error.strerror or error)) from error
     return target
-
-
-def _replace_file(target: Path, content: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, target.stat().st_mode & 0o777 if target.exists() else 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def _has_tomlkit() -> bool:
