@@ -133,6 +133,32 @@ def test_a_draft_takes_columns_with_the_package_names_of_commands_as_commands(ba
     assert baqueano("runs", "import", "log.toml", "log.csv").code in (0, 1)
 
 
+@pytest.mark.parametrize(
+    ("header", "code", "has_rest_text"),
+    [("t,x_m,y_m,psi_rad", 0, True), ("t,gyro_rad_s", 0, True), ("t,note", 3, False)],
+)
+def test_a_draft_without_commands_agrees_with_the_import(baqueano, tmp_path, header, code, has_rest_text):
+    width = header.count(",")
+    rows = "".join(f"{0.02 * k}" + f",{0.01 * (k % 5)}" * width + "\n" for k in range(100))
+    (tmp_path / "log.csv").write_text(f"{header}\n{rows}", encoding="utf-8")
+    assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").code == 0
+    assert ("without [command]" in (tmp_path / "log.toml").read_text(encoding="utf-8")) == has_rest_text
+    end = baqueano("runs", "import", "log.toml", "log.csv", "-o", "log.mcap")
+    assert end.code == code, end.reason
+    if has_rest_text:
+        assert not read_run(tmp_path / "log.mcap").applied.any()
+    else:
+        assert (end.reason.code, end.reason.figures["place"]) == ("map.missing", "command")
+
+
+@pytest.mark.parametrize("name", ["empty.csv", "empty.toml"])
+def test_an_empty_file_in_place_of_a_map_is_called_empty(baqueano, tmp_path, name):
+    (tmp_path / name).write_text("\n", encoding="utf-8")
+    end = baqueano("runs", "import", name)
+    assert (end.code, end.reason.code) == (3, "map.empty")
+    assert end.fix == "baqueano runs import RECORDING.csv --draft MAP.toml"
+
+
 def test_an_unknown_unit_must_be_stated_by_the_user(baqueano, tmp_path):
     (tmp_path / "log.csv").write_text(
         "t,gyro\n" + "".join(f"{0.02 * k},{k}\n" for k in range(9)), encoding="utf-8"

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from baqueano.errors import AnswerNo
+from baqueano.messages import text
+from baqueano.messages.language import within
 
 
 @pytest.fixture
@@ -102,3 +104,30 @@ def test_bad_route_input_gives_an_error_of_one_paragraph(lab, tmp_path, code, li
     end = lab("route", *line)
     assert end.code != 0
     assert end.reason.code == code
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        ("x,y\n0,0\n1,fast\n", "route.cell"),
+        ("x,y\n0,0\n1,1_000\n", "route.cell"),
+        ('x,y\n0,0\n1,"1,5"\n', "route.comma-of-number"),
+        ("x;y\n1,000;2,000\n3,000;4,000\n", "route.comma"),
+        ("x,y;z\n0,1;2\n", "route.delimiter"),
+        ("0,0\n1,1\n", "route.no-header"),
+        ("x,y\n0,0\n1,1,1\n", "route.uneven"),
+        ("x,y\n0\n1\n2,1\n", "route.uneven"),
+        ("x,y,señal\n0,0,0\n".encode("cp1252"), "route.encoding"),
+        ("x,y\n0,0\n".encode("utf-16-le"), "route.encoding"),
+    ],
+)
+def test_the_advice_for_unclear_points_can_be_used_without_a_map(lab, tmp_path, content, code):
+    (tmp_path / "points.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+    end = lab("route", "import", "points.csv", "box")
+    assert (end.code, end.reason.code) == (3, code)
+    for language in ("en", "es"):
+        with within(language):
+            sentence = text(end.reason)
+        assert not any(
+            key in sentence for key in ("[files", "where =", "header =", "decimal =", "encoding =")
+        )

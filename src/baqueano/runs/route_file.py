@@ -14,12 +14,15 @@ wait_s is the time that the vehicle waits at a row before it continues.
 A turn on the spot (Δs = 0) lasts 1 s per radian.
 """
 
-import os
 import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.guides.route import Route
@@ -29,6 +32,21 @@ from baqueano.runs.tables.table import LogTable, read_table
 DISTANCE_COLUMNS, WAIT_COLUMN = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
 SPOT_TURN_RAD_S = 1.0  # yaw rate of a turn on the spot
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
+# the same faults of a table, with advice for a file that has no map
+_CODES = {
+    "table.utf-16": "route.encoding",
+    "table.not-encoded": "route.encoding",
+    "table.delimiter": "route.delimiter",
+    "table.no-header": "route.no-header",
+    "table.comma": "route.comma",
+    "table.comma-of-number": "route.comma-of-number",
+    "table.word": "route.cell",
+    "table.not-number": "route.cell",
+    "table.no-column": "route.no-column",
+    "table.column-mistyped": "route.no-column",
+    "table.uneven": "route.uneven",
+    "table.commas-between-commas": "route.uneven",
+}
 _CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
 
 
@@ -52,15 +70,23 @@ def write_route(route: Route, path: Path | str) -> Path:
     >>> print(write_route(bq.guides.shapes.circle(0.5, 0.2), "circle.csv").read_text().splitlines()[0])
     # closed = true
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     rows = np.column_stack([route.t_s, route.eta, route.nu])
     lines = [f"# closed = {'true' if route.closed else 'false'}", ",".join(COLUMNS)]
     lines += [",".join(map(repr, row)) for row in rows.tolist()]
-    temporary_path = path.with_name(path.name + ".part")
-    temporary_path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
-    os.replace(temporary_path, path)
-    return path
+    return replace_file(Path(path), "\n".join(lines) + "\n")
+
+
+@contextmanager
+def advice_without_map(names: Sequence[str]) -> Iterator[None]:
+    """Replace the advice to write a map in an error of a table, which must have the columns `names`."""
+    try:
+        yield
+    except FileError as error:
+        reason = error.diagnostic
+        if reason.code not in _CODES:
+            raise
+        figures = {**reason.figures, "names": ",".join(names)}
+        raise FileError(replace(reason, code=_CODES[reason.code], figures=figures)) from error
 
 
 def read_route(path: Path | str) -> Route:
@@ -86,7 +112,11 @@ def read_route(path: Path | str) -> Route:
     >>> read_route(write_route(bq.guides.shapes.circle(0.5, 0.2), "circle.csv"))
     Route(1441 poses, 15.7 s, 3.14 m, closed)
     """
-    path = Path(path)
+    with advice_without_map(COLUMNS):
+        return _read_route(Path(path))
+
+
+def _read_route(path: Path) -> Route:
     table = read_table(path, {})
     if set(DISTANCE_COLUMNS) <= set(table.columns) and COLUMNS[0] not in table.columns:
         return _route_by_distance(table, path)

@@ -365,15 +365,17 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
     from baqueano.errors import FileError
     from baqueano.routes import through_points
     from baqueano.routes.path import MAX_END_GAP_M
+    from baqueano.runs.route_file import advice_without_map
     from baqueano.runs.tables.table import read_table
 
     if not path.is_file():
         raise FileError(fault("cli.points-absent", path=path))
-    table = read_table(path, {})
-    names = next((xy for xy in XY if set(xy) <= set(table.columns)), None)
-    if names is None:
-        raise FileError(fault("route.columns", path=path, found=", ".join(table.columns)))
-    xy = np.column_stack([table.numbers(name) for name in names])
+    with advice_without_map(XY[0]):
+        table = read_table(path, {})
+        names = next((xy for xy in XY if set(xy) <= set(table.columns)), None)
+        if names is None:
+            raise FileError(fault("route.columns", path=path, found=", ".join(table.columns)))
+        xy = np.column_stack([table.numbers(name) for name in names])
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
     is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M
     if is_closed and ends_m < 1e-3:

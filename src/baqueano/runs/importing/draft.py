@@ -73,8 +73,18 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         free_columns[:] = [column for column in free_columns if column not in single_column]
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{column!r}" for column in single_column)}]'
         yield f"u = [\n{_list_lines(_command(table, column) for column in single_column)}\n]"
-    else:
-        yield f"\n# {_('no column looks like a command: without [command] the vehicle is at rest')}"
+    signals = list(_signal_tables(free_columns))
+    if not commands and not single_column:
+        at_rest = _("no column looks like a command: without [command] the vehicle is at rest")
+        nothing = _(
+            "no column looks like a command or a measurement: write [command], [sensors.NAME] or [truth]"
+        )
+        yield f"\n# {at_rest if signals else nothing}"
+    yield from signals
+
+
+def _signal_tables(free_columns: list[str]) -> Iterator[str]:
+    """Yield the tables of the sensors and of the truth, and remove their columns from `free_columns`."""
     wheels = [
         _take_column(free_columns, f"(?=.*({SPEED_PATTERN})).*{side}")
         for side in (LEFT_PATTERN, RIGHT_PATTERN)

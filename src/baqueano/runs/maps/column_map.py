@@ -60,7 +60,9 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
     if not path.is_file() and shipped_path.is_file():
         path = shipped_path
     try:
-        text = _beginning(path)
+        if not (text := _beginning(path)).strip():
+            fix = baqueano_command("runs", "import", "RECORDING.csv", "--draft", "MAP.toml")
+            raise FileError(fault("map.empty", fix, path=path))
         return _Parser(path, text, _tree(path, text)).map()
     except FileNotFoundError:
         names = sorted(p.stem for p in maps_folder().glob("*.toml"))
@@ -140,7 +142,7 @@ class _Parser:
             top, "ticks", note("expect.ticks")
         )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
-        if "command" not in top and sensors:  # the vehicle is at rest
+        if "command" not in top and (sensors or "truth" in top):  # the vehicle is at rest
             top["command"] = REST_COMMAND | ticks
         signal, names, in_force, has_wheel_commands = self.command(
             self.require(top, "command", note("expect.table", key="command"))

@@ -107,6 +107,10 @@ TEMPLATES: dict[str, str] = {
         "{table}: column {column!r} has times like {found!r}; an iso8601 time is written as "
         "2024-01-22T11:39:01.250"
     ),
+    "map.empty": (
+        "{path} is empty: expected a map, a TOML file that assigns the columns of a recording. To write a draft of a "
+        "map, give a recording that is not empty: {fix}"
+    ),
     "map.not-read": "{path} cannot be read: {error}. A map is a TOML file in UTF-8.",
     "map.not-file": "{path} is not a file: expected the map with which {run} was imported. Type: {fix}",
     "map.other-truth": (
@@ -121,6 +125,33 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.not-number": "{path} line {line}: a route needs a number in every column.",
     "route.too-short": "{path} has {count} rows; a route needs at least two.",
+    "route.encoding": "{file} is not text in UTF-8. Save it as UTF-8.",
+    "route.delimiter": (
+        "{file} can be read with several delimiters between its columns: {delimiters}. Use only one of them, also in "
+        "its first line."
+    ),
+    "route.no-header": (
+        "{file}: the first line contains numbers, not names ({found} …). Write a line with the names of the columns "
+        "above it: {names}"
+    ),
+    "route.comma": (
+        "{file}: {found!r} can mean {without} or {with_point}. Write its numbers with a decimal point, without "
+        "separators of thousands."
+    ),
+    "route.comma-of-number": (
+        "{file} line {line}, column {column!r}: {found!r} is not a number. Write it with a decimal point."
+    ),
+    "route.cell": (
+        "{file} line {line}, column {column!r}: {found!r} is not a number. Correct the cell, or delete the line."
+    ),
+    "route.no-column": (
+        "{file} does not have column {column!r}. It has: {known}. A route needs the columns {names}. Rename them in "
+        "its first line."
+    ),
+    "route.uneven": (
+        "{file} line {line} has {found} cells, but the header has {expected} ({count} such lines). Correct the line. "
+        "If its numbers have decimal commas, separate the columns by semicolons."
+    ),
     "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {found:g}.",
     "route.way": (
         "{path} line {line}: {ds_m:g} m from the previous row at {v_m_s:g} m/s. Expected s_m that does not "
