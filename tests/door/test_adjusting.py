@@ -2,14 +2,17 @@
 event.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from baqueano.door.adjusting import SOURCE, Adjustable, Adjusting
 from baqueano.door.operator import Operator
 from baqueano.drive import repeat
+from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.observers import Observer
-from baqueano.errors import SafetyStop
+from baqueano.errors import Invalid, SafetyStop
 from baqueano.guides import shapes
 from baqueano.vehicle_file import load
 from tests.codes import refused
@@ -70,6 +73,59 @@ def test_a_forbidden_gain_change_is_reported_and_ignored(path, value, code):
     with refused(code):
         adjustable.change(path, value)
     assert adjustable.block is own
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strict:
+    """A user's controller that checks its own parameters."""
+
+    steps: int = 3
+    gain: float = 1.0
+
+    def __post_init__(self):
+        if self.gain > 2.0:
+            raise KeyError("gain")
+        while self.gain < 0.0:
+            pass
+
+    def init(self):
+        return ()
+
+    def step(self, state, reference, estimate):
+        return state, np.zeros(3)
+
+
+@pytest.mark.parametrize(
+    ("value", "error"), [(3.0, "KeyError"), (-1.0, "TimeoutError")], ids=["raises", "hangs"]
+)
+def test_a_controller_that_fails_with_a_new_gain_keeps_its_old_gains(value, error):
+    adjustable = Adjustable(BudgetedBlock(Strict()))
+    with refused("door.gain-refused", Invalid, name="controller.gain", before="1.0") as error_info:
+        adjustable.change("controller.gain", value)
+    assert error_info.value.diagnostic.figures["error"].startswith(error)
+    assert adjustable.block.block.gain == 1.0
+
+
+def test_an_integer_parameter_stays_an_integer():
+    adjustable = Adjustable(Strict())
+    adjustable.change("controller.steps", 5.0)
+    assert (adjustable.block.steps, type(adjustable.block.steps)) == (5, int)
+    for value in (5.5, 1e30):
+        with refused("door.not-an-integer", Invalid, name="controller.steps"):
+            adjustable.change("controller.steps", value)
+
+
+def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
+    def fail(*args, **options):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("baqueano.door.adjusting.replace", fail)
+    _, run, messages = drive_with(("controller.k_x", 1.0))
+    _, same, _ = drive_with()
+    np.testing.assert_array_equal(run.requested, same.requested)
+    assert [(message["level"], message["said"].code) for message in messages] == [
+        ("warning", "door.gain-refused")
+    ]
 
 
 def test_a_refused_change_does_not_end_the_drive():

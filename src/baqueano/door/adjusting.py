@@ -16,9 +16,9 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.frames.descriptions import adjustable_names
-from baqueano.drive.budget import BudgetedBlock
+from baqueano.drive.budget import BudgetedBlock, within
 from baqueano.drive.observers import LastLine, Observer
-from baqueano.errors import Invalid
+from baqueano.errors import DiagnosticError, Invalid, error_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 SOURCE, SWAP, ROOM = "set", "swap", "controller"
 PACE, WHO = "guide.pace", "holder"
+MAX_INTEGER = 2**53  # every smaller integer is exact as a float
 
 
 class Adjustable:
@@ -63,9 +64,30 @@ class Adjustable:
             new_value = np.array(np.nan)
         if new_value.shape != old_value.shape or not np.all(np.isfinite(new_value)):
             raise Invalid(fault("door.not-a-number", name=path, found=repr(value)[:80]))
-        new_block = replace(inner_block, **{name: float(new_value) if new_value.ndim == 0 else new_value})
-        self.block = BudgetedBlock(new_block) if isinstance(self.block, BudgetedBlock) else new_block
+        if old_value.dtype.kind == "i":
+            if np.any(new_value != np.round(new_value)) or np.any(np.abs(new_value) > MAX_INTEGER):
+                raise Invalid(fault("door.not-an-integer", name=path, found=repr(value)[:80]))
+            new_value = new_value.astype(old_value.dtype)
+        number = new_value.item() if new_value.ndim == 0 else new_value
+        try:
+            self.block = self._block_with(inner_block, {name: number})
+        except DiagnosticError as error:
+            raise Invalid(error.diagnostic) from error
+        except Exception as error:  # code of the user, which must not end the drive
+            figures = {
+                "found": repr(value)[:80],
+                "before": str(old_value.tolist()),
+                "error": error_text(error),
+            }
+            raise Invalid(fault("door.gain-refused", name=path, **figures)) from error
         return note("door.set", path=path, before=str(old_value.tolist()), now=str(new_value.tolist()))
+
+    def _block_with(self, inner_block: Tree, values: dict[str, object]) -> Tree:
+        """Return the controller with new values; a block of the user is made within its budget of time."""
+        if not isinstance(self.block, BudgetedBlock):
+            return replace(inner_block, **values)
+        new_block = within(self.block.budget_s, lambda: replace(inner_block, **values))
+        return replace(self.block, block=new_block)
 
 
 class Adjusting(Observer):

@@ -76,6 +76,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "door.no-route": "route {found} does not exist; the stored routes are {known}. Teach it first.",
     "door.not-a-number": "{name} = {found}: expected a number",
+    "door.not-an-integer": "{name} = {found}: expected an integer",
+    "door.gain-refused": (
+        "{name} = {found}: the controller does not accept this value, so the vehicle drives on with {before}: {error}"
+    ),
     "door.runs-already": "{path}: a service runs already on this vehicle. Type: {fix}",
     "ssh.host": (
         'HOST "{host}": expected the ssh name of a vehicle, which is one word that begins with a letter or '
