@@ -35,6 +35,7 @@ TEMPLATES: dict[str, str] = {
         "These drives are over and are only shown. For a vehicle that accepts missions, type: baqueano serve"
     ),
     "web.taught": "The taught route is stored as {route}",
+    "web.not-taught": "The run is stored as {run}, but route {route} was not made from it: {reason}",
     "web.fetched": "The run is stored as {run}",
     "web.no-such-mission": 'A mission of kind "{kind}" is unknown. Expected one of {known}.',
     "web.service-gone": "The connection to the vehicle's service has ended. Start the page again.",

@@ -9,12 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from baqueano.diagnostics import Diagnostic, StopReason, note
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
 from baqueano.errors import BaqueanoError
 from baqueano.web.lab.handle import Lab
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
+
+MAX_EXPECTED = 16  # missions whose end is awaited; a robot executes one at a time
 
 
 class LocalFiles:
@@ -26,9 +28,8 @@ class LocalFiles:
     def __init__(self, host: str, vehicle: str, routes: Path, runs: Path) -> None:
         self.host, self.vehicle, self.routes, self.runs = host, vehicle, routes, runs
         self._lab = Lab()
-        self._requested: dict[
-            str, tuple[str, str]
-        ] = {}  # id of a mission → its kind, and the name of the route to teach
+        # id of a mission → its kind, and the name of the route to teach
+        self._requested: dict[str, tuple[str, str]] = {}
         self._fetching: set[asyncio.Task[None]] = set()
 
     async def describe(self) -> "JsonObject":
@@ -44,6 +45,8 @@ class LocalFiles:
 
     def expect(self, number: str, kind: str, order: "JsonObject") -> None:
         """Record that a mission with the id `number` was sent to the robot, so that `fetch` copies its run."""
+        while len(self._requested) >= MAX_EXPECTED:  # a refused mission does not report its end
+            del self._requested[next(iter(self._requested))]
         self._requested[number] = kind, str(order.get("name", "")) if kind == "teach" else ""
 
     def fetch(
@@ -73,6 +76,9 @@ class LocalFiles:
             report(error.diagnostic, None)
             return
         message = note("web.taught", route=route) if route else note("web.fetched", run=reply["run"])
+        if reply["no_route"] is not None:
+            reason = Diagnostic.of_json(reply["no_route"])
+            message = note("web.not-taught", Severity.ERROR, run=reply["run"], route=route, reason=reason)
         report(message, reply["routes"])
 
     async def close(self) -> None:

@@ -37,7 +37,7 @@ class Worker:
 
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[str, int, str], PackedRun] = OrderedDict()
-        self._lines: dict[tuple[str, int], JsonObject] = {}  # list entries
+        self._lines: dict[tuple[str, int], JsonObject] = {}  # list entries of the last request
         self._drives = Drives()
         self._bench: TuningBench | None = None
 
@@ -101,12 +101,13 @@ class Worker:
         from baqueano.web.lab.recorded import run_entry
 
         lines: list[JsonObject] = []
+        old_entries, self._lines = self._lines, {}
         for path in map(Path, request["paths"]):
             try:
                 key = _version(path)
-                if key not in self._lines:
-                    self._lines[key] = run_entry(read_run(path), path.stat().st_mtime)
-                lines.append(self._lines[key])
+                entry = old_entries.get(key) or run_entry(read_run(path), path.stat().st_mtime)
+                self._lines[key] = entry
+                lines.append(entry)
             except BaqueanoError:
                 lines.append(
                     {"kind": "?", "seconds": None, "when": None, "laps": None, "verdict": "UNREADABLE"}
@@ -204,7 +205,10 @@ def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
 
 
 def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
-    """Copy a run of a robot into the folder of runs, and store the route that it taught; return all routes."""
+    """Copy a run of a robot into the folder of runs, and store the route that it taught; return all routes.
+
+    If the run is copied but its route cannot be made, `no_route` is the reason as JSON, otherwise None.
+    """
     from baqueano.door.remote import connect
     from baqueano.drive.verbs import route_of
     from baqueano.runs import read_run
@@ -217,10 +221,15 @@ def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
             robot.fetch(request["run"], path)
     finally:
         release(path)
-    routes = _routes(request)
+    routes, no_route = _routes(request), None
     if request["route"]:
-        write_route(route_of(read_run(path), closed=None), routes.path(request["route"]))
-    return {"routes": routes.rows(), "run": path.stem}, b""
+        try:
+            write_route(route_of(read_run(path), closed=None), routes.path(request["route"]))
+        except BaqueanoError as error:
+            no_route = error.diagnostic.to_json()
+        except Exception as error:  # the run must be listed
+            no_route = fault("web.lab-failed", error=error_text(error)).to_json()
+    return {"routes": routes.rows(), "run": path.stem, "no_route": no_route}, b""
 
 
 def _version(path: Path) -> tuple[str, int]:
