@@ -10,7 +10,7 @@ z_ω is the reading of the gyro, and s₀ its scale in the vehicle file. c is th
 in the same run. σ_w is the random walk of b, σ_z the noise of a sample, δ the sampling interval, σ_mark = 2°
 [assumed]. (1) is not computed if k = 0. If the vehicle returns to the same place too, e is the pose that its estimator
 finds at t₂ relative to t₁, P its covariance for a known scale, M that of the mark, J = ∂e/∂κ, σ₀ the deviation of s₀
-in the file. (5) holds for k = 0 too, as on an eight. Derivation: docs/derivations/repeat_and_drift.md.
+in the file (0: not used). (5) holds for k = 0 too, as on an eight. Derivation: docs/derivations/repeat_and_drift.md.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
 from baqueano.drive.verbs import replay
-from baqueano.errors import AnswerNo
+from baqueano.errors import AnswerNo, Invalid
 from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
 from baqueano.runs import Channel, Run
@@ -35,6 +35,7 @@ from baqueano.vehicle_file.file import VehicleFile
 MARK_STD_RAD = np.radians(2.0)
 SCALE_STEP = 0.005  # of κ, for J; the second step of (5) uses the same J
 MAX_TURN_ERROR = 0.1
+MAX_SCALE_ERROR = 0.1  # of κ, and of its standard deviation by the lap alone
 MAX_TURNS = 4  # most turns between two marks
 REST_S, MIN_REST_S = 1.0, 1.0  # at rest after this time without a command; least duration of rest
 
@@ -157,44 +158,81 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
     Raises
     ------
     AnswerNo
-        If the run or the file lacks a gyro.
+        If the run or the file lacks a gyro, if the estimate is not finite, or if the lap does not determine the scale
+        within MAX_SCALE_ERROR.
+    Invalid
+        If `place_std_m` is not positive.
     FileError
         If the file lacks the noise of its estimator: `identify` finds it.
     """
+    if not (0.0 < place_std_m < np.inf):
+        raise Invalid(fault("marks.place-std", found=place_std_m))
     name = _gyro_of(run, vehicle_file)
     sensor = getattr(vehicle_file.sensors, name)
-    t_s = seconds(np.array(marks_of(run) if len(marks_of(run)) > 1 else run.t_ns), run.t_ns[0])
-    lap, mark_cov = run.cut(0.0, float(t_s[-1]) + 1e-9), np.square([place_std_m, place_std_m, MARK_STD_RAD])
+    lap, from_ns, start = _lap(run)
+    mark_cov = np.diag(np.square([place_std_m, place_std_m, MARK_STD_RAD]))
 
     def end(kappa: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Return e (3,), P (3, 3), and the turn of the lap [rad], with the scale s₀ e^κ."""
         path, scale = f"sensors.{name}.gyro_scale", sensor.gyro_scale * float(np.exp(kappa))
-        log = replay(
-            lap, vehicle_file.with_values({path: scale, f"{path}_std": 0.0}), backend="python"
-        ).estimate
+        known_scale = vehicle_file.with_values({path: scale, f"{path}_std": 0.0})
+        log = replay(lap, known_scale, backend="python", **start).estimate
         assert log is not None
-        eta = log.eta[np.searchsorted(log.t_ns, run.t_ns[0] + round(t_s[0] * NANOSECONDS)) :]
-        e = eta[-1] - eta[0]
-        psi = np.unwrap(eta[:, 2])
-        return np.array([e[0], e[1], wrap(e[2])]), log.cov[-1, :3, :3], float(psi[-1] - psi[0])
+        eta, P = log.eta[np.searchsorted(log.t_ns, from_ns) :], log.cov[-1, :3, :3]
+        if not (np.isfinite(eta).all() and np.isfinite(P).all()):
+            kind = vehicle_file.kind("estimator").__name__
+            raise AnswerNo(fault("marks.no-covariance", name=run.name, kind=kind))
+        e, turn_rad = eta[-1] - eta[0], np.sum(wrap(np.diff(eta[:, 2])))
+        return np.array([e[0], e[1], wrap(e[2])]), P, float(turn_rad)
 
+    def checked(kappa: float) -> float:
+        """Return κ. Raise AnswerNo if it is too large."""
+        if not abs(kappa) <= MAX_SCALE_ERROR:
+            raise AnswerNo(fault("marks.lap-open", gap_m=gap_m, turn_deg=np.degrees(e[2]), **figures))
+        return kappa
+
+    figures = {"name": run.name, "gyro": name, "within_percent": 100.0 * MAX_SCALE_ERROR}
     e, P, turn_rad = end(0.0)
+    gap_m = float(np.hypot(e[0], e[1]))
     change = end(SCALE_STEP)[0] - e
     J = np.array([change[0], change[1], wrap(change[2])]) / SCALE_STEP
-    weight = np.linalg.inv(P + np.diag(mark_cov))
+    gain = np.linalg.solve(P + mark_cov, J)  # (P + M)⁻¹ J
+    if not J @ gain * MAX_SCALE_ERROR**2 >= 1.0:
+        raise AnswerNo(fault("marks.lap-no-scale", **figures))
     information = sensor.gyro_scale_std**-2.0 if sensor.gyro_scale_std > 0.0 else 0.0
-    variance = float(1.0 / (information + J @ weight @ J))
-    kappa = -variance * float(J @ weight @ e)
-    kappa -= variance * float(J @ weight @ end(kappa)[0] + information * kappa)
-    scale, std = sensor.gyro_scale * float(np.exp(kappa)), sensor.gyro_scale * float(np.sqrt(variance))
-    turns, gap_m = round(turn_rad / (2.0 * np.pi)), float(np.hypot(e[0], e[1]))
+    variance = float(1.0 / (information + J @ gain))
+    kappa = checked(-variance * float(gain @ e))
+    kappa = checked(kappa - variance * float(gain @ end(kappa)[0] + information * kappa))
+    scale = sensor.gyro_scale * float(np.exp(kappa))
+    std, turns = scale * float(np.sqrt(variance)), round(turn_rad / (2.0 * np.pi))
     return Closure(name, turns, turn_rad, scale, std, _gyro_values(name, scale, std), {}, None, gap_m)
+
+
+def _lap(run: Run) -> tuple[Run, int, dict[str, np.ndarray]]:
+    """Return the run until its last mark, the time of its first mark [ns], and the first pose as a keyword of `replay`.
+
+    The run begins at rest on the first mark, so that the covariance at its end is that of the motion since this mark.
+    Raise AnswerNo for fewer than two ticks between the marks.
+    """
+    marks = marks_of(run)
+    from_ns, to_ns = (marks[0], marks[-1]) if len(marks) > 1 else (run.t_ns[:1], run.t_ns[-1:])
+    ticks = np.count_nonzero((run.t_ns >= from_ns) & (run.t_ns <= to_ns)) if len(run.t_ns) else 0
+    if ticks < 2:
+        raise AnswerNo(fault("marks.no-lap", name=run.name, ticks=ticks))
+    from_ns, to_ns = int(np.squeeze(from_ns)), int(np.squeeze(to_ns))
+    motions_ns = run.t_ns[np.any(run.applied != 0.0, axis=1) & (run.t_ns <= from_ns)]
+    if not len(motions_ns):
+        return run.cut(0.0, float(seconds(to_ns + 1, run.t_ns[0]))), from_ns, {}
+    rest_ns = min(int(motions_ns[-1]) + round(REST_S * NANOSECONDS), from_ns)
+    lap = run.cut(*(float(seconds(t_ns, run.t_ns[0])) for t_ns in (rest_ns, to_ns + 1)))
+    return lap, from_ns, {"eta": np.zeros(3)}
 
 
 def _gyro_of(run: Run, vehicle_file: VehicleFile) -> str:
     """Return the name of the sensor with a gyro. Raise AnswerNo if the file or the run does not have one."""
-    name = next((n for n, s in vehicle_file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
-    if name is None or name not in run.sensors:
+    sensors = vehicle_file.sensors._asdict().items()
+    name = next((n for n, s in sensors if has_field(s, "gyro_scale") and n in run.sensors), None)
+    if name is None:
         raise AnswerNo(fault("marks.no-gyro", name=run.name))
     return name
 

@@ -115,11 +115,16 @@ def calibrate_by_lap(
     ]
     laps = taught_laps(robots, seeds, files)
     return [
-        guess()
-        if fit.verdict == Verdict.REFUSED
-        else guess().with_values(lap_closure(lap, vehicle_file, MARK_M).values)
+        guess() if fit.verdict == Verdict.REFUSED else _with_scale_of_lap(lap, vehicle_file)
         for fit, lap, vehicle_file in zip(fits, laps, files, strict=True)
     ]
+
+
+def _with_scale_of_lap(lap: Run, vehicle_file: VehicleFile) -> VehicleFile:
+    try:
+        return guess().with_values(lap_closure(lap, vehicle_file, MARK_M).values)
+    except AnswerNo:
+        return guess()
 
 
 def taught_laps(

@@ -15,7 +15,25 @@ TEMPLATES: dict[str, str] = {
         "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
     ),
     "marks.too-few": "{name} has {marks} marks: at rest on the mark, press m before and after a lap.",
-    "marks.no-gyro": "{name} does not have a gyro, so its marks cannot calibrate one.",
+    "marks.no-gyro": "{name} or its vehicle file does not have a gyro, so this run cannot calibrate one.",
+    "marks.place-std": "place_std_m = {found:g}: expected a finite number of metres above 0.",
+    "marks.no-lap": (
+        "{name} has {ticks} ticks between its first and its last mark. At rest on the mark, press m before and after a "
+        "lap."
+    ),
+    "marks.no-covariance": (
+        "{name}: the estimator {kind} does not report a finite pose and covariance for this lap. Identify the "
+        "vehicle again, or choose another estimator in the vehicle file."
+    ),
+    "marks.lap-no-scale": (
+        "{name}: the end of this lap does not determine the scale of {gyro} within {within_percent:.0f} %. Drive a lap "
+        "with turns, such as a circle or an eight."
+    ),
+    "marks.lap-open": (
+        "{name}: with the old scale of {gyro} the lap ends {gap_m:.2f} m and {turn_deg:+.0f}° from its start. A scale "
+        "error of {within_percent:.0f} % does not explain this. Return to the mark with the same heading, or identify "
+        "the vehicle again."
+    ),
     "marks.no-turn": (
         "{name}: the turns between the marks cancel, as in a figure of eight, so they do not determine "
         "a scale. Drive a circle or a rectangle, in one direction."
