@@ -158,7 +158,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
     Raises
     ------
     AnswerNo
-        If the run or the file lacks a gyro, if the estimate is not finite, or if the lap does not determine the scale
+        If the run or the file lacks a gyro, or the estimate is not finite. If the lap does not determine the scale
         within MAX_SCALE_ERROR.
     Invalid
         If `place_std_m` is not positive.
@@ -185,7 +185,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
         e, turn_rad = eta[-1] - eta[0], np.sum(wrap(np.diff(eta[:, 2])))
         return np.array([e[0], e[1], wrap(e[2])]), P, float(turn_rad)
 
-    def checked(kappa: float) -> float:
+    def require_explained(kappa: float) -> float:
         """Return κ. Raise AnswerNo if it is too large."""
         if not abs(kappa) <= MAX_SCALE_ERROR:
             raise AnswerNo(fault("marks.lap-open", gap_m=gap_m, turn_deg=np.degrees(e[2]), **figures))
@@ -201,8 +201,8 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
         raise AnswerNo(fault("marks.lap-no-scale", **figures))
     information = sensor.gyro_scale_std**-2.0 if sensor.gyro_scale_std > 0.0 else 0.0
     variance = float(1.0 / (information + J @ gain))
-    kappa = checked(-variance * float(gain @ e))
-    kappa = checked(kappa - variance * float(gain @ end(kappa)[0] + information * kappa))
+    kappa = require_explained(-variance * float(gain @ e))
+    kappa = require_explained(kappa - variance * float(gain @ end(kappa)[0] + information * kappa))
     scale = sensor.gyro_scale * float(np.exp(kappa))
     std, turns = scale * float(np.sqrt(variance)), round(turn_rad / (2.0 * np.pi))
     return Closure(name, turns, turn_rad, scale, std, _gyro_values(name, scale, std), {}, None, gap_m)
