@@ -15,6 +15,7 @@ in the file (0: not used). (5) holds for k = 0 too, as on an eight. Derivation: 
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -208,7 +209,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
     return Closure(name, turns, turn_rad, scale, std, _gyro_values(name, scale, std), {}, None, gap_m)
 
 
-def _lap(run: Run) -> tuple[Run, int, dict[str, np.ndarray]]:
+def _lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
     """Return the run until its last mark, the time of its first mark [ns], and the first pose as a keyword of `replay`.
 
     The run begins at rest on the first mark, so that the covariance at its end is that of the motion since this mark.
