@@ -69,10 +69,10 @@ def test_the_map_of_the_build_page_adds_camera_truth_to_a_run(tmp_path, monkeypa
             x, y, psi = (float(row[f"truth.{name}"]) for name in ("x_m", "y_m", "psi_rad"))
             camera.write(f"{row['t_s']},{1e3 * x},{1e3 * y},{np.degrees(psi)}\n")
     run_line(LINES[1])
-    judged_run, driven_run = read_run(Path("judged.mcap")), read_run(next(Path("runs").glob("*.mcap")))
-    np.testing.assert_allclose(judged_run.applied, driven_run.applied)
-    np.testing.assert_allclose(judged_run.sensors["imu"].z, driven_run.sensors["imu"].z)
-    np.testing.assert_allclose(judged_run.truth.eta, driven_run.truth.eta[::4], atol=1e-9)
+    camera_run, driven_run = read_run(Path("with-camera.mcap")), read_run(next(Path("runs").glob("*.mcap")))
+    np.testing.assert_allclose(camera_run.applied, driven_run.applied)
+    np.testing.assert_allclose(camera_run.sensors["imu"].z, driven_run.sensors["imu"].z)
+    np.testing.assert_allclose(camera_run.truth.eta, driven_run.truth.eta[::4], atol=1e-9)
 
 
 def test_messages_quoted_on_the_build_page_exist_in_the_source():

@@ -221,7 +221,7 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
             "",
             "route.closed-unsaid",
         ),
-        ("psi_rad,", "psi,", "table.column-mistyped"),
+        ("psi_rad,", "psi,", "route.no-column"),
         ("\n0.1,", "\n-0.1,", "route.times"),
         ("\n0.0,", "\n0.05,", "route.times"),
         ("\n0.1,", "\nnan,", "route.not-number"),

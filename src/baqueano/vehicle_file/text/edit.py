@@ -123,6 +123,7 @@ def write_whole(vehicle_file: VehicleFile, path: str | Path | None = None) -> Pa
     ):
         raise FileError(fault("vehicle.changed-since", file=target.name))
     try:
+        target.parent.stat()  # a folder that does not exist is reported and not made
         replace_file(target, vehicle_file.text)
     except OSError as error:
         raise FileError(fault("vehicle.not-written", path=target, error=error.strerror or error)) from error
