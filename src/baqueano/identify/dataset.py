@@ -200,7 +200,7 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
     name = max(names, key=lambda name: sum(name in has for has in sensors_read), default="")
     runs_without = [run.name for run, has in zip(runs, sensors_read, strict=True) if name not in has]
     if len(runs_without) < len(runs):
-        # the channel is recorded, but has no reading in some run
+        # the channel is recorded, but a run lacks its readings
         is_recorded = all(name in run.sensors for run in runs)
         code = "use.read-in-some" if is_recorded else "use.not-in-all"
         return UsageError(fault(code, runs=runs_without, sensor=name))

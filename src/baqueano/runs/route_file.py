@@ -32,7 +32,7 @@ from baqueano.runs.tables.table import LogTable, read_table
 DISTANCE_COLUMNS, WAIT_COLUMN = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
 SPOT_TURN_RAD_S = 1.0  # yaw rate of a turn on the spot
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
-# the same faults of a table, with advice for a file that has no map
+# the same faults of a table, with advice for a file without a map
 _CODES = {
     "table.utf-16": "route.encoding",
     "table.not-encoded": "route.encoding",
