@@ -163,7 +163,7 @@ def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
         assert off[way_m > 1.0].max() < 0.03, start
 
 
-@pytest.mark.parametrize("law", ["pd_feedforward", "lqr", "pure_pursuit"])
+@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
 def test_a_car_joins_its_route_within_a_metre(law, moving):
     """The car is 20 cm beside, behind or in front and 30° off. On a circle of 3 m at 0.5 m/s it stays within 3 cm."""

@@ -3,7 +3,7 @@
     v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (k_y e_y + k_χ sin e_χ)                                   (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
-e_y decays over a distance, not over a time: with k_χ² = 4 k_y it is critically damped and decays over 2 / k_χ metres.
+e_y decays over a distance, not over a time, with the damping ratio k_χ / (2 √k_y): by default 0.82 over 0.22 m.
 The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct e_y. The error after
 a turn on the spot remains until the vehicle moves on.
 
@@ -31,16 +31,16 @@ class Kanayama(ModelFollower):
     Examples
     --------
     >>> robot = bq.load("small")
-    >>> law = Kanayama(robot.vehicle, limit=robot.command.limit, k_y=30.0)
+    >>> law = Kanayama(robot.vehicle, limit=robot.command.limit, k_y=40.0)
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
     >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
-    0.20 m/s, 0.60 rad/s
+    0.20 m/s, 0.80 rad/s
     """
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
-    k_y: float = parameter("1/m²", "curvature per cross-track error e_y", low=0.0, high=1e3, default=20.0)
-    k_chi: float = parameter("1/m", "curvature per course error e_χ", low=0.0, high=1e3, default=8.0)
+    k_y: float = parameter("1/m²", "curvature per cross-track error e_y", low=0.0, high=1e3, default=30.0)
+    k_chi: float = parameter("1/m", "curvature per course error e_χ", low=0.0, high=1e3, default=9.0)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""

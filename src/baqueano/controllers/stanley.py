@@ -1,6 +1,7 @@
 """Stanley's law: steer a front axle onto the path, as a driver who watches the front wheels.
 
-    y_f = e_y ± l sin e_χ,    δ = e_χ ± atan(k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
+    l = axle_m + axle_s |v_f|,    y_f = e_y ± l sin e_χ
+    δ = e_χ ± atan(k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
     v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
@@ -36,16 +37,17 @@ class Stanley(ModelFollower):
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
     >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
-    0.20 m/s, 0.96 rad/s
+    0.20 m/s, 1.30 rad/s
     """
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
     k: float = parameter(
-        "1/s", "rate at which the cross-track error decreases", low=0.0, high=20.0, default=2.0
+        "1/s", "rate at which the cross-track error decreases", low=0.0, high=20.0, default=4.0
     )
     axle_m: float = parameter(
-        "m", "distance l from the vehicle to its front axle", low=0.01, high=10.0, default=0.15
+        "m", "distance l from the vehicle to its front axle, at rest", low=0.01, high=10.0, default=0.08
     )
+    axle_s: float = parameter("s", "increase of the distance l per m/s", low=0.0, high=10.0, default=0.15)
     soft_m_s: float = parameter(
         "m/s", "v_soft: makes the steering softer at low speed", low=1e-3, high=10.0, default=0.05
     )
@@ -54,9 +56,10 @@ class Stanley(ModelFollower):
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
-        y_f = e_y + tracking.forward_sign * self.axle_m * np.sin(tracking.e_chi)
+        axle_m = self.axle_m + self.axle_s * np.abs(v_f)
+        y_f = e_y + tracking.forward_sign * axle_m * np.sin(tracking.e_chi)
         delta = tracking.e_chi + tracking.forward_sign * np.arctan(
             self.k * y_f / (self.soft_m_s + np.abs(v_f))
         )
         delta = np.clip(delta, -self.steepest_rad, self.steepest_rad)
-        return memory, (v_f + self.k_x * e_x, omega_f + np.abs(v_f) * np.sin(delta) / self.axle_m)
+        return memory, (v_f + self.k_x * e_x, omega_f + np.abs(v_f) * np.sin(delta) / axle_m)
