@@ -41,6 +41,17 @@ def test_each_vehicle_equals_its_single_simulation(vehicle):
         np.testing.assert_allclose(many.nu[l], single.truth.nu[24::25], atol=1e-11)
 
 
+def test_a_vehicle_with_long_ticks_equals_its_single_simulation(vehicle):
+    """A tick of 40 ms is divided into two rows, also with noise: each row has its own."""
+    vehicle.rate_hz = 25.0
+    mass = {"model.mass_kg": [vehicle.vehicle.mass_kg]}
+    truth = simulate(vehicle, U, noise=False).truth
+    many = simulate_many(vehicle, U, vary=mass)
+    np.testing.assert_allclose(many.eta[0, -1], truth.eta[-1], atol=1e-11)
+    noisy = simulate_many(vehicle, U, vary=mass, process_noise=True)
+    assert not np.allclose(noisy.nu[0, -1], truth.nu[-1], atol=1e-3)
+
+
 def test_the_number_of_chunks_does_not_change_the_result(vehicle, monkeypatch):
     mass = np.linspace(0.5, 0.9, 21)
     whole = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)

@@ -30,6 +30,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import Watch
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
+from baqueano.worlds.simulated import rows_of_tick, step_vehicle, with_rows
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -200,20 +201,22 @@ def simulate_many(
     (50, 1, 3) 0.022 m/s apart
     """
     u = command_signal(vehicle_file, u)
-    system = System(vehicle_file.vehicle, vehicle_file.sensors)
+    rate = vehicle_file.rate_hz
+    rows_per_tick = rows_of_tick(1.0 / rate)
+    system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, rate))
     if vary is None:
         paths, theta, clips = draw_parameters(vehicle_file, system, vehicles, seed)
     else:
         (paths, theta), clips = parameter_sets(system, vary, vehicles), 0
-    rate = vehicle_file.rate_hz
     ticks_per_record = len(u) if every_s is None else max(1, round(every_s * rate))
     record_ends = sorted({*range(ticks_per_record, len(u) + 1, ticks_per_record), len(u)})
     kernel = batch_kernel(system, paths, rate, process_noise, backend)
     start = system.model.init(None if eta0 is None else np.array(eta0, dtype=float))
     batches = []
-    for rows in _chunks(len(theta), process_noise, int(np.max(np.diff([0, *record_ends])))):
+    longest_rows = rows_per_tick * int(np.max(np.diff([0, *record_ends])))
+    for rows in _chunks(len(theta), process_noise, longest_rows):
         rngs = [stream(seed, f"vehicle.{l}") for l in range(rows.start, rows.stop)] if process_noise else []
-        batches.append(_drive(kernel, start, u, theta[rows], record_ends, rngs))
+        batches.append(_drive(kernel, start, u, theta[rows], record_ends, rngs, rows_per_tick))
     eta, nu = (np.concatenate(x) for x in zip(*batches, strict=True))
     t_s = seconds(tick_times(len(u), rate)[np.array(record_ends) - 1])
     watch = Watch(vehicle_file.envelope)
@@ -235,16 +238,16 @@ def simulate_many(
 def batch_kernel(
     system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
 ) -> Scan:
-    """Return the scan (1): from θ, VehicleState and (u, noise) to the next VehicleState."""
-    dt_s = 1.0 / rate_hz
+    """Return the scan (1): from θ, VehicleState and (u, noise) to the next VehicleState, in the rows of a tick."""
+    no_noise = np.zeros((rows_of_tick(1.0 / rate_hz), 3))
 
     def step(theta: Tree, state: VehicleState, x: Tree) -> tuple[VehicleState, Tree]:
         u, noise = x
         model = with_parameters(system, paths, theta).model
-        state, _ = model.step(state, u, dt_s, np.zeros(3) if noise is None else noise)
+        state, _ = step_vehicle(model, state, u, 1.0 / rate_hz, no_noise if noise is None else noise)
         return state, state.eta
 
-    example = (np.zeros(system.model.commands), np.zeros(3) if process_noise else None)
+    example = (np.zeros(system.model.commands), no_noise if process_noise else None)
     return scan(step, system.model.init(), example, parameter_vector(system, paths), backend=backend)
 
 
@@ -304,10 +307,10 @@ def bounds(system: System, path: str) -> tuple[float, float]:
     return (field.low, field.high) if field is not None else (-np.inf, np.inf)
 
 
-def _chunks(vehicle_count: int, process_noise: bool, tick_count: int) -> list[slice]:
+def _chunks(vehicle_count: int, process_noise: bool, row_count: int) -> list[slice]:
     """Return the rows of θ for each call of the kernel, so few that their noise fits into memory."""
     chunk_size = (
-        max(8, min(CHUNK_VEHICLES, MAX_NOISE_BYTES // (24 * tick_count))) if process_noise else CHUNK_VEHICLES
+        max(8, min(CHUNK_VEHICLES, MAX_NOISE_BYTES // (24 * row_count))) if process_noise else CHUNK_VEHICLES
     )
     return [slice(i, min(i + chunk_size, vehicle_count)) for i in range(0, vehicle_count, chunk_size)]
 
@@ -319,11 +322,13 @@ def _drive(
     theta: np.ndarray,
     record_ends: list[int],
     rngs: "list[np.random.Generator]",
+    rows_per_tick: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the poses and the velocities (l, K, 3) of a batch of l vehicles after the ticks `record_ends`."""
     eta, nu, state, begin = [], [], start, 0
     for end in record_ends:
-        noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None
+        draws = [rng.standard_normal((end - begin, rows_per_tick, 3)) for rng in rngs]
+        noise = np.stack(draws) if draws else None
         state, _ = kernel.batch((u[begin:end], noise), theta, carry=state)
         eta.append(state.eta)
         nu.append(state.nu)

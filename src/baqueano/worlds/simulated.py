@@ -99,6 +99,17 @@ def step_in_rows(
     return state, truth, slots
 
 
+def step_vehicle(
+    vehicle: Vehicle, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
+) -> tuple[VehicleState, Motion]:
+    """Return the state and the true motion after a tick with one row per row of `noise` (r, 3)."""
+    row_s = dt_s / len(noise)
+    state, motion = vehicle.step(state, u, row_s, noise[0])
+    for k in range(1, len(noise)):
+        state, motion = vehicle.step(state, u, row_s, noise[k])
+    return state, motion
+
+
 def _last_reading(previous: Slot, slot: Slot, row_s: float) -> Slot:
     """Return the reading of this row, or, without one, the reading of an earlier row with its age plus `row_s`."""
     has_reading = slot.has > 0.0

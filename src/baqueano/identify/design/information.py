@@ -29,6 +29,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.symbolic import scan
 from baqueano.vehicles.freedoms import coasting_axes
+from baqueano.worlds.simulated import rows_of_tick, step_vehicle, with_rows
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
@@ -82,8 +83,9 @@ class Informant:
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self.unknowns = unknowns(vehicle_file)
-        blocks, free_parameters = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), self.unknowns
-        dt_s, n = 1.0 / vehicle_file.rate_hz, vehicle_file.vehicle.commands
+        free_parameters, rate_hz = self.unknowns, vehicle_file.rate_hz
+        blocks = FittedBlocks(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, rate_hz))
+        n, no_noise = blocks.model.commands, np.zeros((rows_of_tick(1.0 / rate_hz), 3))
         var = np.concatenate([np.diag(s.cov) for s in blocks.sensors])
         weight = 1.0 / np.sqrt(np.where(var > 0.0, var, 1.0))
 
@@ -95,7 +97,7 @@ class Informant:
 
         def step(theta: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
             blocks_at = substitute(blocks, free_parameters.paths, theta)
-            state, motion = blocks_at.model.step(state, u, dt_s, np.zeros(3))
+            state, motion = step_vehicle(blocks_at.model, state, u, 1.0 / rate_hz, no_noise)
             return state, weight * np.concatenate([s.h(motion) for s in blocks_at.sensors])
 
         self.start, self.tick, self.commands = start, step, n

@@ -25,6 +25,7 @@ from baqueano.simulate.many import batch_kernel, bounds
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream, unit_normals
+from baqueano.worlds.simulated import rows_of_tick, with_rows
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -114,12 +115,12 @@ class Cloud:
         self, vehicle_file: "VehicleFile", belief: VehicleDistribution, seed: int = 0, backend: str = "auto"
     ) -> None:
         self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
-        system = System(vehicle_file.vehicle, vehicle_file.sensors)
+        system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, self.rate_hz))
         self.kernel = batch_kernel(system, belief.paths, self.rate_hz, True, backend)
-        self.rest_state = vehicle_file.vehicle.init()
+        self.rest_state = system.model.init()
         self.size = len(belief.theta)
         self.has_noise = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
-        self._draw = np.zeros((self.size, 0, 3))
+        self._draw = np.zeros((self.size, 0, rows_of_tick(1.0 / self.rate_hz), 3))
         self._windows: dict[tuple[int, int], np.ndarray] = {}
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
 
@@ -167,23 +168,21 @@ class Cloud:
             theta[diverged] = 0.5 * (theta[0] + theta[diverged])
             self.belief = VehicleDistribution(self.belief.paths, theta)
 
-    def _noise(self, tick: int, row_count: int) -> np.ndarray:
-        """Return standard normal noise (L, T, 3), which is 0 for the nominal vehicle.
+    def _noise(self, tick: int, ticks: int) -> np.ndarray:
+        """Return standard normal noise (L, T, r, 3) for T ticks of r rows; it is 0 for the nominal vehicle.
 
         A tick has the same noise in every call.
         """
         draws = self._draw
-        if draws.shape[1] < tick + row_count:
-            tick_count = max(2 * draws.shape[1], tick + row_count, round(NOISE_S * self.rate_hz))
-            draws = self._draw = np.zeros((self.size, tick_count, 3))
+        if draws.shape[1] < tick + ticks:
+            drawn_ticks = max(2 * draws.shape[1], tick + ticks, round(NOISE_S * self.rate_hz))
+            draws = self._draw = np.zeros((self.size, drawn_ticks, *draws.shape[2:]))
             if self.has_noise:
-                normals = unit_normals(self.seed, "cloud", tick_count, 3 * (self.size - 1)).reshape(
-                    tick_count, -1, 3
-                )
-                draws[1:] = normals.transpose(1, 0, 2)
-        key, windows = (tick, row_count), self._windows
+                normals = unit_normals(self.seed, "cloud", drawn_ticks, draws[1:, 0].size)
+                draws[1:] = normals.reshape(drawn_ticks, *draws[1:, 0].shape).swapaxes(0, 1)
+        key, windows = (tick, ticks), self._windows
         if key not in windows:
             if len(windows) >= CACHED_WINDOWS:
                 windows = self._windows = {}
-            windows[key] = np.ascontiguousarray(draws[:, tick : tick + row_count])
+            windows[key] = np.ascontiguousarray(draws[:, tick : tick + ticks])
         return windows[key]
