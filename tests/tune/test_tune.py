@@ -148,6 +148,12 @@ def test_the_gradient_is_exact_with_the_estimator_in_the_loop(small):
     )
 
 
+def test_a_slow_loop_with_the_estimator_draws_noise_for_each_row_of_a_tick(small):
+    slow = small.with_values({"rate_hz": 30.0})  # a tick of 33 ms is divided into two rows
+    drive = rehearse(slow, circle(0.4, 0.3), estimator=True, duration_s=0.6, backend="python")
+    assert np.isfinite(drive.cost(GAINS))
+
+
 @pytest.fixture(scope="module")
 def identified_file(small):
     cov = ParameterCov(("model.friction.linear[0]", "model.mass_kg"), np.diag([0.3**2, 0.05**2]))

@@ -82,7 +82,8 @@ class RehearsalCase(NamedTuple):
     def with_seeds(self, seeds: Sequence[int | None]) -> "RehearsalCase":
         """Return the same case with the noise of these seeds; the seed None gives a drive without noise."""
         t_ns, sensors = tick_times(self.ticks, self.rate_hz), self.system.sensors
-        noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
+        rows = rows_of_tick(1.0 / self.rate_hz)
+        noise = [None if seed is None else draw(sensors, seed, self.ticks, rows) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
 
 
