@@ -6,10 +6,11 @@ import pytest
 from baqueano import clock, loop
 from baqueano.diagnostics import StopReason
 from baqueano.errors import UsageError
-from baqueano.guides import Repeat, SinuousCircle
+from baqueano.guides import Repeat, RepeatByProgress, SinuousCircle
+from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
-from baqueano.simulate.closed_loop import close_loop, reference_duration, start_of
+from baqueano.simulate.closed_loop import close_loop, reference_duration, references_of, start_of
 from baqueano.supervisor import Supervisor
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -51,14 +52,20 @@ def test_the_simulation_ends_when_the_guide_is_done(vehicle):
     assert run.reference.done[-2] == 0.0
 
 
+def test_the_duration_of_a_route_by_progress_does_not_depend_on_its_place(vehicle):
+    for start in (np.zeros(3), np.array([0.4, 0.1, 0.0]), np.array([-0.3, -0.1, 0.0])):
+        system = close_loop(vehicle, RepeatByProgress.along(move_route(ROUTE, start)))
+        assert reference_duration(system) == pytest.approx(ROUTE.t_s[-1], abs=0.02)
+        references = references_of(system, [0, 10**9, 2 * 10**9])
+        assert [reference.nu[0] for reference in references] == pytest.approx([0.3] * 3)
+
+
 def test_a_shape_is_accepted_as_a_route(vehicle):
     run = simulate_loop(vehicle, SinuousCircle(0.3, 0.03, 0.4), perfect=True, duration_s=1.0)
     assert run.reference.nu[0, 0] == pytest.approx(0.4)
 
 
 def test_the_vehicle_starts_at_the_start_of_the_route(vehicle):
-    from baqueano.guides.route import move_route
-
     system = close_loop(vehicle, move_route(ROUTE, np.array([1.0, 2.0, 0.5])))
     np.testing.assert_allclose(start_of(system), [1.0, 2.0, 0.5], atol=1e-12)
     run = simulate_loop(vehicle, move_route(ROUTE, np.array([1.0, 2.0, 0.5])), perfect=True, duration_s=0.1)
@@ -66,8 +73,6 @@ def test_the_vehicle_starts_at_the_start_of_the_route(vehicle):
 
 
 def test_commands_are_invariant_under_motions_of_the_world(vehicle):
-    from baqueano.guides.route import move_route
-
     moved_route = move_route(ROUTE, np.array([3.0, -2.0, 3.1]))
     a, b = (simulate_loop(vehicle, r, seed=2, duration_s=2.0) for r in (ROUTE, moved_route))
     np.testing.assert_allclose(a.requested, b.requested, atol=1e-7)

@@ -237,7 +237,7 @@ def start_of(system: System) -> np.ndarray:
 
 
 def reference_duration(system: System) -> float:
-    """Return the time from the first tick to the end of the reference [s], for a vehicle at rest.
+    """Return the time from the first tick to the end of the reference [s], for a vehicle on its reference.
 
     Raise UsageError if the guide is not done within MAX_DURATION_NS.
     """
@@ -260,12 +260,17 @@ def _is_over(system: System, t_ns: int) -> bool:
 
 
 def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
-    """Return the guide's references at the times `times_ns` from its start, for a vehicle at rest at the origin."""
+    """Return the guide's references at the times `times_ns` from its start, for a vehicle on its reference."""
+
+    def step(state: Tree, t_ns: int, eta: np.ndarray) -> tuple[Tree, Reference]:
+        return system.guide.step(state, Estimate(t_ns, eta, np.zeros(3), np.zeros((6, 6))))
+
     state, references = system.guide.init(), []
+    eta = step(state, times_ns[0], np.zeros(3))[1].eta
     for t_ns in times_ns:
-        estimate = Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
-        state, reference = system.guide.step(state, estimate)
+        state, reference = step(state, t_ns, eta)
         references.append(reference)
+        eta = reference.eta
     return references
 
 
