@@ -1,6 +1,8 @@
 """`baqueano route`: each command stores a route that the next command accepts; an impossible route is refused before a
 drive."""
 
+import shlex
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,16 @@ def test_the_advised_route_command_solves_the_problem(lab):
     lab("route", "faster", "lab", "--speed", "3")
     assert lab("route", "faster", "lab-speed", "--vehicle", "small").code == 0
     assert lab("repeat", "lab-speed-fast", "--vehicle", "small").code == 0
+
+
+def test_the_advised_command_quotes_the_name_and_lets_two_routes_join(lab):
+    lab("route", "reverse", "lab", "--backing", "-o", "my back")
+    lab("route", "cut", "lab", "--to", "1", "-o", "my way")
+    end = lab("route", "join", "my way", "my back")
+    assert end.reason.code == "route.join-reverses"
+    _, *words = shlex.split(end.fix)
+    assert lab(*words, "-o", "turned").code == 0
+    assert lab("route", "join", "turned", "my back").code == 0
 
 
 def test_the_anyway_option_permits_a_fast_route(lab, tmp_path):

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, clothoid, eight, line, rectangle, sinuous_circle, slalom
 from baqueano.routes import cut, examine, fastest, join, reverse, scale, smooth
+from baqueano.routes.path import direction
 from baqueano.vehicle_file import load
 
 
@@ -53,6 +55,26 @@ def test_a_stop_or_a_start_from_rest_is_not_a_gap():
     waits = route._replace(t_s=t_s, nu=np.where(np.arange(101)[:, None] == 49, 0.0, route.nu))
     assert codes(waits) == []
     assert codes(fastest(line(2.0, 0.1), load("small"))) == []
+
+
+def advised_cut(route, fix):
+    """Return the part of a route that the advised command line keeps."""
+    *_, option, value = fix.split()
+    return cut(route, **{{"--from": "from_m", "--to": "to_m"}[option]: float(value)})
+
+
+@pytest.mark.parametrize("k", [1, 50, 70, 200])
+def test_the_advised_cut_removes_a_jump_or_a_change_of_direction(k):
+    there = scale(line(2.0, 0.2), 0.97)  # a pose every 9.7 mm, so that some distances are rounded up
+    jump = there._replace(
+        eta=there.eta + np.where(np.arange(len(there.t_s)) < k, 0.0, 0.5)[:, None] * [1, 0, 0]
+    )
+    assert codes(jump) == ["route.jump"]
+    assert codes(advised_cut(jump, examine(jump).findings[0].fix)) == []
+    both = there._replace(nu=np.where(np.arange(len(there.t_s)) < k, 1.0, -1.0)[:, None] * there.nu)
+    with pytest.raises(UsageError) as error:
+        direction(both)
+    assert abs(direction(advised_cut(both, error.value.diagnostic.fix))) == 1.0
 
 
 DRAWN = {

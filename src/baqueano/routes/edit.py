@@ -77,7 +77,7 @@ def join(first: Route, second: Route) -> Route:
         raise UsageError(
             fault(
                 "route.join-reverses",
-                baqueano_command("route", "reverse", NAME_PLACEHOLDER),
+                baqueano_command("route", "reverse", NAME_PLACEHOLDER, "--backing"),
                 first_m_s=float(first.nu[-1, 0]),
                 second_m_s=float(second.nu[0, 0]),
             )

@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
-from baqueano.routes.path import NAME_PLACEHOLDER, STEP_M
+from baqueano.routes.path import NAME_PLACEHOLDER, STEP_M, cut_command
 
 MAX_JUMP_M = 0.1  # allowed distance between two poses, in addition to 2 v Δt
 GAP_FACTOR = 5.0
@@ -63,4 +63,4 @@ def _finding_at(code: str, route: Route, s: np.ndarray, mask: np.ndarray) -> Dia
     k = int(np.argmax(mask))
     figures = {"count": int(mask.sum()), "at_m": float(s[k]), "at_s": float(route.t_s[k])}
     figures |= {"gap_m": float(s[k + 1] - s[k]), "gap_s": float(route.t_s[k + 1] - route.t_s[k])}
-    return fault(code, baqueano_command("route", "cut", NAME_PLACEHOLDER, "--to", f"{s[k]:.2f}"), **figures)
+    return fault(code, cut_command(s, k), **figures)

@@ -79,12 +79,23 @@ def direction(route: Route) -> float:
         raise UsageError(
             fault(
                 "route.both-ways",
-                baqueano_command("route", "cut", NAME_PLACEHOLDER, "--to", f"{at_m:.2f}"),
+                cut_command(distances_along(route.eta[:, :2]), int(first) - 1),
                 at_m=at_m,
                 count=len(changes),
             )
         )
     return -1.0 if np.any(is_backward) else 1.0
+
+
+def cut_command(s: np.ndarray, k: int) -> str:
+    """Return the command that keeps a route up to its sample k, at the distances s (m,), in whole centimetres.
+
+    If this part is shorter than a centimetre, the command keeps the rest, from the sample k + 1 on.
+    """
+    before_m, after_m = np.floor(100.0 * s[k] - 1e-6) / 100.0, np.ceil(100.0 * s[k + 1] + 1e-6) / 100.0
+    if before_m > 0.0:
+        return baqueano_command("route", "cut", NAME_PLACEHOLDER, "--to", f"{before_m:.2f}")
+    return baqueano_command("route", "cut", NAME_PLACEHOLDER, "--from", f"{after_m:.2f}")
 
 
 def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, closed: bool) -> Route:

@@ -13,7 +13,7 @@ from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.messages.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command, shell_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -308,8 +308,8 @@ def pose_of(text: str, code: str) -> tuple[float, float, float]:
 
 
 def with_route_name(diagnostic: Diagnostic, route: str) -> Diagnostic:
-    """Return a copy of a finding whose suggested command contains the name of the route."""
-    return replace(diagnostic, fix=diagnostic.fix.replace(NAME, route))
+    """Return a copy of a finding whose suggested command contains the name of the route, quoted for the shell."""
+    return replace(diagnostic, fix=diagnostic.fix.replace(NAME, shell_command(route)))
 
 
 def apply_edit(
