@@ -106,4 +106,6 @@ def test_an_impossible_route_edit_is_refused():
     }.items():
         with refused(code, UsageError):
             make_route()
+    with refused("route.points-same", UsageError, first=3, second=1):
+        through_points([(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)], 0.2, closed=True)
     assert rectangle(1.0, 1.0, 0.2, 0.2).closed

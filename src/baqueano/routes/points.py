@@ -56,7 +56,8 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     for is_wrong, code in ((legs < STEP_M, "route.points-same"), (legs > MAX_LEG_M, "route.points-far")):
         if is_wrong.any():
             k = int(np.argmax(is_wrong))
-            raise UsageError(fault(code, first=k + 1, second=k + 2, distance_m=float(legs[k])))
+            second = (k + 1) % len(points) + 1  # of a closed route, the first point follows the last
+            raise UsageError(fault(code, first=k + 1, second=second, distance_m=float(legs[k])))
     rounded = np.concatenate(list(_round_corners(corners, legs, closed, corner_m)))
     s = distances_along(rounded)
     kept_mask = np.append(True, np.diff(s) > 1e-9)
