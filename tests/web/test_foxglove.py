@@ -7,7 +7,7 @@ import os
 import shutil
 import struct
 import subprocess
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 
 import pytest
@@ -15,7 +15,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.diagnostics import Severity, note
-from baqueano.web.foxglove.bridge import MESSAGE_LAYOUT, SUBPROTOCOLS
+from baqueano.web.foxglove.bridge import MESSAGE_LAYOUT, SUBPROTOCOLS, Foxglove
 from baqueano.web.guard import Role
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import WAIT_S, run_page
@@ -136,6 +136,40 @@ def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
                 await next_word(line, "status")
 
     run_page(job)
+
+
+class Line:
+    """A client that stores what it receives."""
+
+    def __init__(self):
+        self.pictures = b""
+
+    def send(self, message):
+        pass
+
+    def show(self, picture):
+        self.pictures += picture
+
+
+def test_a_row_has_the_same_time_in_each_topic():
+    fields, clock, line = (
+        [{"name": name, "unit": ""} for name in ("t", "eta.x", "u.0")],
+        count(0, 10**6),
+        Line(),
+    )
+    bridge = Foxglove(lambda: {"fields": fields}, now_ns=lambda: next(clock))
+    bridge.welcome(line)
+    subscriptions = [{"id": k, "channelId": k} for k in (1, 2)]
+    asyncio.run(bridge.receive(line, {"op": "subscribe", "subscriptions": subscriptions}))
+    for first in (0, 2):
+        bridge.show([[0.01 * k, 0.5, 0.25] for k in (first, first + 1)])
+    times, data = {1: [], 2: []}, line.pictures
+    while data:
+        _, number, t_ns = MESSAGE_LAYOUT.unpack_from(data, 2)
+        times[number].append(t_ns)
+        data = data[2 + data[1] :]
+    assert times[1] == times[2]
+    assert [b - a for a, b in pairwise(times[1])] == [10**7] * 3
 
 
 def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):

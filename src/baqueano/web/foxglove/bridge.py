@@ -115,12 +115,14 @@ class Foxglove:
             return
         fields = self._about()["fields"]
         self._renew_channels()
+        stamps_ns = [self._stamp(row) for row in rows]
         bodies: dict[str, list[tuple[int, bytes]]] = {}
         for client in self._clients.values():
             messages = []
             for subscription_id, topic in client.subscriptions.items():
                 if topic not in bodies:
-                    bodies[topic] = [(self._stamp(row), _body(topic, fields, row)) for row in rows]
+                    contents = [_body(topic, fields, row) for row in rows]
+                    bodies[topic] = list(zip(stamps_ns, contents, strict=True))
                 messages += [
                     binary_frame(MESSAGE_LAYOUT.pack(DATA, subscription_id, t_ns) + content)
                     for t_ns, content in bodies[topic]
