@@ -12,10 +12,10 @@ from baqueano.atomic_file import replace_file
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.runs.run import EstimateLog, Run, TruthLog
-from baqueano.sweep.cell import SweepBlocks
+from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.figures import figures_of, joining_distance
 from baqueano.sweep.grid import sweep as one_process
-from baqueano.sweep.result import SweepResult
+from baqueano.sweep.result import SweepCell, SweepResult
 from baqueano.sweep.stored_drives import digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
@@ -124,9 +124,6 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
 
 
 def test_the_name_of_a_stored_drive_depends_on_block_source_and_seed(tmp_path, monkeypatch, small):
-    from baqueano.sweep.cell import FileText, SweepJob, SweepSettings
-    from baqueano.sweep.result import SweepCell
-
     monkeypatch.chdir(tmp_path)
     names = set()
     for text, seed in ((MINE, 0), (MINE + "\n# other\n", 0), (MINE, 1)):
@@ -162,9 +159,6 @@ def test_a_stored_drive_is_not_used_after_a_change_of_a_block_that_the_file_name
 
 
 def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
-    from baqueano.sweep.cell import FileText, SweepJob, SweepSettings
-    from baqueano.sweep.result import SweepCell
-
     file = FileText(small.text, small.label, small.path, small.on_disk)
     law = small.controller("lqr")
     laws = [law, replace(law, e_max=law.e_max * (1.0 + 1e-12))]
@@ -173,6 +167,20 @@ def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
         digest(SweepJob(cell, "d", file, SweepBlocks(controller=law), settings, ROUTE, 0), {}) for law in laws
     }
     assert len(names) == 2
+
+
+def test_the_name_of_a_stored_drive_contains_the_ends_of_a_route_and_the_start_of_a_run(small):
+    run = bq.simulate(small, np.zeros((10, 3)))
+    moved = replace(run, metadata=run.metadata | {"start": "1.0 0.0 0.0"})
+    file, cell = FileText(small.text, small.label, small.path, small.on_disk), SweepCell("m", "", "", "")
+    job = SweepJob(cell, "d", file, SweepBlocks(), SweepSettings(), ROUTE)
+    jobs = (
+        job,
+        job._replace(route=ROUTE._replace(closed=False)),
+        job._replace(run=run),
+        job._replace(run=moved),
+    )
+    assert len({digest(each, {}) for each in jobs}) == 4
 
 
 def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):

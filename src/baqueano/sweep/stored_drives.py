@@ -23,6 +23,7 @@ from baqueano.blocks import LOOP_ROLES, resolve
 from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.runs.initial_pose import initial_pose
 from baqueano.sweep.cell import FileText, SweepJob, as_row, of_row, work
 from baqueano.sweep.pieces import Pieces
 from baqueano.sweep.workers import spread_over
@@ -122,10 +123,10 @@ def digest(job: SweepJob, texts_in_file: dict[str, str]) -> str:
 
 def _arrays(job: SweepJob) -> list[np.ndarray]:
     if job.run is not None:
-        channels = [part for channel in job.run.sensors.values() for part in (channel.t_ns, channel.z)]
-        truth = [] if job.run.truth is None else [job.run.truth.eta]
-        return [job.run.t_ns, job.run.applied, *channels, *truth]
-    return [] if job.route is None else [job.route.t_s, job.route.eta, job.route.nu]
+        channels = [part for channel in job.run.sensors.values() for part in channel]
+        truth = [] if job.run.truth is None else [job.run.truth.t_ns, job.run.truth.eta]
+        return [job.run.t_ns, job.run.applied, initial_pose(job.run), *channels, *truth]
+    return [] if job.route is None else list(map(np.asarray, job.route))
 
 
 def _block_text(role: str, block: object, job: SweepJob) -> str:
