@@ -146,3 +146,10 @@ def test_the_compiled_program_does_not_grow_with_the_route():
     points, nodes = zip(*sizes, strict=True)
     assert points[2] > 4 * points[0]
     assert max(nodes) < 1.02 * min(nodes), sizes
+
+
+def test_a_closed_turn_on_the_spot_advances_with_time():
+    psi, turn = np.linspace(0.0, 2.0 * np.pi, 61), np.tile([0.0, 0.0, 1.0], (61, 1))
+    guide = RepeatByProgress(psi, np.outer(psi, [0.0, 0.0, 1.0]), turn, closed=True)
+    for reference in drive_guide(guide, on_it, 3):
+        assert reference.nu.tolist() == [0.0, 0.0, 1.0]

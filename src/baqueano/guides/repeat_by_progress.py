@@ -102,7 +102,7 @@ class RepeatByProgress(Repeat):
             eta = np.stack([np.interp(k, indices, column) for column in self.eta.T], axis=1)
             distances = np.interp(k, indices, s)
         lag_m = np.interp(phase, self.t_s, s) - distances  # (k,) d, if the vehicle is at each of these points
-        if self.closed:
+        if self.closed and s[-1] > 0.0:
             lag_m = lag_m - s[-1] * np.floor(lag_m / s[-1] + 0.5)
         squared_distances = (eta[:, 0] - estimate.eta[0]) ** 2 + (eta[:, 1] - estimate.eta[1]) ** 2
         squared_distances = squared_distances + (HEADING_WEIGHT_M * wrap(eta[:, 2] - estimate.eta[2])) ** 2
