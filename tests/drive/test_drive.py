@@ -128,12 +128,23 @@ def test_teaching_without_motion_is_refused():
         ([(1.0,)], ("drive.step-pair", {"number": 1, "found": "(1.0,)"})),
         ([(1.0, (0, 0, 0)), (-1.0, (0, 0, 0))], ("drive.step-numbers", {"number": 2, "commands": 3})),
         ([(1.0, (0, 0))], ("drive.step-numbers", {"commands": 3})),
+        ([(np.inf, (0, 0, 0))], ("drive.step-numbers", {"number": 1})),
         ([], ("drive.no-steps", {})),
     ],
 )
 def test_a_bad_script_is_refused_with_a_reason(script, words):
     with refused(words[0], UsageError, **words[1]):
         commands_of(script, 3, 100.0)
+
+
+def test_a_step_of_a_script_lasts_at_least_one_tick():
+    assert commands_of([(1e-4, (0, 0, 1)), (0.02, (0, 0, 0))], 3, 100.0).tolist() == [
+        [0, 0, 1],
+        [0, 0, 0],
+        [0, 0, 0],
+    ]
+    with refused("drive.signal-shape", UsageError, found="(0, 3)"):
+        experiment(FILE, np.zeros((0, 3)))
 
 
 def test_an_unknown_driver_is_refused_with_a_reason():

@@ -66,7 +66,7 @@ def experiment(
     (101, 3) 0.13 m/s
     """
     u = np.atleast_2d(np.array(u, dtype=float))
-    if u.shape[1] != vehicle_file.vehicle.commands or not np.all(np.isfinite(u)):
+    if u.shape[1] != vehicle_file.vehicle.commands or not len(u) or not np.all(np.isfinite(u)):
         commands, names = vehicle_file.vehicle.commands, vehicle_file.command.names
         raise UsageError(fault("drive.signal-shape", found=str(u.shape), commands=commands, names=names))
     blocks = Blocks(
@@ -362,9 +362,9 @@ def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz
             duration_s, u = float(step[0]), np.array(step[1], dtype=float)
         except (TypeError, ValueError, IndexError) as error:
             raise UsageError(fault("drive.step-pair", number=k + 1, found=repr(step))) from error
-        if u.shape != (n,) or not (duration_s > 0.0 and np.all(np.isfinite(u))):
+        if u.shape != (n,) or not (0.0 < duration_s < np.inf and np.all(np.isfinite(u))):
             raise UsageError(fault("drive.step-numbers", number=k + 1, found=repr(step), commands=n))
-        rows.append(np.tile(u, (round(duration_s * rate_hz), 1)))
+        rows.append(np.tile(u, (max(1, round(duration_s * rate_hz)), 1)))
     if not rows:
         raise UsageError(fault("drive.no-steps"))
     return np.concatenate(rows)
