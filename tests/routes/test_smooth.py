@@ -103,3 +103,8 @@ def test_the_velocity_is_the_derivative_of_the_poses():
 def test_a_tolerance_out_of_range_is_refused(tolerance_m):
     with refused("route.tolerance", UsageError):
         smooth(circle(0.5, 0.2), tolerance_m)
+
+
+def test_a_route_without_speeds_cannot_keep_them():
+    with refused("route.speed", UsageError, found=0.0):
+        smooth(circle(0.5, 0.2)._replace(nu=np.zeros((1441, 3))))

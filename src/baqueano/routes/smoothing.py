@@ -57,7 +57,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     Raises
     ------
     UsageError
-        For a tolerance outside 0.1 mm to 0.5 m, or a route that drives forward and backward.
+        For a tolerance outside 0.1 mm to 0.5 m, or a route without speeds, or one that drives forward and backward.
 
     References
     ----------
@@ -74,13 +74,15 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
             fault("route.tolerance", found=tolerance_m, least_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M)
         )
     forward_sign, indices = direction(route), moving_indices(route)
+    speed = np.abs(route.nu[indices, 0])
+    if not (median_speed := float(np.median(speed))) > 0.0:
+        raise UsageError(fault("route.speed", found=median_speed))
     is_closed = route.closed or meets(route)
     s = distances_along(route.eta[indices, :2])
     spectrum = _spectrum(route.eta[indices, :2], s, is_closed)
     cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
     path = _path(spectrum, cut_rad_m, is_closed)
-    speed = np.abs(route.nu[indices, 0])
-    speed = np.maximum(speed, MIN_SPEED_SHARE * float(np.median(speed)))
+    speed = np.maximum(speed, MIN_SPEED_SHARE * median_speed)
     return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), forward_sign, is_closed)
 
 
