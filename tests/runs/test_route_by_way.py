@@ -51,6 +51,7 @@ def test_speed_changes_stops_and_turns_in_place_have_correct_durations(tmp_path)
         ("route.way", ["0,0,0,0,0", "0.2,0.2,0,0,0"]),
         ("route.not-number", ["0,0,0,0,0.2", "0.2,nan,0,0,0.2"]),
         ("route.too-short", ["0,0,0,0,0.2"]),
+        ("route.too-short", ["0,0,0,0,0.2", "0,0,0,0,0.2"]),
     ],
 )
 def test_an_invalid_route_over_distance_is_refused(tmp_path, code, rows):

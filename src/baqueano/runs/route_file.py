@@ -170,6 +170,8 @@ def _route_by_distance(table: LogTable, path: Path) -> Route:
         for rows, inserted in ((t_s, leaves), (eta, eta[waiting_rows]), (nu, nu[waiting_rows]))
     )
     is_kept = np.append(True, np.diff(t_s) > 0.0)  # of two equal poses one is kept
+    if np.count_nonzero(is_kept) < 2:
+        raise FileError(fault("route.too-short", path=path, count=1))
     return Route(t_s[is_kept], eta[is_kept], nu[is_kept], _is_closed(path))
 
 

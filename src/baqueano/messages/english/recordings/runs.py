@@ -124,7 +124,7 @@ TEMPLATES: dict[str, str] = {
         "false"
     ),
     "route.not-number": "{path} line {line}: a route needs a number in every column.",
-    "route.too-short": "{path} has {count} rows; a route needs at least two.",
+    "route.too-short": "{path} needs at least two different poses, and has {count}.",
     "route.encoding": "{file} is not text in UTF-8. Save it as UTF-8.",
     "route.delimiter": (
         "{file} can be read with several delimiters between its columns: {delimiters}. Use only one of them, also in "
