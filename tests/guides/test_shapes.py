@@ -6,7 +6,7 @@ import pytest
 from baqueano.geometry import wrap
 from baqueano.guides import SinuousCircle
 from baqueano.guides.route import end_gap
-from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
+from baqueano.guides.shapes import SHAPE_NAMES, circle, eight, rectangle, shape, sinuous_circle
 from baqueano.signals import Estimate
 from tests.codes import refused
 
@@ -79,3 +79,14 @@ def test_impossible_shapes_are_refused_with_a_reason():
         rectangle(2.0, 1.0, 0.5, 0.25)
     with refused("shape.amplitude", ValueError, amplitude_m=0.6, radius_m=0.5):
         SinuousCircle(radius_m=0.5, amplitude_m=0.6)
+
+
+@pytest.mark.parametrize("name", SHAPE_NAMES)
+def test_a_shape_needs_a_positive_size_and_speed(name):
+    for size_m, speed_m_s, code in (
+        (0.0, 0.2, "shape.length"),
+        (1.0, 0.0, "route.speed"),
+        (1.0, np.nan, "route.speed"),
+    ):
+        with refused(code, ValueError):
+            shape(name, size_m, speed_m_s)

@@ -59,6 +59,7 @@ def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: f
     >>> print(route.eta.shape, f"{route.t_s[-1]:.1f} s, {route.eta[-1, 2] / np.pi:.1f} π")
     (1441, 3) 20.8 s, 2.0 π
     """
+    _check(radius_m, speed_m_s)
     th = np.linspace(0.0, 2.0 * np.pi, POINT_COUNT)
     r = radius_m + amplitude_m * np.sin(waves * th)
     r1, r2 = amplitude_m * waves * np.cos(waves * th), -amplitude_m * waves**2 * np.sin(waves * th)
@@ -116,6 +117,7 @@ def eight(half_length_m: float, speed_m_s: float) -> Route:
     >>> eight(0.6, 0.2)
     Route(1441 poses, 18.3 s, 3.66 m, closed)
     """
+    _check(half_length_m, speed_m_s)
     th = np.linspace(0.0, 2.0 * np.pi, POINT_COUNT)
     s, c = np.sin(th), np.cos(th)
     p, p1 = np.column_stack([s, s * c]), np.column_stack([c, c**2 - s**2])
@@ -150,6 +152,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     >>> rectangle(1.2, 0.8, 0.2, 0.2)
     Route(360 poses, 18.3 s, 3.66 m, closed)
     """
+    _check(length_m, speed_m_s)
     a, b = length_m - 2.0 * corner_m, width_m - 2.0 * corner_m
     if not (a > 0.0 and b > 0.0 and corner_m > 0.0):
         raise Invalid(
@@ -205,6 +208,7 @@ def line(length_m: float, speed_m_s: float) -> Route:
     >>> line(2.0, 0.2)
     Route(201 poses, 10.0 s, 2.00 m, open)
     """
+    _check(length_m, speed_m_s)
     return _route_of_curvature(np.zeros(_points(length_m)), length_m, speed_m_s)
 
 
@@ -236,6 +240,7 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     >>> slalom(2.0, 0.3, 3, 0.2)
     Route(1441 poses, 13.9 s, 2.78 m, open)
     """
+    _check(length_m, speed_m_s)
     x = np.linspace(0.0, length_m, POINT_COUNT)
     k, a = 2.0 * np.pi * waves / length_m, 0.5 * width_m
     unit, no_turn = np.ones(POINT_COUNT), np.zeros(POINT_COUNT)
@@ -274,16 +279,22 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
     >>> print(route.eta[-1].round(2))
     [0.6  0.6  1.57]
     """
+    _check(length_m, speed_m_s)
     fraction = np.linspace(0.0, 1.0, _points(length_m))
     return _route_of_curvature(
         2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * fraction - 1.0)), length_m, speed_m_s
     )
 
 
+def _check(length_m: float, speed_m_s: float) -> None:
+    """Raise Invalid for a length or a speed that is not a positive finite number."""
+    for code, value in (("shape.length", length_m), ("route.speed", speed_m_s)):
+        if not 0.0 < value < np.inf:
+            raise Invalid(fault(code, found=value))
+
+
 def _points(length_m: float) -> int:
-    """Return the number of poses of a line, one per centimetre. Raise Invalid for a length that is not above 0."""
-    if not length_m > 0.0:
-        raise Invalid(fault("shape.length", found=length_m))
+    """Return the number of poses of a line, one per centimetre."""
     return max(3, round(100.0 * length_m) + 1)
 
 
@@ -299,7 +310,7 @@ def _route_of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) ->
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return the route of a name in SHAPE_NAMES. Raise Invalid for another name.
+    """Return the route of a name in SHAPE_NAMES. Raise Invalid for another name, size or speed.
 
     `size_m` is the radius of a circle, or half the length of another shape.
     """
