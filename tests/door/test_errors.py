@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+from baqueano.door.outcome import outcome_of
 from baqueano.door.remote import Remote
 from baqueano.errors import (
     AnswerNo,
@@ -14,6 +15,7 @@ from baqueano.errors import (
     UsageError,
     error_of_exit_code,
 )
+from baqueano.guides.shapes import shape
 
 KINDS = [AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop]
 
@@ -34,3 +36,8 @@ def test_an_error_of_the_vehicle_is_raised_on_the_laptop(kind):
     with pytest.raises(kind, match="why") as error_info:
         vehicle(**{"is": "no", "why": "why", "code": kind.exit_code}).receive(("state",), 5.0)
     assert type(error_info.value) is kind
+
+
+def test_a_refused_value_keeps_its_code_at_the_end_of_a_mission():
+    reason, code = outcome_of(lambda: shape("circel", 1.0, 0.2))
+    assert (reason.code, code) == ("shape.unknown", UsageError.exit_code)

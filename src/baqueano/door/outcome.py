@@ -3,7 +3,14 @@
 from collections.abc import Callable
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import BaqueanoError, error_text, from_outside, user_code_place
+from baqueano.errors import (
+    BaqueanoError,
+    DiagnosticError,
+    UsageError,
+    error_text,
+    from_outside,
+    user_code_place,
+)
 
 
 def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | None, int]:
@@ -20,4 +27,6 @@ def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | Non
             raise
         if location := user_code_place(error):
             return note("block.raised-outside", Severity.ERROR, place=location, error=error_text(error)), 1
+        if isinstance(error, DiagnosticError):
+            return error.diagnostic, UsageError.exit_code
         return note("service.unforeseen", Severity.ERROR, error=error_text(error)), 1
