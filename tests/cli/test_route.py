@@ -38,6 +38,13 @@ def test_each_route_command_stores_a_new_route(lab):
     assert lab("route", "check", "lab-fast", "--vehicle", "small", "--room", "2x2").code == 0
 
 
+def test_a_damaged_route_does_not_hide_the_others(lab, tmp_path):
+    (tmp_path / "routes" / "box.csv").write_text("x,y\n0,0\n1,1\n", encoding="utf-8")
+    end = lab("route", "ls")
+    assert (end.code, end.out.split()[0]) == (0, "lab")
+    assert "box.csv" in end.err
+
+
 def test_spreadsheet_points_are_converted_to_a_route(lab, tmp_path):
     (tmp_path / "points.csv").write_text("x;y\n0;0\n1,5;0\n1,5;1\n0;1\n0;0\n", encoding="utf-8")
     end = lab("route", "import", "points.csv", "box", "--json")

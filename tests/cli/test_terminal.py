@@ -15,6 +15,7 @@ import pytest
 from baqueano.cli import terminal
 from baqueano.cli.terminal import show_activity, steps
 from baqueano.diagnostics import StopReason
+from baqueano.messages.language import within
 from baqueano.runs import read_run
 
 COMMAND = [sys.executable, "-m", "baqueano"]
@@ -207,6 +208,13 @@ def test_progress_is_shown_on_one_line(monkeypatch, capsys):
     err += capsys.readouterr().err
     assert err.count("\n") == 2
     assert all(len(line) <= 100 for line in err.replace("\n", "\r").split("\r"))
+
+
+def test_the_time_of_a_step_is_shown_as_the_language_writes_numbers(monkeypatch, capsys):
+    monkeypatch.setattr(terminal, "is_terminal", lambda: True)
+    with within("es"), show_activity("ajuste"):
+        pass
+    assert re.search(r"ajuste  \d,\d s", capsys.readouterr().err)
 
 
 def test_without_a_terminal_progress_lines_are_rare(monkeypatch, capsys):

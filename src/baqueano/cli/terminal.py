@@ -20,6 +20,7 @@ import click
 
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages import row_of, text
+from baqueano.messages.language import number
 from baqueano.messages.printable import one_line, printable
 
 if TYPE_CHECKING:
@@ -208,7 +209,7 @@ def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
         end_event.set()
         counting.join()
         status.done()
-        _rewrite(f"{label}  {time.monotonic() - start_s:.1f} s\n")
+        _rewrite(f"{label}  {number(time.monotonic() - start_s):.1f} s\n")
 
 
 @contextmanager

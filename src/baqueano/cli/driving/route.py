@@ -12,7 +12,8 @@ from baqueano.cli.blocks import RowsResult
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.errors import AnswerNo, UsageError
+from baqueano.errors import AnswerNo, FileError, UsageError
+from baqueano.messages.language import number
 from baqueano.messages.printable import baqueano_command, shell_command
 
 if TYPE_CHECKING:
@@ -48,13 +49,17 @@ def ls(as_json: bool) -> None:
 
     rows = []
     for path in sorted(options.ROUTES.glob("*.csv"), key=lambda path: path.stem):
-        row = examine(options.find_route(path.stem)).rows()[0]
+        try:
+            row = examine(options.find_route(str(path))).rows()[0]
+        except FileError as error:
+            print_message(note("cli.warning", cause=error.diagnostic))
+            continue
         if not as_json:
             row = {
                 "route": path.stem,
-                "length": f"{row['length_m']:.2f} m",
-                "duration": f"{row['duration_s']:.1f} s",
-                "speed": f"{row['fastest_m_s']:.2f} m/s",
+                "length": f"{number(row['length_m']):.2f} m",
+                "duration": f"{number(row['duration_s']):.1f} s",
+                "speed": f"{number(row['fastest_m_s']):.2f} m/s",
             }
         rows.append({"route": path.stem, **row})
     answer(RowsResult(rows), as_json)
@@ -362,7 +367,6 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
     """Return the route through the points of a file. Raise FileError if the file or its columns are missing."""
     import numpy as np
 
-    from baqueano.errors import FileError
     from baqueano.routes import through_points
     from baqueano.routes.path import MAX_END_GAP_M
     from baqueano.runs.route_file import advice_without_map
