@@ -152,3 +152,10 @@ def test_limits_out_of_range_are_refused():
         fastest(lap, small, speed_m_s=0.0)
     with refused("route.too-tight", UsageError):
         fastest(lap, small, share=0.01)
+
+
+def test_the_table_of_a_straight_route_has_no_line_about_curves():
+    straight, curved = (
+        len(examine(route).table().splitlines()) for route in (line(1.0, 0.2), circle(0.5, 0.2))
+    )
+    assert straight == curved - 1

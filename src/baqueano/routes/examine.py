@@ -79,7 +79,7 @@ class RouteReport(Result):
     fastest_m_s, fastest_rad_s, sideways_m_s2 : float
         Largest speed, yaw rate, and acceleration to the side.
     radius_m : float [m]
-        Smallest radius of a curve; 0 for a turn on the spot.
+        Smallest radius of a curve; 0 for a turn on the spot, infinite for a straight line.
     share : float
         Largest part of the command that the route needs; NaN without a vehicle.
     free_m : float [m]
@@ -135,8 +135,15 @@ class RouteReport(Result):
             _("length {m:.2f} m, {s:.1f} s a lap", m=self.length_m, s=self.duration_s) if self.route.closed
             else _("length {m:.2f} m, {s:.1f} s", m=self.length_m, s=self.duration_s),
             _("speed up to {v:.2f} m/s, yaw rate up to {r:.2f} rad/s", v=self.fastest_m_s, r=self.fastest_rad_s),
-            _("tightest curve {m:.2f} m, up to {a:.2f} m/s² to the side", m=self.radius_m, a=self.sideways_m_s2),
         ]  # fmt: skip
+        if np.isfinite(self.radius_m):
+            lines.append(
+                _(
+                    "tightest curve {m:.2f} m, up to {a:.2f} m/s² to the side",
+                    m=self.radius_m,
+                    a=self.sideways_m_s2,
+                )
+            )
         if np.isfinite(self.share):
             lines.append(_("needs up to {share} of the command", share=number(f"{100.0 * self.share:.0f} %")))
         if np.isfinite(self.free_m):
