@@ -93,6 +93,8 @@ def rows(last, sep=","):
         (HEAD.encode("utf-16-be"), "table.utf-16", {"encoding": "utf-16-be"}),
         (b"\x01\x02" * 900 + b"\0abc" * 40, "table.zero-bytes", {}),
         (b"\x1f\x8b\x08abcdefgh", "table.gzip", {}),
+        (HEAD + '0,0,0,0,0,0,"a\n' + rows("0"), "table.not-csv", {"line": 2}),  # the rest is inside the quote
+        (HEAD + '0,0,0,0,"a,0,0\n' + rows("0"), "table.not-csv", {"line": 2}),
         (HEAD, "import.no-rows", {}),
         (HEAD + "0,0,0,0,0,0,0\n", "import.too-short", {"rows": 1, "least": 3}),
     ],
@@ -197,10 +199,11 @@ def test_columns_without_names_are_addressed_by_number(lab):
     assert imported_run.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
 
 
-def test_an_incomplete_last_line_is_ignored_and_reported(lab):
+@pytest.mark.parametrize("last_line", ["30.0,3,0.1", '30.0,3,0.1,0,0,0,0,"0.'])
+def test_an_incomplete_last_line_is_ignored_and_reported(lab, last_line):
     lab.save()
     path = lab.folder / "board.csv"
-    path.write_text(path.read_text(encoding="utf-8") + "30.0,3,0.1", encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8") + last_line, encoding="utf-8")
     run, findings = import_run(lab.folder / "lab.toml")
     assert includes(findings[0].reason, "recording.cut-line", table="board.csv", line=1502)
     assert len(run.sensors["imu"].t_ns) == 1500

@@ -193,20 +193,28 @@ def _lines_with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
 
 def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of the last line of each row, and the cells of the row."""
-    line_number = 0
+    line_number = first_line = lines_of_row = 0
+    is_at_end = False
 
     def each() -> Iterator[str]:
-        nonlocal line_number
-        for line_number, line in texts:  # noqa: B007
-            yield line
+        nonlocal line_number, first_line, lines_of_row, is_at_end
+        for line_number, line in texts:
+            lines_of_row += 1
+            first_line = line_number if lines_of_row == 1 else first_line
+            yield line if delimiter == " " else line.rstrip(" ")
+        is_at_end = True
 
     try:
-        for row in csv.reader(each(), delimiter=delimiter):
+        for row in csv.reader(each(), delimiter=delimiter, strict=True):  # an open quote is an error
             yield line_number, row
+            lines_of_row = 0
     except csv.Error as error:
+        if is_at_end and lines_of_row == 1:
+            yield line_number, []  # the last line is cut inside a quoted cell
+            return
         is_too_long = "field limit" in str(error)
         code = "table.long-cell" if is_too_long else "table.not-csv"
-        reason = fault(code, file=label, line=line_number, most=csv.field_size_limit(), error=str(error))
+        reason = fault(code, file=label, line=first_line, most=csv.field_size_limit(), error=str(error))
         raise FileError(reason) from error
 
 
