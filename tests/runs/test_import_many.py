@@ -277,7 +277,10 @@ def test_an_unmeasured_channel_is_nan_without_a_warning(desk):
 
 def test_a_file_without_times_uses_a_fixed_rate(desk):
     by_map = desk.map(('time = "t"\ntime_unit = "s"', "rate_hz = 20.0"))
-    assert import_run(by_map, [desk.file("log.csv", [1])]).run.duration_s == pytest.approx(0.2)
+    log = desk.file("log.csv", [1])
+    assert import_run(by_map, [log]).run.duration_s == pytest.approx(0.2)
+    log.write_bytes(log.read_bytes().replace(b"\n", b"\r\r\n"))  # a CSV file of Python on Windows
+    assert import_run(by_map, [log]).run.duration_s == pytest.approx(0.2)
     for wrong, message in (
         ("rate_hz = 0.0", ("expect.rate", {})),
         ('rate_hz = 5.0\ntime = "t"', ("expect.time", {})),

@@ -36,7 +36,7 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
     """
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
     if spec.rate_hz is not None:
-        rows = table.lines - table.lines[0]
+        rows = table.row_indices - table.row_indices[0]
         t_ns, is_known = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
     elif spec.time_unit == "iso8601":
         t_ns, is_known = _dates(table, spec), np.ones(len(table.lines), dtype=bool)

@@ -47,6 +47,12 @@ class LogTable(NamedTuple):
     lines: np.ndarray  # (rows,) line of the file, or number of the message
     decimal: str = "."
     cut: tuple[int, ...] = ()  # lines that were excluded
+    kept_rows: np.ndarray | None = None  # (rows,) indices in the file; None: all rows are kept
+
+    @property
+    def row_indices(self) -> np.ndarray:
+        """Return the index of each row in the file, without its blank lines and comments: (rows,)."""
+        return np.arange(len(self.lines)) if self.kept_rows is None else self.kept_rows
 
     def text(self, column: str) -> Any:
         """Return the column as it was read. Raise FileError if no column or several columns have that name."""
@@ -147,7 +153,7 @@ class LogTable(NamedTuple):
             else cells.select(rows)
             for name, cells in self.columns.items()
         }
-        return self._replace(columns=columns, lines=self.lines[rows])
+        return self._replace(columns=columns, lines=self.lines[rows], kept_rows=self.row_indices[rows])
 
     def _not_a_number(self, column: str, row: int) -> Diagnostic:
         cell = self.columns[column][row][:80]
