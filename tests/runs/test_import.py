@@ -142,13 +142,26 @@ def test_dates_are_accepted_as_times(lab):
         ]
     lab.edit('time_unit = "s"', 'time_unit = "iso8601"').edit("start_ns = 1000000000", "")
     assert lab.run().run.sensors["imu"].t_ns[0] == 1_705_923_541_000_000_000
+    lab.board["t"][1] = ""
+    (missing_time,) = (d.reason for d in lab.run().findings if d.code == "no time")
+    assert includes(missing_time, "recording.no-time", count=1)
     lab.board["t"][0] = "yesterday"
     lab.refused("import.iso8601", column="t", found="yesterday")
 
 
 @pytest.mark.parametrize(
     ("zone", "away_h"),
-    [("Z", 0.0), ("+00:00", 0.0), ("-03:00", -3.0), ("+0530", 5.5), ("+02", 2.0), (" ", 0.0)],
+    [
+        ("Z", 0.0),
+        ("z", 0.0),
+        (" UTC", 0.0),
+        ("+00:00", 0.0),
+        ("-03:00", -3.0),
+        (" -0300", -3.0),
+        ("+0530", 5.5),
+        ("+02", 2.0),
+        (" ", 0.0),
+    ],
 )
 def test_dates_with_different_time_zones_give_the_same_instant(lab, zone, away_h):
     for columns in (lab.board, lab.camera):

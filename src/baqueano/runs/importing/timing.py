@@ -13,7 +13,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.maps.units import unit
-from baqueano.runs.tables.table import LogTable
+from baqueano.runs.tables.table import MISSING_TEXTS, LogTable
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -24,7 +24,9 @@ MIN_STEP_S, MAX_STEP_S = 5e-5, 10.0  # range of the median step of a vehicle's r
 MIN_DURATION_S = 2.0  # a shorter recording does not show a vehicle's motion
 MIN_USUAL_STEP_S, MAX_USUAL_STEP_S = 4e-4, 0.5  # shorter or longer ticks of a loop are unusual
 GAP_STEPS = 1.8  # times the median step
-_ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
+_ZONE = re.compile(r":\d\d(?:\.\d+)?\s*([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
+_UTC = re.compile(r"\s*(Z|UTC)?\s*$", re.IGNORECASE)
+NO_TIME_NS = int(np.datetime64("NaT", "ns").astype(np.int64))
 MAX_DISORDER_SHARE = 0.1  # of the rows: if more are out of order, they are another run, not late rows
 MAX_TIME_NS = 9e18  # the largest time that fits in 64 bits
 MIN_CLOCK_JUMP_S = 600.0  # a longer pause is probably a clock that was set
@@ -39,7 +41,9 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
         rows = table.row_indices - table.row_indices[0]
         t_ns, is_known = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
     elif spec.time_unit == "iso8601":
-        t_ns, is_known = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
+        t_ns = _dates(table, spec)
+        is_known = t_ns != NO_TIME_NS
+        t_ns = np.where(is_known, t_ns, 0)
     else:
         si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
         integers = table.integers(spec.time)
@@ -95,12 +99,16 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
 
 
 def _ns_of(date: str) -> int:
-    """Return the nanoseconds since 1970 of an ISO 8601 date. A date without a time zone is in UTC."""
+    """Return the nanoseconds since 1970 of an ISO 8601 date, NO_TIME_NS for an empty cell.
+    A date without a time zone is in UTC.
+    """
+    if date.lower() in MISSING_TEXTS:
+        return NO_TIME_NS
     zone, ahead_min = _ZONE.search(date), 0
     if zone is not None:
         date = date[: zone.start(1)]
         ahead_min = int(f"{zone[1]}{60 * int(zone[2]) + int(zone[3] or 0)}")
-    local_time = np.datetime64(date.strip().rstrip("Z").replace(" ", "T"), "ns")
+    local_time = np.datetime64(_UTC.sub("", date, count=1).replace(" ", "T"), "ns")
     return int(local_time.astype(np.int64)) - ahead_min * 60 * NANOSECONDS
 
 
