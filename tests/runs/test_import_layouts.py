@@ -194,3 +194,19 @@ def test_short_unit_names_are_case_sensitive(name):
 def test_an_unknown_unit_is_refused_with_suitable_units(board):
     with refused("expect.known-unit-of", FileError, measures="speed"):
         wheels_by(board, 'unit = "ppr"')
+
+
+def test_interpolation_does_not_unwrap_the_rate_of_an_angle(tmp_path):
+    yaw_deg = np.cumsum(np.tile([25.0, 25.0, -25.0, -25.0], 15))  # ± 4.4 rad/s: steps of more than π
+    rows = "".join(f"{0.1 * k:.1f},{k % 5 / 10},{yaw:g}\n" for k, yaw in enumerate(yaw_deg))
+    (tmp_path / "log.csv").write_text("t,u,yaw\n" + rows, encoding="utf-8")
+    gyro = '{ column = "yaw", unit = "deg", derivative = true }'
+    z = f'z = [{{ constant = nan }}, {{ constant = nan }}, {gyro}]\nsample = "linear"'
+    (tmp_path / "log.toml").write_text(
+        'format = 1\n[files.log]\ntime = "t"\ntime_unit = "s"\n'
+        '[command]\nin_force = "from"\nnames = ["u"]\nu = [{ column = "u", unit = "1" }]\n'
+        f"[sensors.imu]\n{z}\n",
+        encoding="utf-8",
+    )
+    rates = import_run(tmp_path / "log.toml", [tmp_path / "log.csv"]).run.sensors["imu"].z[:, 2]
+    assert abs(np.mean(rates)) < 0.1

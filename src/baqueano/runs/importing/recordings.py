@@ -374,7 +374,7 @@ def _sample(
     if signal.sample == "hold":
         return ticks_within, values[np.searchsorted(t_ns, ticks_within, side="right") - 1]
     x, x_ticks = (t_ns - t_ns[0]) / NANOSECONDS, (ticks_within - t_ns[0]) / NANOSECONDS
-    angles = [unit(e.unit).measures == "angle" for e in signal.entries]  # pyright: ignore[reportOptionalMemberAccess]
+    angles = [not e.derivative and unit(e.unit).measures == "angle" for e in signal.entries]  # pyright: ignore[reportOptionalMemberAccess]
     columns = [np.unwrap(c) if a else c for c, a in zip(values.T, angles, strict=True)]
     return ticks_within, np.column_stack([np.interp(x_ticks, x, c) for c in columns])
 
