@@ -124,6 +124,11 @@ def test_reading_a_whole_column_gives_the_same_as_reading_each_cell(cells):
     assert repr(at_once) == repr(slowly if isinstance(slowly, str) else slowly[:-1])
 
 
+def test_a_point_between_decimal_commas_is_not_guessed():
+    with refused("table.not-number", FileError, found="1.234"):
+        LogTable("log.csv", {"v": ["0,5", "1.234"]}, np.arange(2), ",").numbers("v")
+
+
 @pytest.mark.parametrize("cell", ["1_000", "١", "+-3", "1e", ".", "0x10", "1 2"])
 def test_unusual_python_number_formats_are_refused(cell):
     assert "line 3, column 'v'" in numbers_of(["1", cell])

@@ -31,6 +31,7 @@ MAX_SHOWN_NAMES = 30  # columns that a message names
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf", re.ASCII | re.IGNORECASE)
 DIGIT_CELLS, WHOLE_CELLS = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9\0]*")  # cells, joined by \0
+_EXCHANGE = bytes.maketrans(b".,", b",.")
 _BLANK = re.compile(rb"[^\S\0]|[\x80-\xff]")  # a blank, or a byte that can belong to a blank
 _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
@@ -90,9 +91,9 @@ class LogTable(NamedTuple):
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
             return cells.astype(np.float64)
-        values, mark = np.empty(len(cells)), b"," if self.decimal == "," else b"."
+        values = np.empty(len(cells))
         for rows, block in Cells.of(cells).blocks():
-            block = block.replace(mark, b".")
+            block = block.translate(_EXCHANGE) if self.decimal == "," else block  # 1.234 is refused as 1,234
             try:
                 if not DIGIT_CELLS.fullmatch(block):  # otherwise each cell is tested with _NUMBER
                     raise ValueError
