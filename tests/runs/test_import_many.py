@@ -1,12 +1,14 @@
 """Several runs from one file or several files, and the map entries for wheels and for unmeasured channels."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from baqueano.cli import main
 from baqueano.errors import FileError
 from baqueano.runs import import_run, import_runs, write_run
-from baqueano.runs.folder import find_all
+from baqueano.runs.folder import find, find_all
 from baqueano.runs.importing import ImportedRuns
 from tests.codes import includes, refused
 
@@ -322,6 +324,17 @@ def test_runs_are_selected_by_numbers_patterns_and_folders(desk, make_run):
     assert find_all("3", folder) == [paths[2]]
     with refused("runs.none-like", FileError):
         find_all("90-95", folder)
+
+
+def test_a_run_named_by_a_fraction_is_found_by_its_name(desk, monkeypatch, capsys):
+    monkeypatch.chdir(desk.folder)
+    log = desk.file("LOG.CSV", [0.5, 0.7])
+    with pytest.raises(SystemExit):
+        main(["runs", "import", str(desk.map(SPLIT)), str(log)])
+    advised_names = [word for word in capsys.readouterr().err.split() if word.startswith("000")]
+    assert advised_names == ["0001-LOG-0.5", "0002-LOG-0.7"]
+    assert [find(name).name for name in advised_names] == ["0001-LOG-0.5.mcap", "0002-LOG-0.7.mcap"]
+    assert str(find("away/other.mcap")) == str(Path("away/other.mcap"))
 
 
 def test_split_values_cannot_write_outside_the_requested_folder(desk, monkeypatch):

@@ -89,16 +89,19 @@ def _number_and_name(path: Path) -> tuple[int, str]:
 
 def find(name: str, folder: Path | str = "runs") -> Path:
     """Return the path of a run, given by path, number (`3`, `0003`) or name; `last` is the run with the highest number.
-    An existing path, or a path with a suffix, is returned unchecked. Raise FileError if no run or several runs match.
+    An existing path is returned unchecked, and so is a path with a suffix, unless it is the name of a run.
+    Raise FileError if no run or several runs match.
     """
     path, folder = Path(name), Path(folder)
-    if path.suffix or path.exists():
+    if path.exists():
         return path
     runs = sorted(folder.glob("*.mcap")) if folder.is_dir() else []
     numbered_runs = [run for run in _without_recovered_originals(runs) if number_of(run) is not None]
     if name == "last" and numbered_runs:
         return max(numbered_runs, key=lambda run: number_of(run) or 0)
     matches = [run for run in runs if run.stem == name]
+    if path.suffix and not matches:
+        return path
     matches = matches or [run for run in numbered_runs if name.isdecimal() and number_of(run) == int(name)]
     if len(matches) == 1:
         return matches[0]

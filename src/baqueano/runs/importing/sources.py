@@ -9,6 +9,7 @@ part receives the rows within its time.
 """
 
 import glob
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +28,7 @@ from baqueano.runs.tables.table import LogTable, read_table
 from baqueano.signals import NANOSECONDS
 
 MIN_TICKS = 3  # ticks of a run
+_SUFFIX = re.compile(r"\.(?:csv|bag)", re.IGNORECASE)
 
 
 class Source(NamedTuple):
@@ -194,7 +196,7 @@ def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
     run_paths = [
         paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
     ]
-    return run_paths[0].name.split(".csv")[0].split(".bag")[0] if run_paths else m.name
+    return _SUFFIX.split(run_paths[0].name)[0] if run_paths else m.name
 
 
 def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
