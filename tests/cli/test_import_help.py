@@ -10,6 +10,7 @@ import pytest
 from baqueano.cli.modelling.runs import MAP_EXAMPLE
 from baqueano.errors import FileError
 from baqueano.runs import read_run
+from baqueano.runs.importing.draft import draft
 from baqueano.runs.maps.column_map import load_map, maps_folder
 from tests.codes import refused
 
@@ -131,6 +132,34 @@ def test_a_draft_takes_columns_with_the_package_names_of_commands_as_commands(ba
     signal_map = load_map(tmp_path / "log.toml")
     assert signal_map.names == ("u_x", "u_psi")
     assert baqueano("runs", "import", "log.toml", "log.csv").code in (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("times", "unit"),
+    [
+        ([f"{1_700_000_000_000_000_000 + 20_000_000 * k}" for k in range(9)], "ns"),
+        (["0", "20", "", "60", "80"], "ms"),
+        ([f"{20_000 * k}" for k in range(9)], "us"),
+        (["0"], "?"),
+    ],
+)
+def test_a_draft_reads_the_unit_of_the_time_from_its_steps(tmp_path, times, unit):
+    rows = "".join(f"{t};0,5;200\n" for t in times)
+    (tmp_path / "log.csv").write_text("tiempo;pwm izquierda;pwm derecha\n" + rows, encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert tables["files"]["log"] == {"time": "tiempo", "time_unit": unit}
+    scales = [entry["scale"] for entry in tables["command"]["wheels"]]
+    assert scales == [pytest.approx(1 / 255, rel=1e-5)] * 2
+
+
+@pytest.mark.parametrize("name", ["a\\b left", 'the "left"', "left #1", "it's left"])
+def test_a_draft_is_valid_toml_with_any_column_name(tmp_path, name):
+    head = "t,{0} rpm,right rpm,{0} pwm".format(name.replace('"', '""'))
+    head = ",".join(f'"{cell}"' for cell in head.split(","))
+    (tmp_path / "log.csv").write_text(f"{head}\n" + "0.1,1,2,3\n" * 3, encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert tables["sensors"]["wheels"]["z"][0]["column"] == f"{name} rpm"
+    assert tables["command"]["names"] == [f"{name} pwm"]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Draft a map from the column names of a CSV file. A unit that the name does not state is `unit = "?"`."""
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,13 +19,16 @@ UNIT_OF_ENDING = {  # ends of names → unit
     "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
     "mm_s": "mm/s", "cm_s": "cm/s", "v": "V", "mv": "mV",
 }  # fmt: skip
-TIME_PATTERN = r"(^|_)(t|time|timestamp|stamp|elapsed|millis|micros)(_|$)"
+TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros)(_|$)"
 LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izquierda|l)(_|$)", r"(^|_)(right|derecha|r)(_|$)"
-COMMAND_PATTERN, SPEED_PATTERN = r"pwm|duty|cmd|command|throttle|^u_", r"rpm|speed|vel|encoder|wheel|rps"
+COMMAND_PATTERN, SPEED_PATTERN = (
+    r"pwm|duty|cmd|command|comando|throttle|^u_",
+    r"rpm|speed|vel|encoder|wheel|rps",
+)
 IMU_PATTERNS = (
     r"(^|_)(ax|acc(el)?_x)(_|$)",
     r"(^|_)(ay|acc(el)?_y)(_|$)",
-    r"gyro(_z)?(_|$)|(^|_)(gz|omega|yaw_rate)(_|$)",
+    r"(gyro|giro)(_z)?(_|$)|(^|_)(gz|omega|yaw_rate)(_|$)",
 )
 POSE_PATTERNS = (r"(^|_)x(_|$)", r"(^|_)y(_|$)", r"(^|_)(yaw|psi|theta|heading)(_|$)")
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
@@ -39,7 +43,7 @@ def draft(path: Path | str) -> str:
     return (
         "\n".join(
             [
-                f'format = 1\nname = "{path.stem}"',
+                f"format = 1\nname = {_quoted(path.stem)}",
                 *_tables(table, free_columns),
                 *_remaining_lines(free_columns),
             ]
@@ -52,27 +56,27 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     """Yield each table of the map, and remove its columns from `free_columns`."""
     yield "\n[files.log]"
     if time := _take_column(free_columns, TIME_PATTERN):
-        yield f'time = "{time}"\ntime_unit = "{_time_unit(table, time)}"'
+        yield f'time = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    commands = [
-        _take_column(free_columns, f"(?=.*({COMMAND_PATTERN})).*{side}")
-        for side in (LEFT_PATTERN, RIGHT_PATTERN)
-    ]
-    commands = commands if all(commands) else []
+    commands = _take_pair(free_columns, COMMAND_PATTERN)
     single_column = (
         []
         if commands
         else [column for column in list(free_columns) if re.search(COMMAND_PATTERN, _plain_name(column))]
     )
     if commands:
+        largest = max(
+            _largest_magnitude(table, column) for column in commands
+        )  # both wheels share a full duty
         until_text = _('"until": the command of a row held up to its time')
         yield f'\n[command]\nin_force = "from"                    # {until_text}'
-        yield f"wheels = [\n{_list_lines(_command(table, column) for column in commands)}\n]"
+        yield f"wheels = [\n{_list_lines(_command(column, largest) for column in commands)}\n]"
     elif single_column:
         free_columns[:] = [column for column in free_columns if column not in single_column]
-        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{column!r}" for column in single_column)}]'
-        yield f"u = [\n{_list_lines(_command(table, column) for column in single_column)}\n]"
+        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(map(_quoted, single_column))}]'
+        entries = _list_lines(_command(column, _largest_magnitude(table, column)) for column in single_column)
+        yield f"u = [\n{entries}\n]"
     signals = list(_signal_tables(free_columns))
     if not commands and not single_column:
         at_rest = _("no column looks like a command: without [command] the vehicle is at rest")
@@ -85,11 +89,7 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
 
 def _signal_tables(free_columns: list[str]) -> Iterator[str]:
     """Yield the tables of the sensors and of the truth, and remove their columns from `free_columns`."""
-    wheels = [
-        _take_column(free_columns, f"(?=.*({SPEED_PATTERN})).*{side}")
-        for side in (LEFT_PATTERN, RIGHT_PATTERN)
-    ]
-    if all(wheels):
+    if wheels := _take_pair(free_columns, SPEED_PATTERN):
         yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(column) for column in wheels)}\n]"
     for title, key, names in (("sensors.imu", "z", IMU_PATTERNS), ("truth", "eta", POSE_PATTERNS)):
         columns = [_take_column(free_columns, name) for name in names]
@@ -118,6 +118,17 @@ def _take_column(free_columns: list[str], pattern: str) -> str:
     return column
 
 
+def _take_pair(free_columns: list[str], pattern: str) -> list[str]:
+    """Return the columns of the left and right wheel whose names match, and remove them from `free_columns`.
+    Return [] if one of them is missing."""
+    remaining = list(free_columns)
+    pair = [_take_column(remaining, f"(?=.*({pattern})).*{side}") for side in (LEFT_PATTERN, RIGHT_PATTERN)]
+    if not all(pair):
+        return []
+    free_columns[:] = remaining
+    return pair
+
+
 def _unit(name: str, measures: str) -> str:
     """Return the unit at the end of a column's name; UNKNOWN if the name does not end with a unit of this quantity."""
     parts = _plain_name(name).split("_")
@@ -134,33 +145,46 @@ def _time_unit(table: LogTable, column: str) -> str:
     if unit_name != UNKNOWN:
         return unit_name
     try:
-        step = float(np.median(np.diff(table.numbers(column))))
+        t = table.numbers(column)
     except FileError:
         return "iso8601"
-    return "s" if step < 1.0 else "ms" if step < 1000.0 else "us"
+    steps = np.diff(t[np.isfinite(t)])
+    if not len(steps):
+        return UNKNOWN
+    step = float(np.median(steps))
+    return "s" if step < 1.0 else "ms" if step < 1e3 else "us" if step < 1e6 else "ns"
 
 
-def _command(table: LogTable, column: str) -> str:
-    largest = float(np.nanmax(np.abs(table.numbers(column)), initial=0.0))
+def _largest_magnitude(table: LogTable, column: str) -> float:
+    return float(np.nanmax(np.abs(table.numbers(column)), initial=0.0))
+
+
+def _command(column: str, largest: float) -> str:
     if largest <= 1.0:
-        return f'{{ column = "{column}", unit = "1" }}'
+        return f'{{ column = {_quoted(column)}, unit = "1" }}'
     full_count = FULL_DUTY_COUNTS if largest <= FULL_DUTY_COUNTS else largest
     full_text = _("1 at {of:g}: is this full duty?", of=full_count)
-    return f'{{ column = "{column}", unit = "raw", scale = {1.0 / full_count:.6g} }},   # {full_text}'
+    return f'{{ column = {_quoted(column)}, unit = "raw", scale = {1.0 / full_count:.6g} }},   # {full_text}'
 
 
 def _wheel(column: str) -> str:
     unit_name = _unit(column, "angular rate")
     if unit_name != UNKNOWN:
-        return f'{{ column = "{column}", unit = "{unit_name}", radius_m = 0.0 }},   # {_("the radius of the wheel")}'
+        remark = _("the radius of the wheel")
+        return f'{{ column = {_quoted(column)}, unit = "{unit_name}", radius_m = 0.0 }},   # {remark}'
     return _entry(column, "speed")
 
 
 def _entry(column: str, measures: str) -> str:
-    return (
-        f'{{ column = "{column}", unit = "{_unit(column, measures)}" }}' if column else "{ constant = nan }"
-    )
+    if not column:
+        return "{ constant = nan }"
+    return f'{{ column = {_quoted(column)}, unit = "{_unit(column, measures)}" }}'
 
 
 def _list_lines(entries: Iterator[str]) -> str:
-    return "\n".join(f"  {entry}" if "#" in entry else f"  {entry}," for entry in entries)
+    return "\n".join(f"  {entry}" if "},   #" in entry else f"  {entry}," for entry in entries)
+
+
+def _quoted(name: str) -> str:
+    """Return a name as a string of TOML."""
+    return json.dumps(name, ensure_ascii=False)
