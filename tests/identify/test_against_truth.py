@@ -124,6 +124,44 @@ def test_a_car_that_hardly_turns_gives_a_warning(assumed_file):
     assert "calibration.turn-more" in [reason.code for reason in fit.reasons]
 
 
+def test_a_car_at_rest_determines_no_scale(assumed_file):
+    fit = calibrate(film(simulate(assumed_file, np.zeros((3000, 2)), 0), 0), assumed_file)
+    assert fit.verdict == "REFUSED"
+    codes = {(reason.code, reason.subject) for reason in fit.reasons}
+    assert ("calibration.not-determined", "sensors.imu.gyro_scale") in codes
+    assert fit.updated_file(assumed_file).text == assumed_file.text
+
+
+def test_a_dead_gyro_does_not_prevent_the_calibration_of_the_odometer(assumed_file, drive):
+    run = drive(0)
+    imu = run.sensors["imu"]
+    dead = imu._replace(z=imu.z * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.02])
+    fit = calibrate(replace(run, sensors=run.sensors | {"imu": dead}), assumed_file)
+    assert fit.verdict == "WARN"
+    updated_file = fit.updated_file(assumed_file)
+    assert updated_file.sensors.imu.gyro_scale == assumed_file.sensors.imu.gyro_scale
+    assert set(updated_file.provenance) - set(assumed_file.provenance) == {"sensors.odometer.scale"}
+
+
+def test_an_inverted_gyro_is_refused(assumed_file, drive, tmp_path, monkeypatch, capsys):
+    run = drive(0)
+    imu = run.sensors["imu"]
+    inverted = imu._replace(z=imu.z * [1.0, 1.0, -1.0])
+    run = replace(run, sensors=run.sensors | {"imu": inverted})
+    fit = calibrate(run, assumed_file)
+    assert [(reason.code, reason.subject) for reason in fit.reasons] == [
+        ("calibration.inverted", "sensors.imu.gyro_scale")
+    ]
+    monkeypatch.chdir(tmp_path)
+    assumed_file.save(tmp_path / "my.toml")
+    write_run(run, tmp_path / "filmed.mcap")
+    with pytest.raises(SystemExit) as exit_info:
+        main(["runs", "calibrate", "filmed.mcap", "--vehicle", "my.toml", "--update", "--json"])
+    assert exit_info.value.code == 1
+    assert json.loads(capsys.readouterr().out)["verdict"] == "REFUSED"
+    assert load(tmp_path / "my.toml").sensors.imu.gyro_scale == 1.0
+
+
 def test_a_run_without_a_truth_is_refused_with_a_remedy(assumed_file, drive):
     with pytest.raises(UsageError, check=of_code("truth.none")):
         calibrate(replace(drive(0, 20.0), truth=None), assumed_file)

@@ -19,7 +19,7 @@ from baqueano.guides.shapes import circle
 from baqueano.identify import forecast
 from baqueano.identify.noise.at_rest import at_rest
 from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
-from baqueano.identify.sensor_calibration import CalibratedNumber, Calibration
+from baqueano.identify.result.calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
 from baqueano.report import figures
 from baqueano.report.canvas import at_width, with_width

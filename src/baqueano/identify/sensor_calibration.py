@@ -11,128 +11,24 @@ For a given o both are linear. Gauss-Newton starts from the best offset of a gri
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.result import Result
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, regress, student_quantile
-from baqueano.messages import verdict_line
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
+from baqueano.identify.result.calibration import GRID_S, MAX_OFFSET_S, CalibratedNumber, Calibration
 from baqueano.messages.language import translate as _
-from baqueano.parameter import parameters
 from baqueano.signals import seconds
-from baqueano.symbolic import get
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 WINDOW_S, STEP_S, GAP_S = 2.0, 0.1, 0.25  # of windows: length, step, and the longest gap between measurements
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
-MAX_OFFSET_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
-MAX_HALF_INTERVAL, MAX_CLOCK_HALF_S = 0.02, 0.02  # of a scale: a larger half interval gives a warning
-
-
-class CalibratedNumber(NamedTuple):
-    """One calibrated number."""
-
-    name: str  # a path of the vehicle file, or clock.truth, mark.…
-    value: float
-    sd: float
-    half_width: float  # of the 95 % interval
-    unit: str
-    in_file: float | None  # value in the vehicle file
-    words: str  # description
-
-
-@dataclass(frozen=True, repr=False)
-class Calibration(Result):
-    """Calibration of the sensors of a run against a truth."""
-
-    run: str
-    numbers: tuple[CalibratedNumber, ...]
-    residuals: dict[str, float]  # root mean square residual of the windows, by equation: rad, m
-    all_told: str = N_("the truth determines everything")  # text without reasons against it
-
-    def value(self, name: str) -> float:
-        """Return the value of the calibrated number `name`. Raise KeyError for an unknown name."""
-        return {entry.name: entry.value for entry in self.numbers}[name]
-
-    @property
-    def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return the reasons why the verdict is not USABLE."""
-        out = []
-        for item in self.numbers:
-            if item.name.endswith("scale") and not item.half_width < MAX_HALF_INTERVAL * item.value:
-                code = "calibration.turn-more" if "gyro" in item.name else "calibration.drive-further"
-                percent = 100 * item.half_width / item.value
-                out.append(note(code, Severity.WARNING, "", item.name, percent=percent))
-            if item.name == "clock.truth" and not item.half_width < MAX_CLOCK_HALF_S:
-                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half_width))
-            if item.name == "clock.truth" and abs(item.value) > MAX_OFFSET_S - GRID_S:
-                out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
-        return tuple(out)
-
-    @property
-    def verdict(self) -> Verdict:
-        """Return WARN with reasons, else USABLE."""
-        return Verdict.WARN if self.reasons else Verdict.USABLE
-
-    def rows(self) -> list["TableRow"]:
-        """Return one flat row per number."""
-        return [{
-            "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half_width,
-            "high": entry.value + entry.half_width, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
-        } for entry in self.numbers]  # fmt: skip
-
-    def table(self) -> str:
-        """Return the table as text."""
-        width = max(len(entry.name) for entry in self.numbers)
-        lines = [f"{'':{width}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
-        for entry in self.numbers:
-            value_in_file = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
-            values = f"{number(entry.value):>10.4f} ± {number(entry.half_width):>8.2g}  {value_in_file:>8}"
-            lines.append(f"{entry.name:{width}}  {values}  {entry.unit}  {entry.words}")
-        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
-
-    def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
-        """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys
-        are the keys of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
-        origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car: to the axle without slip
-        names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
-                 "mark.heading_rad": "heading_rad"}  # fmt: skip
-        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)]
-        if not usable:
-            raise UsageError(fault("truth.no-mark", run=self.run))
-        values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
-        return values, {names[entry.name]: entry.half_width for entry in usable}
-
-    def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
-        """Return the file with the scales of the sensors and their errors, the bias of the gyro, and their origin."""
-        from baqueano.vehicle_file import Provenance
-        from baqueano.vehicle_file.file import today
-
-        own_numbers = [entry for entry in self.numbers if entry.name.startswith("sensors.")]
-        values = {entry.name: entry.value for entry in own_numbers}
-        origins = {entry.name: Provenance(self.run, today(), entry.sd, self.verdict) for entry in own_numbers}
-        for entry in own_numbers:
-            if (path := scale_std_path(vehicle_file, entry.name)) is not None:
-                values[path] = entry.sd / entry.value
-        return vehicle_file.with_values(values, origins)
-
-
-def scale_std_path(vehicle_file: "VehicleFile", path: str) -> str | None:
-    """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None without one."""
-    owner, _, field = path.rpartition(".")
-    field_of_block = dict(parameters(get(vehicle_file, owner)))[field]
-    return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
 
 
 class TruthSignal(NamedTuple):
@@ -355,10 +251,12 @@ def _number(
     """Return a calibrated number with its error bar: `f` is its function of coefficients and offset (p + 1,)."""
     x = np.array([*fit.x, fit.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
-    gradient = np.array([(f(x + h) - f(x - h)) / (2.0 * h.sum()) for h in steps])[: len(fit.cov)]
-    std = float(np.sqrt(gradient @ fit.cov @ gradient)) if np.isfinite(fit.cov).all() else np.inf
+    with np.errstate(divide="ignore", invalid="ignore"):  # a channel that never changes has no scale
+        gradient = np.array([(f(x + h) - f(x - h)) / (2.0 * h.sum()) for h in steps])[: len(fit.cov)]
+        value, variance = float(f(x)), float(gradient @ fit.cov @ gradient)
+    std = variance**0.5 if np.isfinite(variance) and np.isfinite(value) else np.inf
     half_width = student_quantile(0.975, fit.freedom) * std
-    return CalibratedNumber(name, float(f(x)), std, half_width, unit, in_file, remark)
+    return CalibratedNumber(name, value, std, half_width, unit, in_file, remark)
 
 
 def _clock_offset(regression: WindowRegression) -> list[CalibratedNumber]:

@@ -24,7 +24,8 @@ from baqueano.geometry import TAU
 from baqueano.identify.covariance.clusters import QUANTILE_95, student_quantile
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
-from baqueano.identify.sensor_calibration import GAP_S, CalibratedNumber, Calibration, TruthSignal, channel_of
+from baqueano.identify.result.calibration import CalibratedNumber, Calibration
+from baqueano.identify.sensor_calibration import GAP_S, TruthSignal, channel_of
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command

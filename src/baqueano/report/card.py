@@ -14,8 +14,8 @@ from baqueano.drive.closure import Closure
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
 from baqueano.identify.parameter_drift import ParameterHistory
+from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.result.fit_result import verdict_lines
-from baqueano.identify.sensor_calibration import Calibration
 from baqueano.identify.validation import Validation
 from baqueano.messages import text, texts
 from baqueano.messages.language import shown_unit

@@ -19,7 +19,7 @@ from baqueano.identify import Fit, Forecast
 from baqueano.identify.noise.at_rest import AtRest
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.parameter_drift import ParameterHistory
-from baqueano.identify.sensor_calibration import Calibration
+from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.validation import Validation
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _

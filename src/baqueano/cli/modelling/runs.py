@@ -9,7 +9,8 @@ from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import Verdict, fault, note
+from baqueano.messages import texts
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
@@ -284,6 +285,7 @@ def calibrate(
     run: str, turns: int | None, map_: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
+    from baqueano.errors import AnswerNo
     from baqueano.identify.sensor_calibration import calibrate
     from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 
@@ -294,6 +296,8 @@ def calibrate(
         with show_activity(note("cli.comparing")):
             calibration = calibrate(recorded_run, vehicle_file)
     answer(calibration, as_json)
+    if calibration.verdict == Verdict.REFUSED:
+        raise AnswerNo(fault("cli.calibration-refused", reasons="; ".join(texts(calibration.reasons))))
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 
@@ -332,17 +336,13 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
 
 
 @command.command(
-    "noise", help=("Measure the sensors of RUN at rest: bias, Allan deviation, effect of temperature.")
+    "noise", help="Measure the sensors of RUN at rest: bias, Allan deviation, effect of temperature."
 )
 @click.argument("run")
 @click.option(
-    "--from",
-    "from_s",
-    type=numbers.moment,
-    default=0.0,
-    show_default=True,
+    "--from", "from_s", type=numbers.moment, default=0.0, show_default=True,
     help="Start of the part that is kept [s].",
-)
+)  # fmt: skip
 @click.option(
     "--to", "to_s", type=numbers.Number("s"), help="End of the part that is kept; default: the end of the whole."
 )  # fmt: skip

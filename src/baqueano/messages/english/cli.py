@@ -78,6 +78,9 @@ TEMPLATES: dict[str, str] = {
     "cli.data-unseen": "To see the data: {fix}",
     "cli.data-in-report": "The report shows the data",
     "cli.fit-refused": "the fit is refused, and the vehicle file stays as it is: {reasons}. {data}",
+    "cli.calibration-refused": (
+        "the calibration is refused, and the vehicle file and the map stay as they are: {reasons}"
+    ),
     "cli.fit-refused-held-out": (
         "the fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}"
     ),

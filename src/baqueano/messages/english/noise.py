@@ -78,6 +78,13 @@ TEMPLATES: dict[str, str] = {
     "at-rest.touched": "{subject}: {percent:.1f} % of the samples are far beyond its noise. Was it touched?",
     "at-rest.dead": "{subject} is constant at {value:g}. Is it connected?",
     "calibration.turn-more": "the error of {subject} is still ± {percent:.1f} %: turn more, to both sides",
+    "calibration.not-determined": (
+        "the run does not determine {subject}: the vehicle must turn for a gyro and drive for an odometer"
+    ),
+    "calibration.inverted": (
+        "{subject} is {scale:.3f}: the channel has the wrong sign. Correct the sign in the map of the recording, or "
+        "the axes of the IMU"
+    ),
     "calibration.drive-further": "the error of {subject} is still ± {percent:.1f} %: drive a longer distance",
     "calibration.loose-clock": (
         "the clock offset is known only to ± {half_ms:.0f} ms: change speed and turn often"

@@ -13,9 +13,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from baqueano.identify import FitOptions
+from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.selection.choice import Choice, Decision
 from baqueano.identify.selection.selection import choose
-from baqueano.identify.sensor_calibration import Calibration, calibrate
+from baqueano.identify.sensor_calibration import calibrate
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.messages.language import number

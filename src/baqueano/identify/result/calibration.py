@@ -1,0 +1,150 @@
+"""Define the result of a calibration: numbers with error bars, the verdict, and the changed vehicle file.
+
+Only a scale that the run determines changes the vehicle file. A scale below 0 is refused: the channel has the wrong
+sign.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.result import Result
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.errors import UsageError
+from baqueano.messages import verdict_line
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.parameter import parameters
+from baqueano.symbolic import get
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.vehicle_file import VehicleFile
+
+MAX_OFFSET_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
+MAX_HALF_INTERVAL, MAX_CLOCK_HALF_S = 0.02, 0.02  # of a scale: a larger half interval gives a warning
+MAX_UNKNOWN = (
+    0.2  # half interval of a scale above which the run does not determine it; noise at rest gives 0.4
+)
+
+
+class CalibratedNumber(NamedTuple):
+    """One calibrated number."""
+
+    name: str  # a path of the vehicle file, or clock.truth, mark.…
+    value: float
+    sd: float
+    half_width: float  # of the 95 % interval
+    unit: str
+    in_file: float | None  # value in the vehicle file
+    words: str  # description
+
+    @property
+    def is_scale(self) -> bool:
+        """Return True for the scale of a sensor."""
+        return self.name.endswith("scale")
+
+    @property
+    def is_determined(self) -> bool:
+        """Return True if the run determines this number, as a scale."""
+        return bool(self.half_width < MAX_UNKNOWN * abs(self.value))
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration(Result):
+    """Calibration of the sensors of a run against a truth."""
+
+    run: str
+    numbers: tuple[CalibratedNumber, ...]
+    residuals: dict[str, float]  # root mean square residual of the windows, by equation: rad, m
+    all_told: str = N_("the truth determines everything")  # text without reasons against it
+
+    def value(self, name: str) -> float:
+        """Return the value of the calibrated number `name`. Raise KeyError for an unknown name."""
+        return {entry.name: entry.value for entry in self.numbers}[name]
+
+    @property
+    def reasons(self) -> tuple[Diagnostic, ...]:
+        """Return the reasons why the verdict is not USABLE."""
+        out = []
+        for item in self.numbers:
+            if item.is_scale and not item.is_determined:
+                severity = Severity.WARNING if self._usable_sensors else Severity.ERROR
+                out.append(note("calibration.not-determined", severity, "", item.name))
+            elif item.is_scale and item.value < 0.0:
+                out.append(note("calibration.inverted", Severity.ERROR, "", item.name, scale=item.value))
+            elif item.is_scale and not item.half_width < MAX_HALF_INTERVAL * item.value:
+                code = "calibration.turn-more" if "gyro" in item.name else "calibration.drive-further"
+                percent = 100 * item.half_width / item.value
+                out.append(note(code, Severity.WARNING, "", item.name, percent=percent))
+            if item.name == "clock.truth" and not item.half_width < MAX_CLOCK_HALF_S:
+                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half_width))
+            if item.name == "clock.truth" and abs(item.value) > MAX_OFFSET_S - GRID_S:
+                out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
+        return tuple(out)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return REFUSED if a sensor is inverted or the run determines no scale, WARN with other reasons."""
+        return Verdict.of(self.reasons)
+
+    @property
+    def _usable_sensors(self) -> set[str]:
+        """Return the paths of the sensors whose scale the run determines."""
+        return {x.name.rpartition(".")[0] for x in self.numbers if x.is_scale and x.is_determined}
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per number."""
+        return [{
+            "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half_width,
+            "high": entry.value + entry.half_width, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
+        } for entry in self.numbers]  # fmt: skip
+
+    def table(self) -> str:
+        """Return the table as text."""
+        width = max(len(entry.name) for entry in self.numbers)
+        lines = [f"{'':{width}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
+        for entry in self.numbers:
+            value_in_file = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
+            values = f"{number(entry.value):>10.4f} ± {number(entry.half_width):>8.2g}  {value_in_file:>8}"
+            lines.append(f"{entry.name:{width}}  {values}  {entry.unit}  {entry.words}")
+        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
+
+    def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
+        """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys
+        are the keys of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
+        origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car: to the axle without slip
+        names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
+                 "mark.heading_rad": "heading_rad"}  # fmt: skip
+        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)]
+        if not usable:
+            raise UsageError(fault("truth.no-mark", run=self.run))
+        values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
+        return values, {names[entry.name]: entry.half_width for entry in usable}
+
+    def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
+        """Return the file with the scales that the run determines and their errors, the bias of the gyro, and their
+        origin; the unchanged file if the calibration is refused."""
+        if self.verdict == Verdict.REFUSED:
+            return vehicle_file
+        from baqueano.vehicle_file import Provenance
+        from baqueano.vehicle_file.file import today
+
+        own_numbers = [
+            entry for entry in self.numbers if entry.name.rpartition(".")[0] in self._usable_sensors
+        ]
+        values = {entry.name: entry.value for entry in own_numbers}
+        origins = {entry.name: Provenance(self.run, today(), entry.sd, self.verdict) for entry in own_numbers}
+        for entry in own_numbers:
+            if (path := scale_std_path(vehicle_file, entry.name)) is not None:
+                values[path] = entry.sd / entry.value
+        return vehicle_file.with_values(values, origins)
+
+
+def scale_std_path(vehicle_file: "VehicleFile", path: str) -> str | None:
+    """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None without one."""
+    owner, _, field = path.rpartition(".")
+    field_of_block = dict(parameters(get(vehicle_file, owner)))[field]
+    return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
