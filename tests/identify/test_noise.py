@@ -13,13 +13,13 @@ from hypothesis.extra.numpy import arrays
 
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
-from baqueano.identify import excitation, identify, measure_noise
+from baqueano.identify import excitation, identify, measure_noise, random_steps
 from baqueano.identify.noise.covariances import positive_definite, unfitted_covariance
 from baqueano.identify.noise.most_likely import log_det_and_square, minimise_by_steps, predict
 from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import parse
+from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
 from tests.ekf_file import with_ekf
 
@@ -192,3 +192,11 @@ def test_the_noise_of_a_channel_without_rest_is_estimated_from_differences(small
         "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [resting], notes
     )
     assert Q[0, 0] == 1.0
+
+
+def test_a_fit_of_one_of_two_sensors_gives_the_noise_of_both():
+    car = load("car")
+    run = simulate(car, random_steps([0.5, 0.8], 10.0, car.rate_hz, 0))
+    noise = measure_noise(identify(run, car, ["model.throttle_gain"], use=["odometer"]), run)
+    units = {row["name"]: (row["unit"], row["sd_at_rest"]) for row in noise.rows()}
+    assert units["imu[2]"] == ("rad/s", None)

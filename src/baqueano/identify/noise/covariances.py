@@ -63,7 +63,7 @@ class Noise(Result):
     in_motion : dict of str to ndarray (m, m)
         Sensor → Q.
     at_rest : dict of str to ndarray (m, m) or None
-        Sensor → Q; None with too few samples at rest.
+        Sensor → Q; None with too few samples at rest, absent for a sensor that the fit did not use.
     process : ndarray (6, 6)
         R of (ν, ν̇) per tick; shape (0, 0) for a filter without R.
     rate_hz : float
@@ -107,7 +107,7 @@ class Noise(Result):
         """Return one flat row per entry of a diagonal, with its standard deviation."""
         out = []
         for name, q in self.in_motion.items():
-            rest = self.at_rest[name]
+            rest = self.at_rest.get(name)
             for i in range(len(q)):
                 sd_at_rest = None if rest is None else float(np.sqrt(rest[i, i]))
                 sd, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
@@ -219,8 +219,8 @@ def measure_noise(
     in_motion, at_rest = _measurement(fit, runs, notes)
     units = {
         f"{name}[{i}]": channel_unit(fit.file, name, i)
-        for name, q in in_motion.items()
-        for i in range(len(q))
+        for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items()
+        for i in range(block.size)
     }
     if fit.file.kind("estimator") is AugmentedEkf:
         estimator, covariances = fit.file.estimator(), dict(in_motion)
