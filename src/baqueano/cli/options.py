@@ -313,12 +313,14 @@ def print_warnings(run: "Run") -> None:
 
 def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
     """Return the runs of these names, numbers or paths; `last` is the newest run.
-    `3-28` and `trial*` select several runs. Raise FileError if a name does not select a run.
+    `3-28` and `trial*` select several runs; a run that several names select is returned once.
+    Raise FileError if a name does not select a run.
     """
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all
 
-    loaded_runs = [read_run(path) for name in names for path in find_all(name, folder)]
+    paths = {path.resolve(): path for name in names for path in find_all(name, folder)}
+    loaded_runs = [read_run(path) for path in paths.values()]
     for run in loaded_runs:
         for cause in run.notes:
             print_message(note("cli.run-note", run=run.name, cause=cause))
