@@ -258,7 +258,7 @@ def test_terms_are_chosen_by_their_error_on_validation_runs(dry, bare, file):
 def test_a_fitted_run_cannot_be_a_validation_run(dry, file):
     run = drive(dry, 0)
     with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 0")):
-        choose(run, file, use=USE, held_out=[run])
+        choose(run, file, use=USE, held_out=[replace(run)])
 
 
 def test_too_short_validation_runs_are_refused(dry, file):

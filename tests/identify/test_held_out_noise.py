@@ -60,8 +60,10 @@ def test_the_nis_equals_an_independent_filter_within_its_interval(truth_fit, sma
 
 def test_fitted_runs_are_refused_as_validation_runs(truth_fit):
     fit, noise, _ = truth_fit
+    u = random_steps(fit.file.command.limit, 30.0, fit.file.rate_hz, 1)
+    run = simulate(fit.file, u, 1, name="run 1")
     with pytest.raises(UsageError, check=of_code("noise.fitted-to", run="run 1")):
-        compare_noise(fit, {"truth": noise}, simulate(fit.file, np.zeros((50, 3)), 0, name="run 1"))
+        compare_noise(fit, {"truth": noise}, run)
 
 
 def test_a_comparison_without_candidates_is_refused(truth_fit):

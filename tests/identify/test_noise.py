@@ -194,6 +194,18 @@ def test_the_noise_of_a_channel_without_rest_is_estimated_from_differences(small
     assert Q[0, 0] == 1.0
 
 
+def test_the_noise_does_not_depend_on_the_names_of_the_runs(small):
+    runs = [
+        simulate(small, random_steps(small.command.limit, 10.0, small.rate_hz, seed), seed) for seed in (1, 2)
+    ]
+    renamed_runs = [replace(run, name=f"run {k}") for k, run in enumerate(runs)]
+    noise, noise_of_renamed = (
+        measure_noise(identify(each, small, ["model.mass_kg"]), each) for each in (runs, renamed_runs)
+    )
+    assert runs[0].name == runs[1].name
+    np.testing.assert_array_equal(noise.in_motion["imu"], noise_of_renamed.in_motion["imu"])
+
+
 def test_a_fit_of_one_of_two_sensors_gives_the_noise_of_both():
     car = load("car")
     run = simulate(car, random_steps([0.5, 0.8], 10.0, car.rate_hz, 0))

@@ -89,6 +89,7 @@ def test_a_refused_fit_cannot_be_validated(fit, small):
 def test_a_fitted_run_cannot_validate_the_fit(fit, small):
     with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 1")):
         validate(fit, run(small, 1))
+    assert validate(fit, replace(run(small, 2), name="run 1")).verdict == "USABLE"  # another run of that name
 
 
 def test_students_quantile_equals_the_tables_for_few_degrees_of_freedom():

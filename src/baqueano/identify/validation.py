@@ -134,7 +134,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("validation.refused-fit"))
-    runs_of_fit = [run.name for run in runs if run.name in fit.runs]
+    runs_of_fit = [run.name for run in runs if fit.includes(run)]
     if runs_of_fit:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=runs_of_fit[0]))
     use = _channels_used(fit)

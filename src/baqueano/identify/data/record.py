@@ -213,6 +213,14 @@ def _sound_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic
     return is_sound
 
 
+def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:
+    """Return True if all finite values z (N,) are readings of this channel of the run. Values of a truth and of hand
+    measurements are not tested.
+    """
+    is_sensor = sensor in run.sensors
+    return not is_sensor or bool(np.isin(z[np.isfinite(z)], run.sensors[sensor].z[:, entry]).all())
+
+
 def range_of(block: Tree) -> np.ndarray | None:
     """Return the largest magnitude (m,) of a reading inside the range of an IMU, or None for other sensors."""
     if not has_field(block, "accel_limit"):

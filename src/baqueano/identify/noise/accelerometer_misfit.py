@@ -108,8 +108,8 @@ def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple
     gyro = next((reading for reading in readings if reading.is_gyro), None)
     if accelerometer is None or wheels is None or gyro is None:
         return
-    for run in fit.runs:
-        channel_of = {(c.sensor, c.entry): c for c in fit.channels if c.run == run}
+    for channels in fit.channels_by_run:
+        channel_of = {(c.sensor, c.entry): c for c in channels}
         if (
             not {accelerometer[:2], *((reading.name, k) for reading in (wheels, gyro) for k in reading.rows)}
             <= channel_of.keys()

@@ -325,8 +325,8 @@ def _residuals(
         return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
     is_drifting = bool(np.any([c.autocorrelation > WHITE_LIMIT for c in fit.channels if c.sensor == name]))
     sigma, in_motion, at_rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
-    for run_name, run in zip(fit.runs, runs, strict=True):
-        by_entry = {c.entry: c for c in fit.channels if c.sensor == name and c.run == run_name}
+    for channels_of_run, run in zip(fit.channels_by_run, runs, strict=True):
+        by_entry = {c.entry: c for c in channels_of_run if c.sensor == name}
         channels = [by_entry[i] for i in columns]
         r = np.stack([c.measured - c.predicted for c in channels], axis=1)
         h = np.stack([c.predicted for c in channels], axis=1)

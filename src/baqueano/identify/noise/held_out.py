@@ -113,7 +113,7 @@ def compare_noise(
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
         raise UsageError(fault("noise.nothing-to-compare"))
-    runs_of_fit = sorted({run.name for run in runs} & set(fit.runs))
+    runs_of_fit = [run.name for run in runs if fit.includes(run)]
     if runs_of_fit:
         raise UsageError(fault("noise.fitted-to", run=runs_of_fit[0]))
     if fit.file.kind("estimator") is not Ekf:

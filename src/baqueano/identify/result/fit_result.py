@@ -10,6 +10,7 @@ from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import QUANTILE_95
+from baqueano.identify.data.record import contains_readings
 from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.identify.result.verdict import percent, without_model_prefix
 from baqueano.messages import group_sentences, text
@@ -21,6 +22,7 @@ from baqueano.vehicle_file.units import channel_unit
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.identify.data.record import FittedBlocks
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
     from baqueano.vehicle_file.envelope import Envelope
 
@@ -150,6 +152,20 @@ class Fit(Result):
         """Return the 95 % interval of each parameter (p, 2)."""
         half_width = QUANTILE_95 * self.sd
         return np.stack([self.estimate - half_width, self.estimate + half_width], axis=1)
+
+    @property
+    def channels_by_run(self) -> list[tuple[ChannelFit, ...]]:
+        """Return the channels of each run. Several runs can have the same name."""
+        count = len(self.channels) // len(self.runs)
+        return [self.channels[k * count : (k + 1) * count] for k in range(len(self.runs))]
+
+    def includes(self, run: "Run") -> bool:
+        """Return True if the fit used this run: a run with its name and with its readings."""
+        return any(
+            all(contains_readings(run, c.sensor, c.entry, c.measured) for c in channels)
+            for name, channels in zip(self.runs, self.channels_by_run, strict=True)
+            if name == run.name
+        )
 
     def value(self, name: str) -> float:
         """Return the estimate of one parameter by its path, NaN if it was not identifiable. Raise UsageError if it

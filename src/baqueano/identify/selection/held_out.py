@@ -199,7 +199,7 @@ class HeldOut:
 
 def check_only_held_out(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
     """Raise UsageError if a run is both held out and fitted."""
-    repeats = [run.name for run in held_out if run.name in {run.name for run in runs}]
+    repeats = [run.name for run in held_out if run in runs]
     if repeats:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=repeats[0]))
 
