@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import baqueano as bq
@@ -22,7 +23,7 @@ from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
 from baqueano.identify.result.calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
 from baqueano.report import figures
-from baqueano.report.canvas import at_width, with_width
+from baqueano.report.canvas import Canvas, at_width, with_width
 from baqueano.report.fit_report import page_of_fit, sections_of_fit
 from baqueano.report.page import Drawing, Page, Section, Table
 from baqueano.report.pages.result_page import page_of
@@ -338,3 +339,16 @@ def test_a_wide_table_of_gains_scrolls_inside_its_card(results):
     assert '<div class="scroll"><table class="cards">' in html
     assert ".scroll { overflow-x: auto; }" in html
     assert re.search(r"@media[^{]*max-width[^{]*\{[^@]*\.cards tr \{ display: grid", html, re.DOTALL)
+
+
+def test_a_saved_figure_equals_that_of_matplotlib(tmp_path):
+    files = tmp_path / "canvas.svg", tmp_path / "figure.svg"
+    for kind, file in zip((Canvas, Figure), files, strict=True):
+        figure = kind(layout="constrained")
+        for axes in figure.subplots(2, 1):
+            axes.plot([0.0, 1e5], [0.0, 1.0], label="a long label of a line")
+            axes.set_ylabel("one\nlabel")
+            axes.legend()
+        with rc_context({"svg.fonttype": "none", "svg.hashsalt": "baqueano"}):
+            figure.savefig(file, metadata={"Date": None})
+    assert files[0].read_bytes() == files[1].read_bytes()

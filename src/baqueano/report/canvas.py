@@ -13,6 +13,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -45,11 +46,25 @@ class CommaFormatter(ScalarFormatter):
 class Canvas(Figure):
     """A figure without a window: a notebook shows it if it is the last expression of a cell."""
 
+    _is_saving = False
+
     def savefig(self, fname: Any, **options: Any) -> None:
         """Write the figure in the format of the file extension or of `format`; text stays text."""
         salt = rcParams["svg.hashsalt"] or "baqueano"
-        with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": salt}):
-            super().savefig(fname, **options)
+        self._is_saving = options.get("bbox_inches") != "tight"
+        try:
+            with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": salt}):
+                super().savefig(fname, **options)
+        finally:
+            self._is_saving = False
+
+    def draw(self, renderer: Any) -> None:
+        """Draw the figure. `savefig` first draws it without output, only for its layout: then compute the layout."""
+        layout = self.get_layout_engine()
+        if self._is_saving and isinstance(layout, ConstrainedLayoutEngine):
+            layout.execute(self)
+        else:
+            super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         """Return the figure as PNG, for a notebook."""
