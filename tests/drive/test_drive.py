@@ -6,9 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from baqueano.compare.laps import laps_of
 from baqueano.controllers import Pd
 from baqueano.diagnostics import StopReason
-from baqueano.drive import experiment, repeat, replay, stop_of, teach
+from baqueano.drive import experiment, repeat, replay, smooth_run, stop_of, teach
 from baqueano.drive.observers import Progress
 from baqueano.drive.verbs import commands_of
 from baqueano.errors import AnswerNo, UsageError
@@ -21,6 +22,7 @@ from baqueano.runs import Channel, read_run
 from baqueano.sensors import Mark
 from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
+from baqueano.vehicle_file import load
 from baqueano.vehicles import Planar
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -207,6 +209,18 @@ def test_a_replay_with_other_blocks_retains_the_applied_commands():
     assert np.array_equal(replayed_run.applied, run.applied)
     assert same_log(replayed_run.estimate, run.estimate)
     assert not np.array_equal(replayed_run.requested, run.requested)
+
+
+def test_a_replayed_drive_without_a_route_has_no_laps():
+    """Its reference is the pose of its own estimate, not the recorded estimate, which would be a route."""
+    robot = load("small")
+    turning = experiment(robot, np.tile([0.55, 0.0, 0.35], (900, 1)))
+    ekf = robot.estimator("ekf")
+    replayed_run = replay(turning, estimator=ekf)
+    assert np.array_equal(replayed_run.reference.done, turning.reference.done)
+    for run in (replayed_run, smooth_run(replayed_run, robot, ekf, np.zeros(3))):
+        assert run.guide_reference is None
+        assert not laps_of(run)
 
 
 def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():

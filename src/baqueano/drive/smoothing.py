@@ -40,7 +40,8 @@ def smooth_run(
     except TraceError as error:
         raise UsageError(fault("smooth.not-compiled", who=block_name, cause=error.diagnostic)) from error
     log = EstimateLog(run.t_ns, mean[tick_rows, :3], mean[tick_rows, 3:6], cov[tick_rows, :6, :6])
-    return replace(run, estimate=log, metadata=run.metadata | {"smoothed": "Rauch-Tung-Striebel"})
+    metadata = run.metadata | {"smoothed": "Rauch-Tung-Striebel"}
+    return replace(run, estimate=log, reference=run.guide_reference, metadata=metadata)
 
 
 def _ticks(run: Run, sizes: dict[str, int]) -> Tick:

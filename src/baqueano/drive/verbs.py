@@ -325,8 +325,10 @@ def blocks_of(
     A given `guide` receives the recorded references as a route. Without `controller` the recorded commands are
     repeated, except for a repetition whose file has gains.
     """
-    ref = run.reference
-    leader = Idle(float("inf")) if ref is None else Playback(*ref)
+    ref, log = run.guide_reference, run.reference
+    end_ns = log.t_ns[log.done > 0.0][:1] if log is not None else ()
+    leader = Playback(*ref) if ref is not None else Idle(
+        float(seconds(end_ns[0], run.t_ns[0])) if len(end_ns) else float("inf"))  # fmt: skip
     if guide is not None:
         route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, False)
         leader = vehicle_file.guide(route, guide)
