@@ -5,8 +5,8 @@ import pytest
 
 from baqueano.compare import compare, evenness
 from baqueano.compare.evenness import Limits
+from baqueano.controllers.schedule import commands_of
 from baqueano.drive import experiment
-from baqueano.drive.verbs import commands_of
 from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load
 

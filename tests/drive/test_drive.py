@@ -8,10 +8,10 @@ import pytest
 
 from baqueano.compare.laps import laps_of
 from baqueano.controllers import Pd
+from baqueano.controllers.schedule import commands_of
 from baqueano.diagnostics import StopReason
 from baqueano.drive import experiment, repeat, replay, smooth_run, stop_of, teach
 from baqueano.drive.observers import Progress
-from baqueano.drive.verbs import commands_of
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Ekf
 from baqueano.guides import Repeat, SinuousCircle

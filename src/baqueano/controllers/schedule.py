@@ -4,11 +4,14 @@
 kind of run as any other drive.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference
 
 TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
@@ -64,3 +67,22 @@ class Schedule:
         start = estimate.t_ns if state.t_ns < 0 else state.t_ns
         k = int(np.searchsorted(self.t_ns, estimate.t_ns - start + TOLERANCE_NS, side="right")) - 1
         return ScheduleState(start), Command(estimate.t_ns, self.u[max(k, 0)])
+
+
+def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
+    """Return the commands (N, n) of a script [(seconds, command), …], one row per tick.
+
+    Raise UsageError for a malformed entry.
+    """
+    rows = []
+    for k, step in enumerate(script):
+        try:
+            duration_s, u = float(step[0]), np.array(step[1], dtype=float)
+        except (TypeError, ValueError, IndexError) as error:
+            raise UsageError(fault("drive.step-pair", number=k + 1, found=repr(step))) from error
+        if u.shape != (n,) or not (0.0 < duration_s < np.inf and np.all(np.isfinite(u))):
+            raise UsageError(fault("drive.step-numbers", number=k + 1, found=repr(step), commands=n))
+        rows.append(np.tile(u, (max(1, round(duration_s * rate_hz)), 1)))
+    if not rows:
+        raise UsageError(fault("drive.no-steps"))
+    return np.concatenate(rows)

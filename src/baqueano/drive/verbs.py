@@ -1,7 +1,7 @@
 """Drive a vehicle to experiment, to teach a route or to repeat one, or replay a run. Each function returns a run."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from baqueano.contracts.blocks import Controller, Guide, OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import Hand, Schedule
+from baqueano.controllers.schedule import commands_of
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.precautions import Precautions
@@ -25,6 +26,9 @@ from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import seconds
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.worlds import ReplayedWorld
+
+if TYPE_CHECKING:
+    from baqueano.drive.closure import Closure
 
 ROUTE_RATE_HZ = 20.0  # poses per second of a taught route
 STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive is removed
@@ -112,6 +116,24 @@ class TeachResult(NamedTuple):
         """Return the route and the content of the run as text."""
         return f"{self.route!r}\n{self.run.table()}"
 
+    def closure(self, vehicle_file: VehicleFile) -> "Closure":
+        """Return the gyro scale of a lap whose driver saw that it returned to its start; see `lap_closure`.
+
+        A vehicle that follows a route closes it in its estimate only. The vehicle of the example has the scale 0.97.
+
+        >>> from baqueano.guides.shapes import eight
+        >>> from baqueano.vehicle_file import load
+        >>> noise = {"disturbance_std": [0.03, 0.8], "disturbance_fade_s": [1.0, 2.5], "velocity_walk_std": [0.01] * 3}
+        >>> robot = load("small").with_values({f"estimator.{key}": value for key, value in noise.items()})
+        >>> lesson = teach(robot.with_values({"sensors.imu.gyro_scale": 0.97}), eight(0.4, 0.3), closed=True)
+        >>> found = lesson.closure(robot)
+        >>> abs(found.scale - 0.97) < 3.0 * found.sd < 0.02
+        True
+        """
+        from baqueano.drive.closure import lap_closure  # it replays the lap with this module
+
+        return lap_closure(self.run, vehicle_file)
+
     _repr_html_ = Result._repr_html_
     plot = Result.plot
     to_pandas = Result.to_pandas
@@ -128,7 +150,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
         A route or a guide, which the vehicle's controller follows; a list of (seconds, command (n,)); or a function
         without arguments that returns the present command (n,).
     closed : bool
-        True if the drive returns to its start.
+        True if the drive returns to its start. Then `TeachResult.closure` gives the scale of the gyro.
     **options : object
         `estimator` and `controller` as in `repeat`; `hold`: True to hold the heading by the gyro while a function
         commands straight motion; keywords of `drive`.
@@ -332,10 +354,8 @@ def blocks_of(
     if guide is not None:
         route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, False)
         leader = vehicle_file.guide(route, guide)
-    follower = None
-    if controller is not None:
-        follower = vehicle_file.controller(controller)
-    elif run.metadata.get("kind") == "repeat":
+    follower = None if controller is None else vehicle_file.controller(controller)
+    if follower is None and run.metadata.get("kind") == "repeat":
         follower = _controller_with_gains(vehicle_file)
     if follower is None:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
@@ -351,25 +371,6 @@ def _controller_with_gains(vehicle_file: VehicleFile) -> Controller | None:
         if error.diagnostic.code != "vehicle.lacks-found-by":
             raise
         return None
-
-
-def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
-    """Return the commands (N, n) of a script [(seconds, command), …], one row per tick.
-
-    Raise UsageError for a malformed entry.
-    """
-    rows = []
-    for k, step in enumerate(script):
-        try:
-            duration_s, u = float(step[0]), np.array(step[1], dtype=float)
-        except (TypeError, ValueError, IndexError) as error:
-            raise UsageError(fault("drive.step-pair", number=k + 1, found=repr(step))) from error
-        if u.shape != (n,) or not (0.0 < duration_s < np.inf and np.all(np.isfinite(u))):
-            raise UsageError(fault("drive.step-numbers", number=k + 1, found=repr(step), commands=n))
-        rows.append(np.tile(u, (max(1, round(duration_s * rate_hz)), 1)))
-    if not rows:
-        raise UsageError(fault("drive.no-steps"))
-    return np.concatenate(rows)
 
 
 def route_of(run: Run, closed: bool | None = False) -> Route:
@@ -397,6 +398,5 @@ def route_of(run: Run, closed: bool | None = False) -> Route:
         gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
         raise AnswerNo(fault("route.open", name=run.name, **gap, close_m=CLOSE_M, close_deg=close))
     length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
-    if closed is None:
-        closed = returned and length_m > MIN_LOOP_M
-    return run_through(closed_up(route)) if closed else route
+    is_loop = returned and length_m > MIN_LOOP_M if closed is None else closed
+    return run_through(closed_up(route)) if is_loop else route
