@@ -25,6 +25,7 @@ from baqueano.runs import read_run
 from baqueano.vehicle_file.history import Provenance
 from tests.codes import refused
 from tests.drive.test_closure import drive_of_turns
+from tests.drive.test_lap_closure import NOISE
 
 pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
@@ -292,15 +293,14 @@ def test_the_heading_option_is_refused_without_driving_by_keys(baqueano):
 GYRO = 0.97
 
 
-def test_a_taught_eight_writes_the_gyro_scale_into_the_vehicle_file(baqueano, tmp_path, monkeypatch):
+def save_identified_robot(folder):
     measured = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
-    noise = {
-        "disturbance_std": [0.03, 0.8],
-        "disturbance_fade_s": [1.0, 2.5],
-        "velocity_walk_std": [0.01, 0.01, 1e-4],
-    }
-    values = {f"estimator.{name}": value for name, value in noise.items()}  # of an identified robot
-    vehicle_file.load("small").with_values(values, measured).save(tmp_path / "vehicle.toml")
+    values = {f"estimator.{name}": value for name, value in NOISE.items()}
+    return vehicle_file.load("small").with_values(values, measured).save(folder / "vehicle.toml")
+
+
+def test_a_taught_eight_writes_the_gyro_scale_into_the_vehicle_file(baqueano, tmp_path, monkeypatch):
+    save_identified_robot(tmp_path)
 
     def drive_by_hand(verb, file, robot, seed, backend, path, **_options):
         true_file = file.with_values({"sensors.imu.gyro_scale": GYRO})  # this driver returns to the start
@@ -318,6 +318,21 @@ def test_a_taught_eight_writes_the_gyro_scale_into_the_vehicle_file(baqueano, tm
         closure(run, vehicle_file.load("vehicle.toml"))
     with refused("marks.no-gyro", AnswerNo):
         lap_closure(replace(run, sensors={}), vehicle_file.load("vehicle.toml"))
+
+
+def test_a_lap_that_stops_before_its_start_does_not_change_the_vehicle_file(baqueano, tmp_path, monkeypatch):
+    path = save_identified_robot(tmp_path)
+    text = path.read_bytes()
+
+    def drive_by_hand(verb, file, robot, seed, backend, path, **_options):
+        lap = teach(file, eight(0.4, 0.3), seed=seed, backend=backend).run
+        return lap.cut(0.0, lap.duration_s - 0.7)  # 20 cm
+
+    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)
+    end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--update")
+    assert "this lap did not return to its start" in end.err
+    assert "baqueano teach ROUTE --driver keys --closed --update" in end.err
+    assert path.read_bytes() == text
 
 
 def test_an_unidentified_vehicle_needs_marks_for_its_gyro_scale(baqueano, monkeypatch):

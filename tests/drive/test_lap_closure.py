@@ -14,6 +14,7 @@ from baqueano.errors import AnswerNo, Invalid
 from baqueano.guides.shapes import eight
 from baqueano.runs import Channel, Run
 from baqueano.runs.logs import Event
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
 TRUE = 0.97
@@ -96,6 +97,66 @@ def test_a_run_that_does_not_return_is_refused(file, lap):
     half = lap.cut(0.0, 0.3 * lap.duration_s)
     with refused("marks.lap-open", AnswerNo, gyro="imu"):
         lap_closure(half, file)
+
+
+def with_end(monkeypatch, offset):
+    """Let the lap end elsewhere by this offset (3,), at which the estimator looks."""
+    replay = module.replay
+
+    def replay_elsewhere(*args, **options):
+        run = replay(*args, **options)
+        eta = run.estimate.eta.copy()
+        eta[-1] += offset
+        return replace(run, estimate=run.estimate._replace(eta=eta))
+
+    monkeypatch.setattr(module, "replay", replay_elsewhere)
+
+
+@pytest.mark.parametrize(
+    "offset", [(0.14, -0.14, 0.0), (-0.14, 0.14, 0.0), (0.0, 0.0, np.radians(15.0)), (0.0, 0.0, -np.radians(15.0))]
+)
+def test_a_lap_that_ends_elsewhere_is_refused(file, lap, monkeypatch, offset):
+    with_end(monkeypatch, np.array(offset))
+    with refused("marks.lap-open", AnswerNo, most=pytest.approx(-2.0 * np.log(0.001), abs=1e-3)):
+        lap_closure(lap, file)
+
+
+def test_a_lap_that_is_cut_short_by_20_cm_is_refused(file, lap):
+    far_m = np.hypot(*(lap.truth.eta[:, :2] - lap.truth.eta[-1, :2]).T)
+    end_ns = lap.truth.t_ns[np.flatnonzero(far_m > 0.2)[-1]]
+    with refused("marks.lap-open", AnswerNo):
+        lap_closure(lap.cut(0.0, float(end_ns - lap.t_ns[0]) / 1e9), file)
+
+
+def test_an_error_of_the_end_along_the_derivative_is_not_noticed(file, lap, result, monkeypatch):
+    def end(scale):
+        log = module.replay(
+            lap, file.with_values({"sensors.imu.gyro_scale": scale}), backend="python"
+        ).estimate
+        return log.eta[-1]
+
+    J = (end(1.005) - end(0.995)) / 0.01
+    with_end(monkeypatch, -0.02 * J)
+    assert np.linalg.norm(0.02 * J[:2]) > 0.05
+    assert lap_closure(lap, file).scale == pytest.approx(result.scale + 0.02, abs=0.004)
+
+
+def test_a_lap_that_closes_in_its_estimate_only_confirms_a_wrong_scale(file):
+    true_file = file.with_values({"sensors.imu.gyro_scale": TRUE})
+    world = SimulatedWorld(true_file.vehicle, true_file.sensors, file.rate_hz, 3)
+    run = teach(file, eight(0.4, 0.3), world=world, backend="python").run
+    found = lap_closure(run, file)
+    assert np.hypot(*(run.truth.eta[-1] - run.estimate.eta[-1])[:2]) > 0.06
+    assert abs(found.scale - file.sensors.imu.gyro_scale) < 3.0 * found.sd < 0.5 * (1.0 - TRUE)
+
+
+@pytest.mark.parametrize(("scale", "std", "most"), [(1.0, 0.001, 1.5), (1.11 * TRUE, 0.0, 10.0)])
+def test_a_scale_that_contradicts_the_file_is_refused(file, lap, scale, std, most):
+    prior = {"sensors.imu.gyro_scale": scale, "sensors.imu.gyro_scale_std": std}
+    with refused("marks.lap-other-scale", AnswerNo) as no:
+        lap_closure(lap, file.with_values(prior))
+    assert no.value.diagnostic.figures["found"] == pytest.approx(TRUE, abs=0.015)
+    assert no.value.diagnostic.figures["most_percent"] == pytest.approx(most, abs=0.2)
 
 
 @pytest.mark.parametrize("column", ["eta", "cov"])

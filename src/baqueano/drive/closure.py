@@ -4,13 +4,14 @@
   σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)
   ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v: no closure shows the scale of the speed       (3)
   s_v = s₀ ∫ z_v / s₀ dt / L                 L measured along the path, driven forward                   (4)
-  s_ω = s₀ e^κ,  κ = −σ_κ² Jᵀ (P + M)⁻¹ e,  σ_κ⁻² = σ₀⁻² + Jᵀ (P + M)⁻¹ J                                (5)
+  κ̂ = −σ̂² Jᵀ V⁻¹ e,  σ̂⁻² = Jᵀ V⁻¹ J,  V = P + M;  s_ω = s₀ e^κ,  κ = κ̂ σ₀² / (σ₀² + σ̂²)                   (5)
+  χ² = ‖e + J κ̂‖² in V⁻¹ ≤ 13.82,  κ̂² ≤ 10.83 (σ₀² + σ̂²)     the 99.9 % of two degrees of freedom, of one  (6, 7)
 
 z_ω is the reading of the gyro, and s₀ its scale in the vehicle file. c is the cosine of its tilt, b its zero at rest
 in the same run. σ_w is the random walk of b, σ_z the noise of a sample, δ the sampling interval, σ_mark = 2°
-[assumed]. (1) is not computed if k = 0. If the vehicle returns to the same place too, e is the pose that its estimator
-finds at t₂ relative to t₁, P its covariance for a known scale, M that of the mark, J = ∂e/∂κ, σ₀ the deviation of s₀
-in the file (0: not used). (5) holds for k = 0 too, as on an eight. Derivation: docs/derivations/repeat_and_drift.md.
+[assumed]. If the vehicle returns to the same place too, e is the pose that its estimator finds at t₂ relative to t₁, P
+its covariance for a known scale, M that of the mark, J = ∂e/∂κ, σ₀ the deviation of s₀ in the file (0: κ = κ̂). (5)
+holds for k = 0 too, as on an eight; (1) does not. Derivation: docs/derivations/repeat_and_drift.md.
 """
 
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from baqueano.drive.verbs import replay
 from baqueano.errors import AnswerNo, Invalid
 from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs import Channel, Run
 from baqueano.signals import NANOSECONDS, Motion, seconds
 from baqueano.vehicle_file.file import VehicleFile
@@ -36,7 +38,9 @@ from baqueano.vehicle_file.file import VehicleFile
 MARK_STD_RAD = np.radians(2.0)
 SCALE_STEP = 0.005  # of κ, for J; the second step of (5) uses the same J
 MAX_TURN_ERROR = 0.1
-MAX_SCALE_ERROR = 0.1  # of κ, and of its standard deviation by the lap alone
+MAX_SCALE_ERROR = 0.1  # of κ̂ and of σ̂
+MAX_RESIDUAL_CHI2 = 13.816  # (6): −2 ln 0.001
+MAX_SIGMAS = 3.2905  # (7)
 MAX_TURNS = 4  # most turns between two marks
 REST_S, MIN_REST_S = 1.0, 1.0  # at rest after this time without a command; least duration of rest
 
@@ -142,6 +146,10 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
 
     The estimator of `vehicle_file` computes the end of the lap, so the model must be identified.  (5)
 
+    The end has three components and the scale is one unknown, so (6) and (7) test the lap. They cannot notice an error
+    of the end along J, because a scale explains it. So the driver must look at the vehicle: a lap that is closed in its
+    estimate has e = 0 for any true scale, and confirms the scale of the file.
+
     Parameters
     ----------
     run : Run
@@ -160,7 +168,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
     ------
     AnswerNo
         If the run or the file lacks a gyro, or the estimate is not finite. If the lap does not determine the scale
-        within MAX_SCALE_ERROR.
+        within MAX_SCALE_ERROR. If no scale explains the end of the lap (6), or the scale contradicts the file (7).
     Invalid
         If `place_std_m` is not positive.
     FileError
@@ -186,27 +194,49 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
         e, turn_rad = eta[-1] - eta[0], np.sum(wrap(np.diff(eta[:, 2])))
         return np.array([e[0], e[1], wrap(e[2])]), P, float(turn_rad)
 
-    def require_explained(kappa: float) -> float:
-        """Return κ. Raise AnswerNo if it is too large."""
-        if not abs(kappa) <= MAX_SCALE_ERROR:
-            raise AnswerNo(fault("marks.lap-open", gap_m=gap_m, turn_deg=np.degrees(e[2]), **figures))
-        return kappa
-
-    figures = {"name": run.name, "gyro": name, "within_percent": 100.0 * MAX_SCALE_ERROR}
     e, P, turn_rad = end(0.0)
     gap_m = float(np.hypot(e[0], e[1]))
     change = end(SCALE_STEP)[0] - e
-    J = np.array([change[0], change[1], wrap(change[2])]) / SCALE_STEP
-    gain = np.linalg.solve(P + mark_cov, J)  # (P + M)⁻¹ J
-    if not J @ gain * MAX_SCALE_ERROR**2 >= 1.0:
-        raise AnswerNo(fault("marks.lap-no-scale", **figures))
-    information = sensor.gyro_scale_std**-2.0 if sensor.gyro_scale_std > 0.0 else 0.0
-    variance = float(1.0 / (information + J @ gain))
-    kappa = require_explained(-variance * float(gain @ e))
-    kappa = require_explained(kappa - variance * float(gain @ end(kappa)[0] + information * kappa))
-    scale = sensor.gyro_scale * float(np.exp(kappa))
-    std, turns = scale * float(np.sqrt(variance)), round(turn_rad / (2.0 * np.pi))
-    return Closure(name, turns, turn_rad, scale, std, _gyro_values(name, scale, std), {}, None, gap_m)
+    J, V = np.array([change[0], change[1], wrap(change[2])]) / SCALE_STEP, P + mark_cov
+    information = float(J @ np.linalg.solve(V, J))  # σ̂⁻²
+    if not information * MAX_SCALE_ERROR**2 >= 1.0:
+        figures = {"gyro": name, "within_percent": 100.0 * MAX_SCALE_ERROR}
+        raise AnswerNo(fault("marks.lap-no-scale", name=run.name, **figures))
+    gain = -np.linalg.solve(V, J) / information
+    first_kappa = float(np.clip(gain @ e, -MAX_SCALE_ERROR, MAX_SCALE_ERROR))
+    e = end(first_kappa)[0] - J * first_kappa
+    kappa = float(gain @ e)
+    std, file_std = information**-0.5, sensor.gyro_scale_std
+    _require_return(run.name, name, e + J * kappa, V)
+    _require_agreement(run.name, name, sensor, kappa, std)
+    share = file_std**2 / (file_std**2 + std**2) if file_std > 0.0 else 1.0
+    scale = sensor.gyro_scale * float(np.exp(share * kappa))
+    scale_std, turns = scale * float(np.sqrt(share)) * std, round(turn_rad / (2.0 * np.pi))
+    return Closure(
+        name, turns, turn_rad, scale, scale_std, _gyro_values(name, scale, scale_std), {}, None, gap_m
+    )
+
+
+def _require_return(run_name: str, gyro: str, residual: np.ndarray, V: np.ndarray) -> None:
+    """Raise AnswerNo if the end of a lap with its best scale, `residual` (3,), has a covariance other than `V`.  (6)"""
+    chi2 = float(residual @ np.linalg.solve(V, residual))
+    if not chi2 <= MAX_RESIDUAL_CHI2:
+        gaps = {"gap_m": float(np.hypot(*residual[:2])), "turn_deg": np.degrees(wrap(residual[2]))}
+        figures = {"name": run_name, "gyro": gyro, "chi2": chi2, "most": MAX_RESIDUAL_CHI2}
+        fix = baqueano_command("teach", "ROUTE", "--driver", "keys", "--closed", "--update")
+        raise AnswerNo(fault("marks.lap-open", fix, **gaps, **figures))
+
+
+def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std: float) -> None:
+    """Raise AnswerNo if the scale by the lap alone, s₀ e^κ ± `std`, contradicts its prior in the file.  (7)"""
+    most = MAX_SCALE_ERROR
+    if sensor.gyro_scale_std > 0.0:
+        most = min(most, MAX_SIGMAS * float(np.hypot(sensor.gyro_scale_std, std)))
+    if not abs(kappa) <= most:
+        figures = {"gyro": gyro, "found": sensor.gyro_scale * np.exp(kappa), "file": sensor.gyro_scale}
+        percent = {"percent": 100.0 * kappa, "most_percent": 100.0 * most}
+        fix = baqueano_command("drive", "--update")
+        raise AnswerNo(fault("marks.lap-other-scale", fix, name=run_name, **figures, **percent))
 
 
 def _lap(run: Run) -> tuple[Run, int, dict[str, Any]]:

@@ -21,6 +21,15 @@ TEMPLATES: dict[str, str] = {
     "web.no-swap": "The {role} block stays as it is; only estimator, guide and controller can be swapped.",
     "web.swapped": "From the next mission on, {kind} is the {role}",
     "web.tuned": "The gains are now in {file}",
+    "web.lap-closed": (
+        "The scale of {gyro} in {file} was {old:.4f} ± {old_sd:.4f}; now it is {new:.4f} ± {sd:.4f}. Identify the "
+        "vehicle again, because the model contains the old scale."
+    ),
+    "web.no-lesson": (
+        "{run} does not give the scale of the gyro. Identify the vehicle {vehicle} first, and then teach it a lap by "
+        "hand."
+    ),
+    "web.lap-used": "{file} already contains the scale from {run}. Teach another lap.",
     "web.recorded": "The recording ({kind}) lasts {seconds:.1f} s and has {events} events.",
     "web.unknown-word": 'The request "{word}" is unknown here.',
     "web.role": "This address does not allow that. Ask for another one where the page was started.",

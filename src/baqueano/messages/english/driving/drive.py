@@ -30,9 +30,16 @@ TEMPLATES: dict[str, str] = {
         "with turns, such as a circle or an eight."
     ),
     "marks.lap-open": (
-        "{name}: with the old scale of {gyro} the lap ends {gap_m:.2f} m and {turn_deg:+.0f}° from its start. A scale "
-        "error of {within_percent:.0f} % does not explain this. Return to the mark with the same heading, or identify "
-        "the vehicle again."
+        "{name}: this lap did not return to its start. With the scale of {gyro} that fits best, its estimated end is "
+        "{gap_m:.2f} m and {turn_deg:+.1f}° from the start. Its χ² is {chi2:.0f}; 99.9 % of the laps that return have "
+        "at most {most:.1f}. Either the vehicle stopped elsewhere, or a wheel slipped, or the model is wrong. Drive "
+        "another lap, and end it on the mark with the same heading: {fix}"
+    ),
+    "marks.lap-other-scale": (
+        "{name}: this lap gives the gyro of {gyro} the scale {found:.3f}; the vehicle file states {file:.3f}. The "
+        "difference is {percent:+.1f} %, and at most {most_percent:.1f} % was expected from both standard deviations. "
+        "Either the lap did not return to its start, or the scale in the file is wrong. Turn the vehicle twice between "
+        "two marks, which gives the scale without the file: {fix}"
     ),
     "marks.no-turn": (
         "{name}: the turns between the marks cancel, as in a figure of eight, so they do not determine "
