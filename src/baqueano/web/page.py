@@ -221,7 +221,7 @@ class BrowserPage:
         self.live.announce_swap(str(word["room"]), kind, self.questions.blocks)
 
     async def _write(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Write gains into the vehicle file, if the browser is allowed to change the next mission."""
+        """Write gains or a gyro scale into the vehicle file, if the browser is allowed to change the next mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="write"))
         self.live.may_change(visitor)

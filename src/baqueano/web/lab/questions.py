@@ -134,7 +134,13 @@ class Questions:
         return reply
 
     async def write(self, visitor: Visitor, word: "JsonObject") -> Diagnostic:
-        """Write gains into the vehicle file of the page, and return the message that confirms it."""
+        """Write gains, or the gyro scale of a `lap`, into the vehicle file, and return the message that confirms it."""
+        if "lap" in word:
+            lap, route = str(self.path_of(word["lap"])), str(word.get("route") or "")[:LONGEST_NAME]
+            reply, _ = await self.slow.request(
+                "lap closure", **(self.about({}) | {"run": lap, "route": route})
+            )
+            return Diagnostic.of_json(reply["message"])
         arguments = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
         reply, _ = await self._bench.request("write", **arguments)
         return note("web.tuned", file=reply["file"])

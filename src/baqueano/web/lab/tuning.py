@@ -156,7 +156,7 @@ def route_names(request: "JsonObject") -> list[str]:
     """Return the names of the possible routes: the run's route, the stored routes, and the shapes."""
     names = sorted(_route_files(request))
     return [
-        *([ROUTE_OF_RUN] if "path" in request and _route_of_run(request) is not None else []),
+        *([ROUTE_OF_RUN] if "path" in request and route_of_run(request) is not None else []),
         *names,
         *SHAPE_NAMES,
     ]
@@ -171,7 +171,7 @@ def _route(request: "JsonObject") -> "Route":
     name = request["route"]
     if name in SHAPE_NAMES:
         return shape(name, SIZE_M, SPEED_M_S)
-    if name == ROUTE_OF_RUN and "path" in request and (route := _route_of_run(request)) is not None:
+    if name == ROUTE_OF_RUN and "path" in request and (route := route_of_run(request)) is not None:
         return route
     route_files = _route_files(request)
     if name not in route_files:
@@ -179,7 +179,7 @@ def _route(request: "JsonObject") -> "Route":
     return read_route(route_files[name])
 
 
-def _route_of_run(request: "JsonObject") -> "Route | None":
+def route_of_run(request: "JsonObject") -> "Route | None":
     """Return the references of a run as a route; None if they are missing or do not move."""
     from baqueano.guides.route import Route
     from baqueano.runs import read_run

@@ -1,7 +1,7 @@
 """Run a worker: read requests on stdin, and write answers to stdout, one at a time, until stdin ends.
 
 to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "compare" | …, …}
-                   {"do": "vehicle" | "mission" | "fetch", …}                       local_files.py
+                   {"do": "vehicle" | "mission" | "fetch" | "lap closure", …}       local_files.py, questions.py
                    {"do": "tune" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
                    {"do": "block" | "check", …}                                     described_blocks.py
 from the worker    a line {…, "bytes": n} followed by n bytes; {"no": diagnostic, "code": n, …}
@@ -16,8 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from baqueano.diagnostics import fault
-from baqueano.errors import BaqueanoError, FileError, UsageError, error_text
+from baqueano.diagnostics import fault, note
+from baqueano.errors import AnswerNo, BaqueanoError, FileError, UsageError, error_text
 from baqueano.web.lab.drives import Drives
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Worker:
         handlers: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
             "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
             "vehicle": _vehicle, "mission": _mission, "fetch": _fetch, "compare": _compare, "block": _block,
-            "check": _block,
+            "check": _block, "lap closure": _close_lap,
             **dict.fromkeys(("tune", "lap", "costs", "downhill", "write"), self._tune),
             "identify": self._drives.answer, "identify run": self._drives.answer_run,
         }  # fmt: skip
@@ -230,6 +230,46 @@ def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
         except Exception as error:  # the run must be listed
             no_route = fault("web.lab-failed", error=error_text(error)).to_json()
     return {"routes": routes.rows(), "run": path.stem, "no_route": no_route}, b""
+
+
+def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
+    """Write the gyro scale of the lap `run`, which returned to its start, into the vehicle file; return a message.
+
+    The route with the name `route`, which this lap taught, is stored again with the new scale. Raise AnswerNo for a
+    run that was not driven by hand with this identified vehicle, or that has already changed the file.
+    """
+    from baqueano.diagnostics import Verdict
+    from baqueano.drive import replay
+    from baqueano.drive.closure import lap_closure
+    from baqueano.drive.verbs import route_of, vehicle_of
+    from baqueano.runs import read_run
+    from baqueano.runs.route_file import write_route
+    from baqueano.vehicle_file.history import Provenance
+    from baqueano.web.lab.tuning import file_of, route_of_run
+
+    vehicle_file, run = file_of(request), read_run(Path(request["run"]))
+    if vehicle_file.path is None:
+        raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=vehicle_file.name))
+    by_hand = run.metadata.get("kind") == "teach" and route_of_run({"path": request["run"]}) is None
+    if vehicle_file.is_guess or not by_hand or vehicle_of(run).name != vehicle_file.name:
+        raise AnswerNo(fault("web.no-lesson", run=run.name, vehicle=vehicle_file.name))
+    used = [origin.run for path, origin in vehicle_file.provenance.items() if path.endswith(".gyro_scale")]
+    if run.name in used:
+        raise AnswerNo(fault("web.lap-used", run=run.name, file=vehicle_file.path.name))
+    result = lap_closure(run, vehicle_file)
+    origin, old = Provenance(run.name, verdict=Verdict.USABLE), getattr(vehicle_file.sensors, result.gyro)
+    new_file = vehicle_file.with_values(result.values, dict.fromkeys(result.values, origin))
+    route, name = None, request["route"]
+    if name and (path := _routes(request).path(name)).is_file():
+        route = route_of(replay(run, new_file), closed=True)
+    new_file.save()
+    if route is not None:
+        write_route(route, path)
+    figures = {"old": old.gyro_scale, "old_sd": old.gyro_scale * old.gyro_scale_std, "sd": result.sd}
+    message = note(
+        "web.lap-closed", gyro=result.gyro, file=vehicle_file.path.name, new=result.scale, **figures
+    )
+    return {"message": message.to_json()}, b""
 
 
 def _version(path: Path) -> tuple[str, int]:

@@ -35,10 +35,11 @@ export class Drive {
     const { page } = this, { hand } = page, [paceText, paces] = this.pace.children, [shareText, share] = this.share.children;
     const now = (name, code) => action(`drive.${name}`, code, () => page.send({ is: name }), () => page.moves);
     const mission = (name, code, kind, more = () => null, may = () => true) => action(`drive.${name}`, code, () => page.send({ is: "mission", kind, ...more() }), () => page.state.state === "READY" && may(), () => page.state.mission?.kind === kind, page);
-    this.repeat = mission("repeat", "KeyR", "repeat", () => ({ route: this.route.value, laps: this.laps }), () => this.names.length > 0);
+    this.repeat = mission("repeat", "KeyR", "repeat", () => ({ route: this.route.value, laps: this.laps }), () => this.names.length);
     this.repeat.classList.add("repeat");
     this.pause = pauseButton(page);
-    this.actions = [mission("teach", "KeyT", "teach", () => ({ name: this.#freeName() })), this.repeat, mission("by-hand", "KeyB", "drive"), this.pause, now("mark", "KeyM"), now("end", "KeyE")];
+    this.closed = action("drive.closed", "KeyC", () => { page.send({ is: "write", lap: page.runs[0].id, route: this.name }); this.name = ""; this.runs(); }, () => true);
+    this.actions = [mission("teach", "KeyT", "teach", () => ({ name: this.name = this.#freeName() })), this.repeat, mission("by-hand", "KeyB", "drive"), this.pause, now("mark", "KeyM"), now("end", "KeyE"), this.closed];
     this.bar.prepend(...this.actions);
     const laps = (more) => { this.laps = clamp(this.laps + more, 1, 99); write(this.count, this.laps === 1 ? t("drive.one-lap") : t("drive.laps", { n: this.laps })); };
     press(this, { fewer: () => laps(-1), more: () => laps(1) });
@@ -67,19 +68,23 @@ export class Drive {
   routes(names) {
     this.names = names;
     fill(this.route, names, this.route.value);
-    show(this.missions, names.length > 0);
+    show(this.missions, names.length);
     this.buttons();
   }
 
+  /** A lap just taught may end at its start. */
+  runs() { show(this.closed, this.name && this.page.runs[0]?.kind === "teach"); }
+
   buttons() {
-    const { page } = this, { state: { mission, pace, lap, laps }, drives, hello } = page, simulated = hello.vehicle.world === "simulated";
+    const { page } = this, { state: { mission, pace, lap, laps }, drives, hello } = page, simulated = hello.vehicle.world === "simulated", paced = Number.isFinite(pace);
     show(page.hand.pad, drives);
     show(this.controls, drives);
     enable(this.actions, page);
     write(this.repeat.firstChild, t("drive.repeat") + (mission?.kind === "repeat" && laps ? ` · ${lap ?? 1}/${laps}` : ""));
     show(this.pause, simulated);
-    show(this.pace, simulated && Number.isFinite(pace));
-    if (Number.isFinite(pace)) this.paced(pace);
+    if (mission || !this.name) show(this.closed);
+    show(this.pace, simulated && paced);
+    if (paced) this.paced(pace);
   }
 
   key(event, down) { return this.page.hand.key(event, down) || pressed(this.actions, event, down) || this.map.key(event, down); }
@@ -117,7 +122,7 @@ export function honestyCard(record) {
     const [c, w, h] = begin(canvas), points = [], time = axis(0, w, from, to);
     if (!c) return;
     for (let x = 0; x <= w; x += 2) points.push([x, time(x) < record.start || time(x) > record.end ? null : honesty(record, record.row(time(x)))?.mean ?? null]);
-    const half = Math.min(1.2 * points.reduce((most, [, mean]) => Math.max(most, Math.abs((mean ?? 1) - 1)), 0.25), 1); // at most 0 to 2 times what it should be
+    const half = Math.min(1.2 * Math.max(0.25, ...points.map(([, mean]) => Math.abs((mean ?? 1) - 1))), 1); // at most 0 to 2 times what it should be
     const Y = axis(1 - half, 1 + half, h - 2, 2), { low, high } = now ?? { low: 0.9, high: 1.1 }, top = Y(Math.min(high, 2)), bottom = Math.max(Y(Math.max(low, 0)), top + 2);
     area(c, [[0, top], [w, top], [w, bottom], [0, bottom]], "band");
     line(c, points.map(([x, mean]) => mean !== null && [x, Y(clamp(mean, 0, 2))]), { above: "alarm", below: "sim" }[kind] ?? "model", 1.8);

@@ -60,8 +60,7 @@ const on = {
   },
   over() {
     page.hand?.lease({ you: false });
-    document.body.classList.add("no-stop");
-    show(ui.stop, false);
+    stoppable(false);
     show(ui.lease, false);
   },
   state(word) {
@@ -119,15 +118,18 @@ function frame() {
   page.screens = Object.fromEntries(shown.map((one) => [one.key, new one(page)]));
   ui.tabs.replaceChildren(...shown.map(({ key }) => el("button", { role: "tab", id: `tab-${key}`, onclick: () => open(key) }, t(`tab.${key}`))));
   for (const one of ui.tabs.children) one.setAttribute("aria-controls", "screen");
-  const canStop = !recorded && hello.role !== "view";
-  show(ui.stop, canStop);
-  document.body.classList.toggle("no-stop", !canStop);
+  stoppable(!recorded && hello.role !== "view");
   show(ui.meters, !recorded);
   show(ui.lease, !recorded && page.drives);
   lease({ who: hello.driver, watching: hello.watching });
   open(page.screens[before] ? before : recorded ? "replay" : shown[0].key, false);
   follow(page.state.scene);
   ping();
+}
+
+function stoppable(can) {
+  show(ui.stop, can);
+  document.body.classList.toggle("no-stop", !can);
 }
 
 function fixedTexts() {
