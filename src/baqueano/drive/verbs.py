@@ -327,10 +327,8 @@ def replay(
 
 
 def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
-    """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file.
-
-    Raise FileError if the file names a user's block that the vehicle.toml of this folder does not name. `allow_blocks`
-    permits such blocks.
+    """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file, and FileError
+    for a user's block that the vehicle.toml of this folder does not name, except with `allow_blocks`.
     """
     if not run.vehicle_text:
         raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
