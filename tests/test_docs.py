@@ -96,30 +96,7 @@ def options_of(command):
 PAGES = (
     "README.md",
     "CHANGELOG.md",
-    "docs/README.md",
-    *(f"docs/es/{path.name}" for path in sorted((ROOT / "docs/es").glob("*.md"))),
-    *(
-        f"docs/{name}.md"
-        for name in (
-            "architecture",
-            "benchmarks",
-            "build",
-            "controllers",
-            "driving",
-            "errata",
-            "estimators",
-            "first-evening",
-            "identification",
-            "importing",
-            "own-vehicle",
-            "page",
-            "python",
-            "robot",
-            "routes",
-            "sweep",
-            "vehicle-file",
-        )
-    ),
+    *(path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "docs").rglob("*.md"))),
 )
 
 

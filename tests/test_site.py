@@ -1,4 +1,4 @@
-"""The documents as a site in two languages: every page for students exists in both, with the same code."""
+"""The documents as a site in two languages: every page exists in both, with the same code and equations."""
 
 import re
 import subprocess
@@ -11,11 +11,15 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCS, SPANISH = ROOT / "docs", ROOT / "docs" / "es"
-FOR_STUDENTS = {
-    "README", "first-evening", "architecture", "driving", "build", "robot", "glossary", "own-vehicle", "importing",
-    "page", "routes", "sweep", "controllers", "estimators", "identification", "vehicle-file",
-    "python", "benchmarks",
-}  # fmt: skip
+
+
+def names_of(folder):
+    """Return the names of the pages of a language, such as "robot" and "derivations/kalman"."""
+    paths = (*folder.glob("*.md"), *(folder / "derivations").glob("*.md"))
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
+
+
+NAMES = names_of(DOCS)
 needs_sphinx = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
     reason="the site needs the extra docs: pip install '.[docs]'",
@@ -43,28 +47,42 @@ def headings(page):
     return [len(marks) for marks in re.findall(r"^(#+) ", text, re.MULTILINE)]
 
 
-def test_every_page_for_students_exists_in_both_languages():
-    assert {path.stem for path in SPANISH.glob("*.md")} == FOR_STUDENTS
-    assert not [name for name in FOR_STUDENTS if not (DOCS / f"{name}.md").exists()]
+def equations(page):
+    """Return the displayed equations of a page in order, and the others; without words, and with decimal points."""
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = re.sub(r"\\(?:text|mathrm)\{[^}]*\}", "", text.replace("{,}", "."))
+    displayed = re.compile(r"\$\$.*?\$\$", re.DOTALL)
+    return displayed.findall(text), set(re.findall(r"\$[^$\n]+\$", displayed.sub("", text)))
 
 
-@pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
-def test_a_page_has_the_same_code_and_headings_in_both_languages(name):
+def table_rows(page):
+    return len(re.findall(r"^\|", page.read_text(encoding="utf-8"), re.MULTILINE))
+
+
+def test_every_page_exists_in_both_languages():
+    assert names_of(SPANISH) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_has_the_same_structure_in_both_languages(name):
     english, spanish = DOCS / f"{name}.md", SPANISH / f"{name}.md"
     assert code_of(spanish) == code_of(english)
     assert headings(spanish) == headings(english)
+    assert equations(spanish) == equations(english)
+    assert table_rows(spanish) == table_rows(english)
 
 
-@pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
+@pytest.mark.parametrize("name", NAMES)
 def test_a_spanish_page_links_to_spanish_pages_and_has_decimal_commas(name):
-    text = (SPANISH / f"{name}.md").read_text(encoding="utf-8")
+    page = SPANISH / f"{name}.md"
+    text = page.read_text(encoding="utf-8")
+    english_pages = {DOCS / f"{twin}.md" for twin in NAMES}
     for link in re.findall(r"\]\(([^)\s#]+)[^)\s]*\)", text):
         if link.startswith("http"):
             continue
-        target = (SPANISH / link).resolve()
+        target = (page.parent / link).resolve()
         assert target.exists(), link
-        spanish = target.parent == DOCS and target.stem in FOR_STUDENTS
-        assert not spanish, f"{link}: this page exists in Spanish"
+        assert target not in english_pages, f"{link}: this page exists in Spanish"
     prose = re.sub(r"^```.*?^```$|`[^`\n]*`|\]\([^)]*\)|\[[^\]]*\]", "", text, flags=re.M | re.S)
     assert not re.findall(
         r"(?<![\w.])\d+\.\d+(?![\w.]) (?:m|s|cm|mm|ms|V|A|°|%|N|kg|GHz|kΩ|dólares)\b", prose
@@ -140,10 +158,10 @@ def test_the_site_needs_no_network_and_has_no_dead_link(site):
 
 @needs_sphinx
 def test_every_page_links_to_its_other_language(site):
-    for name in FOR_STUDENTS:
-        page = "index" if name == "README" else name
-        assert f"es/{page}.html" in page_parts(site / f"{page}.html").links
-        assert f"../{page}.html" in page_parts(site / "es" / f"{page}.html").links
+    for name in NAMES:
+        page, up = "index" if name == "README" else name, "../" * name.count("/")
+        assert f"{up}es/{page}.html" in page_parts(site / f"{page}.html").links
+        assert f"../{up}{page}.html" in page_parts(site / "es" / f"{page}.html").links
 
 
 @needs_sphinx

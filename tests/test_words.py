@@ -46,7 +46,7 @@ PAGES = (  # except those that the code writes
     "firmware/uno/README.md",
     *(
         path.relative_to(DOCS).as_posix()
-        for folder in ("docs", "docs/derivations", "docs/es")
+        for folder in ("docs", "docs/derivations", "docs/es", "docs/es/derivations")
         for path in sorted((DOCS / folder).glob("*.md"))
         if path.stem != "vehicle-file"
     ),

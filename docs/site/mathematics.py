@@ -14,6 +14,7 @@ SAME = (  # commands that the converter does not support, and their equivalents
     (re.compile(r"\\math(?:rel|bin|ord)(?=\{)"), ""),
     (re.compile(r"\\dots(?![a-z])"), r"\\ldots"),
     (re.compile(r"\\([td]?frac)\s*(\d)\s*(\d)"), r"\\\1{\2}{\3}"),
+    (re.compile(r"(?<=\d)\{,\}(?=\d)"), ","),  # a decimal comma
 )
 log = logging.getLogger(__name__)
 

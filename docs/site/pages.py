@@ -46,11 +46,10 @@ class Edition:
     @cached_property
     def sources(self) -> dict[str, Path]:
         """Return the file of each page of this language, by the name of the page."""
-        if self.language == "es":
-            return {_name(path.stem): path for path in sorted((DOCS / "es").glob("*.md"))}
-        own = [*sorted(DOCS.glob("*.md")), *sorted((DOCS / "derivations").glob("*.md"))]
-        pages = {_name(path.relative_to(DOCS).with_suffix("").as_posix()): path for path in own}
-        return pages | ELSEWHERE
+        folder = DOCS / "es" if self.language == "es" else DOCS
+        own = [*sorted(folder.glob("*.md")), *sorted((folder / "derivations").glob("*.md"))]
+        pages = {_name(path.relative_to(folder).with_suffix("").as_posix()): path for path in own}
+        return pages if self.language == "es" else pages | ELSEWHERE
 
     def menu(self, more: tuple[str, ...] = ()) -> dict[str, list[str]]:
         """Return the pages below each heading; `more` are names of generated pages."""
@@ -101,7 +100,7 @@ class Edition:
         if page := self._page(target_file):
             return f"[{label}]({up}{page}.md{anchor})"
         if self.language == "es" and (page := Edition("en")._page(target_file)):
-            return f"[{label}](en:{page}.html{anchor})"
+            return f"[{label}](en:{up}{page}.html{anchor})"
         if target_file.is_dir():
             return label
         if not target_file.is_file():
