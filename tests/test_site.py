@@ -190,6 +190,8 @@ def test_equations_are_written_as_mathml():
     assert "<math" in mathematics
     assert ">(3)<" in mathematics
     assert "tag" not in mathematics
+    assert "<mn>0,2</mn>" in mathml(r"e^{0{,}2\,n}", False)
+    assert "<msub>" in mathml(r"\dot e_y", False)
 
 
 @pytest.mark.skipif(find_spec("docutils") is None, reason="the site needs the extra docs")

@@ -15,6 +15,8 @@ SAME = (  # commands that the converter does not support, and their equivalents
     (re.compile(r"\\dots(?![a-z])"), r"\\ldots"),
     (re.compile(r"\\([td]?frac)\s*(\d)\s*(\d)"), r"\\\1{\2}{\3}"),
     (re.compile(r"(?<=\d)\{,\}(?=\d)"), ","),  # a decimal comma
+    # else the index of a letter with an accent would be below the letter
+    (re.compile(r"(\\(?:d?dot|bar|hat|tilde)\s*(?:\\?[A-Za-z]+|\{[^{}]*\}))(?=_)"), r"{\1{}}"),
 )
 log = logging.getLogger(__name__)
 
