@@ -3,16 +3,19 @@
 import numpy as np
 import pytest
 
-from baqueano.drive.closure import closure
+from baqueano.drive.closure import closure, lap_closure
+from baqueano.errors import AnswerNo
 from baqueano.study import driving
-from baqueano.study.corridor.vehicles import vehicles
+from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
 from baqueano.study.driving import SHAPES, guess
 from baqueano.study.laps import all_cases, laps_over_fixes, team
 from baqueano.study.laps.drives import STEP_S, Laps
 from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, places, with_fix
 from baqueano.study.laps.result import LapCase, LapStudy, WholeDrive, laps_of
+from baqueano.study.laps.returns import ends_of_laps, refused_share
 from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
 from baqueano.symbolic import function
+from tests.codes import refused
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
 
@@ -110,6 +113,23 @@ def test_two_turns_on_a_mark_calibrate_the_gyro():
         assert result.turns == 2
         assert result.scale == pytest.approx(scale, abs=3.0 * result.sd)
         assert result.sd < 0.004
+
+
+@pytest.mark.long
+def test_a_lap_of_an_independent_robot_is_refused_if_it_ends_away_from_its_mark():
+    seeds = range(10, 12)
+    files = identify_vehicles(vehicles(seeds), seeds, "auto")
+    ends = ends_of_laps(seeds, files, "rectangle")
+    assert refused_share(ends) == 0.0
+    assert refused_share(ends, distance_m=0.05) < refused_share(ends, distance_m=0.1) <= 1.0
+    assert refused_share(ends, distance_m=0.2) == refused_share(ends, turn_rad=np.radians(20.0)) == 1.0
+    for lap, file in zip(
+        team.taught_laps(vehicles(seeds), seeds, files, ends=np.array([[0.2, 0.0, 0.0], [0.0, -0.2, 0.0]])),
+        files,
+        strict=True,
+    ):
+        with refused("marks.lap-open", AnswerNo):
+            lap_closure(lap, file)
 
 
 def test_the_compiled_truth_gives_the_same_path_with_longer_steps():

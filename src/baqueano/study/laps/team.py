@@ -128,17 +128,20 @@ def _with_scale_of_lap(lap: Run, vehicle_file: VehicleFile) -> VehicleFile:
 
 
 def taught_laps(
-    robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile], shape: str = "rectangle"
-) -> list[Run]:
+    robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile], shape: str = "rectangle",
+    ends: np.ndarray | None = None,
+) -> list[Run]:  # fmt: skip
     """Return a lap of each robot, driven by a person: a rest on the mark, a lap, and a rest on the mark.
 
-    The person sees the pose of the robot, with an error that grows to that of the final mark.
+    The person sees the pose of the robot, with an error that grows to that of the final mark. With `ends` (n, 3) the
+    person stops at these poses relative to the mark.
     """
     route, n = SHAPES[shape](SPEED_M_S), len(seeds)
     world = TruthWorld(
         robots, [seed + 9_000 for seed in seeds], np.tile(route.eta[0], (n, 1)), STEP_S, fast=function
     )
     errors = np.array([[MARK_M, MARK_M, MARK_RAD] * draw(seed, 62).standard_normal(3) for seed in seeds])
+    errors = errors if ends is None else errors - ends
     loops, guide = [Loop(vehicle_file, True, "auto") for vehicle_file in files], Repeat.along(route)
     states, progress = [loop.start(route.eta[0]) for loop in loops], guide.init()
     begin_s, end_s = STANDING_S, STANDING_S + float(route.t_s[-1]) + SETTLE_S
