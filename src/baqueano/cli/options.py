@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from baqueano.cli import BACKENDS, numbers
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, note
+from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
@@ -110,6 +112,29 @@ robot = click.option(
         "vehicle by ssh, or this computer (here)."
     ),
 )
+
+
+def refuse_together(other: str, *names: str) -> None:
+    """Raise UsageError if one of these parameters was typed, because it has no effect together with `other`."""
+    for option in _typed_options(names):
+        raise UsageError(fault("cli.options-together", option=option, other=other))
+
+
+def refuse_without(other: str, *names: str) -> None:
+    """Raise UsageError if one of these parameters was typed, because it has an effect only together with `other`."""
+    for option in _typed_options(names):
+        raise UsageError(fault("cli.option-needs", option=option, other=other))
+
+
+def _typed_options(names: tuple[str, ...]) -> list[str]:
+    """Return the options of this command line that belong to these parameters, in the order of the help."""
+    context = click.get_current_context()
+    typed = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+    return [
+        parameter.opts[0]
+        for parameter in context.command.params
+        if parameter.name in names and context.get_parameter_source(parameter.name) in typed
+    ]
 
 
 def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":

@@ -52,6 +52,8 @@ def command(
     hold: bool, length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool,
     shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
+    if shown:
+        options.refuse_together("--page", "latched", "share", "pad")
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file, robot)
     path = options.run_path(out, folder, "drive")

@@ -71,6 +71,8 @@ def command(
     shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     _check_options(signal, rounds, update)
+    if signal != "designed":
+        options.refuse_without("--signal designed", "trust_file")
     vehicle_file = options.load_vehicle(vehicle, settings)
     kind, run_names = signal.replace("-", "_"), []
     if room is not None:

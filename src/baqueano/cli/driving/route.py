@@ -137,6 +137,8 @@ def import_(
         from baqueano.drive import route_of
         from baqueano.routes.edit import meets
 
+        options.refuse_together(source, "speed_m_s")
+
         (run,) = options.find_runs((source,), folder)
         route = route_of(run)
         route = route_of(run, True) if closed or (closed is None and meets(route)) else route
@@ -253,6 +255,7 @@ def faster(
     from baqueano.routes import at_speed, fastest
 
     if speed_m_s is not None:
+        options.refuse_together("--speed", "share", "sideways_m_s2")
         return apply_edit(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
     vehicle_file = options.load_vehicle(vehicle, settings)
     limits: JsonObject = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}

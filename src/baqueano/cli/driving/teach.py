@@ -89,6 +89,10 @@ def command(
 
     if driver != "keys" and (pad is not None or not hold or closed or update):
         raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
+    if driver not in SHAPES:
+        options.refuse_together(f"--driver {driver}", "speed_m_s", "size_m")
+    if shown:
+        options.refuse_together("--page", "pad")
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file, robot)
     if driver == "keys":

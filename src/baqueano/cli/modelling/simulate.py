@@ -45,6 +45,8 @@ def command(
     from baqueano.runs.show import show
     from baqueano.simulate import simulate, simulate_many
 
+    if vehicles > 1:
+        options.refuse_together("--vehicles", "out", "model")
     vehicle_file = options.load_vehicle(vehicle, settings)
     u = excitation(signal.replace("-", "_"), vehicle_file.command.limit, seconds, vehicle_file.rate_hz, seed)
     if vehicles > 1:

@@ -99,6 +99,7 @@ def command(
         backend=backend,
     )
     if runs:
+        options.refuse_together("RUNS", "seed", "seeds", "laps", "aside_m")
         recorded_runs = options.find_runs(runs, folder)
         vehicle_file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
         named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}

@@ -102,6 +102,8 @@ def command(
     from baqueano.cli.driving.teach import SHAPES, shape_or_route
     from baqueano.tune import tune
 
+    if not with_estimator:
+        options.refuse_without("--estimator", "seeds")
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file)
     controller = options.own_block(vehicle_file, "controller", controller)

@@ -106,6 +106,8 @@ TEMPLATES: dict[str, str] = {
         "--over-time fits each run by itself, so it cannot be combined with {other}. Remove one of the "
         "two options."
     ),
+    "cli.options-together": "{option} has no effect together with {other}. Remove one of the two.",
+    "cli.option-needs": "{option} has an effect only together with {other}. Add that, or remove {option}.",
     "cli.tolerance-unused": (
         "--tolerance {given} is for a car that is fitted only with its IMU. Remove the option, or use "
         "only the IMU. Type: {fix}"
