@@ -18,6 +18,9 @@ PRESS, REPEAT, RELEASE = "press", "repeat", "release"
 ALIVE, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
 EVENT_KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
 ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
+KEYPAD = {57399 + digit: str(digit) for digit in range(10)} | {  # codes of (2) for the keys of a numeric keypad
+    57412: "-", 57413: "+", 57415: "=", 57417: "left", 57418: "right", 57419: "up", 57420: "down",
+}  # fmt: skip
 CTRL_BIT = 4  # bit of the modifiers, which are sent plus one
 INTERRUPT = "ctrl-c"
 MAX_SEQUENCE_BYTES = 64  # most bytes of a sequence
@@ -74,7 +77,7 @@ def _event(private: str, numbers: str, final: str, application: str) -> list[Key
     letter = code.partition(":")[0]
     if final != "u" or not letter or int(letter) > 0x10FFFF:
         return []
-    key = chr(int(letter)).lower()
+    key = KEYPAD.get(int(letter)) or chr(int(letter)).lower()
     modifier_bits = int(modifiers or 1) - 1
     return [KeyEvent(EVENT_KINDS[kind], INTERRUPT if modifier_bits & CTRL_BIT and key == "c" else key)]
 
