@@ -68,6 +68,8 @@ class Precautions:
         defaults = Precautions()
         row = {f.name: getattr(self, f.name) for f in fields(self)}
         row = {name: value for name, value in row.items() if value != getattr(defaults, name)}
+        if row.get("patience_s") == float("inf"):
+            row["patience_s"] = None  # JSON does not have infinity
         if self.room is not None:
             half_widths = tuple(float(x) for x in self.room.free_half_width_m)
             row["room"] = {"free": list(half_widths), "start": list(self.room.start)}
@@ -84,6 +86,8 @@ class Precautions:
                 room = PlainRoom(
                     (half_widths[0], half_widths[1]), (start_pose[0], start_pose[1], start_pose[2])
                 )
+            if "patience_s" in row and row["patience_s"] is None:
+                row["patience_s"] = float("inf")
             for name, value in row.items():
                 is_valid = isinstance(value, int | float) if name == "patience_s" else isinstance(value, bool)
                 if name not in defaults or not is_valid:
