@@ -6,6 +6,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive import experiment, repeat
 from baqueano.drive.mission import Mission, pack, perform, unpack
+from baqueano.drive.safety.precautions import Precautions
 from baqueano.errors import FileError, UsageError
 from baqueano.guides import shapes
 from tests.codes import refused
@@ -47,6 +48,12 @@ def test_a_repetition_sent_as_text_gives_the_same_estimate(tmp_path):
     )
 
 
+def test_a_repetition_without_patience_is_sent_as_text(tmp_path):
+    care = Precautions(patience_s=np.inf)
+    mission = Mission("repeat", route=shapes.circle(0.3, 0.4), precautions=care.to_json())
+    assert Precautions.of_json(Mission.of_json(mission.json()).precautions) == care
+
+
 def test_user_blocks_are_packed_into_the_mission(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
@@ -58,6 +65,20 @@ def test_user_blocks_are_packed_into_the_mission(tmp_path, monkeypatch):
     mission_received, file_received = send(mission, tmp_path / "robot")
     run = perform(mission_received, file_received, backend="numpy")
     assert np.all(run.requested[:, 0] == 0.5)
+
+
+@pytest.mark.parametrize("quote", ['"', "'"])
+def test_a_block_in_a_folder_is_packed_with_each_quote_of_toml(tmp_path, monkeypatch, quote):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "slow.py").write_text(CONTROLLER.format(size=0.5))
+    text = vehicle_file.load("small").text
+    (tmp_path / "vehicle.toml").write_text(
+        text.replace('"pd_feedforward"', f"{quote}mine/slow.py:Slow{quote}")
+    )
+    packed = pack(Mission("teach"), vehicle_file.load("vehicle.toml"))
+    assert 'kind = "slow.py:Slow"' in packed.vehicle
+    assert [*packed.texts] == ["slow.py"]
 
 
 def test_two_files_of_the_same_name_are_refused(tmp_path, monkeypatch):

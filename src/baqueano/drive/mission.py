@@ -124,8 +124,9 @@ def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
         return f"{path.name}:{name}"
 
     blocks, vehicle = {role: pack_kind(kind) for role, kind in mission.blocks.items()}, vehicle_file.text
-    for kind in _kinds(vehicle_file.data):
-        vehicle = vehicle.replace(f'"{kind}"', f'"{pack_kind(kind)}"')
+    for kind in filter(lambda kind: ".py:" in kind, _kinds(vehicle_file.data)):
+        for quote in "\"'":
+            vehicle = vehicle.replace(f"{quote}{kind}{quote}", f'"{pack_kind(kind)}"')
     return replace(mission, vehicle=vehicle, blocks=blocks, texts=texts)
 
 
