@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.drive import experiment
 from baqueano.drive.session import initial_pose_for
 from baqueano.runs import Run, TruthLog
 from baqueano.runs.initial_pose import initial_pose
@@ -76,3 +77,12 @@ def test_an_estimator_receives_the_start_arguments_that_it_accepts():
     start = np.arange(6.0)
     assert initial_pose_for(FromPose(), start)[0].tolist() == [0.0, 1.0, 2.0]
     assert initial_pose_for(Moving(), start)[0].tolist() == start.tolist()
+
+
+@pytest.mark.parametrize("shake", [None, []])
+def test_a_simulated_drive_begins_in_motion(shake):
+    start = np.array([1.0, 2.0, 0.5, 0.3, 0.0, 0.2])
+    run = experiment(load("small"), np.zeros((1, 3)), eta=start, shake=shake)
+    np.testing.assert_allclose(run.truth.eta[0], start[:3], atol=0.01)
+    np.testing.assert_allclose(run.truth.nu[0], start[3:], atol=0.05)
+    np.testing.assert_allclose(run.estimate.nu[0], start[3:], atol=0.05)

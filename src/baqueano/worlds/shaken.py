@@ -151,7 +151,7 @@ class ShakenWorld(SimulatedWorld):
     seed : int
         Seed of the noise, and of the random numbers of faults.
     eta0 : ndarray (3,), optional [m, m, rad]
-        Pose at the start in the map.
+        Pose at the start in the map; (6,) for pose and body velocity.
     backend : str
         "auto", "c", "python" or "numpy".
     shake : sequence of Fault or str

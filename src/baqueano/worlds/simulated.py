@@ -46,8 +46,9 @@ class DrawnNoise(NamedTuple):
 
 
 def world_init(vehicle: Vehicle, sensors: SensorBlocks, eta0: np.ndarray | None = None) -> WorldState:
-    """Return the state of a vehicle at rest at the pose `eta0` (3,), with sensors before their first tick."""
-    return WorldState(vehicle.init(eta0), tuple(sensor.init() for sensor in sensors))
+    """Return the state before the first tick, at the pose `eta0` (3,) and at rest, or at a pose and velocity (6,)."""
+    start = () if eta0 is None else (eta0[:3],) if len(eta0) == 3 else (eta0[:3], eta0[3:])
+    return WorldState(vehicle.init(*start), tuple(sensor.init() for sensor in sensors))
 
 
 def world_step(
@@ -171,7 +172,7 @@ class SimulatedWorld(World):
     seed : int
         Seed of the noise.
     eta0 : ndarray (3,), optional [m, m, rad]
-        Pose at the start in the map.
+        Pose at the start in the map; (6,) for pose and body velocity.
     backend : str
         "auto", "c", "python" or "numpy".
 
@@ -199,13 +200,13 @@ class SimulatedWorld(World):
     ) -> None:
         self.commands: int = vehicle.commands
         vehicle, sensors = with_rows(vehicle, sensors, rate_hz)
-        start = vehicle.init(eta0)
+        self._state = world_init(vehicle, sensors, eta0)
+        start = self._state.vehicle
         self.truth = Motion(
             start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2])
         )  # at the last tick
         self._truths: deque[tuple[int, Motion]] = deque(maxlen=MAX_KEPT_TRUTHS)
         self._rate_hz, self._rows = rate_hz, rows_of_tick(1.0 / rate_hz)
-        self._state = world_init(vehicle, sensors, eta0)
         self._u = np.zeros(vehicle.commands)
         self._tick = 0
         self._sizes = [3, *(s.noise_size for s in sensors)]
