@@ -195,6 +195,20 @@ def test_inertial_motion_is_the_integral_of_the_unbiased_imu():
     assert np.sqrt(pose.cov[3, 3]) == pytest.approx(0.01 * 0.01 * np.sqrt(100 + 100**2 / 300), rel=0.15)
 
 
+@pytest.mark.parametrize("rate_hz", [100.0, 500.0])
+def test_inertial_motion_does_not_depend_on_the_rate_of_the_loop(rate_hz):
+    """An accelerometer of 50 Hz is silent in most ticks; its acceleration of 0.4 m/s² lasts half a second."""
+    inertial, ticks_per_reading = Inertial(), round(rate_hz / 50.0)
+    state, first_ns = inertial.init(), round(1e9 / rate_hz)
+    for k in range(round(1.5 * rate_hz)):
+        moves = k >= rate_hz
+        slot = Slot(float(k % ticks_per_reading == 0), np.array([1.0 + 0.4 * moves, 0.0, 0.3 + 0.2 * moves]))
+        tick = Tick(first_ns * (k + 1), np.full(3, float(moves)), sensor_slots(("imu",))(slot))
+        state, motion = inertial.step(state, tick)
+    np.testing.assert_allclose(motion.nu, [0.2, 0.0, 0.2], atol=0.01)
+    np.testing.assert_allclose(motion.eta, [0.05, 0.0, 0.1], atol=0.01)
+
+
 def test_inertial_distance_error_matches_its_covariance():
     """The vehicle is at rest, with and without the later knowledge that its speed was noise."""
     slots, ends = sensor_slots(("imu",)), {False: [], True: []}
