@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as tree
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from baqueano.report.animation import picture_file
 from baqueano.report.animation.bars import PartialFit
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
-from baqueano.runs import write_run
+from baqueano.report.estimate_report import paths
+from baqueano.report.of_run import page_of_run
+from baqueano.runs import TruthLog, write_run
 
 LARGEST = 300_000  # bytes
 
@@ -92,8 +95,6 @@ def test_the_animation_shows_shrinking_intervals_of_a_fit(run):
 
 
 def test_a_run_without_truth_and_estimate_cannot_be_animated(run):
-    from dataclasses import replace
-
     with pytest.raises(AnswerNo) as error_info:
         scene(replace(run, estimate=None, truth=None))
     assert error_info.value.diagnostic.code == "report.nothing-moves"
@@ -103,10 +104,33 @@ def test_a_run_without_truth_and_estimate_cannot_be_animated(run):
 
 
 def test_a_run_without_truth_or_without_estimate_is_animated(run):
-    from dataclasses import replace
-
     assert "@keyframes v" in animation(scene(replace(run, truth=None)))
     assert "@keyframes v" in animation(scene(replace(run, estimate=None)))
+
+
+def test_a_truth_without_heading_is_drawn_on_the_map_and_the_estimate_is_animated(run):
+    eta = run.truth.eta * [1.0, 1.0, np.nan]
+    gps_run = replace(run, truth=run.truth._replace(eta=eta))
+    seldom = TruthLog(*(column[37::100] for column in run.truth))
+    assert scene(gps_run).true is scene(replace(run, truth=seldom)).true is None
+    np.testing.assert_array_equal(scene(gps_run).vehicle_poses, scene(run).estimated)
+    longest_lines = [
+        max(
+            len(line.get_xdata())
+            for line in paths(each)[0].figure.axes[0].get_lines()
+            if line.get_label() == "truth"
+        )
+        for each in (gps_run, run)
+    ]
+    assert longest_lines[0] == longest_lines[1] > 100
+
+
+def test_a_run_that_was_cut_before_the_first_pose_of_its_camera_has_a_report(run):
+    cut_run = replace(run, truth=TruthLog(*(column[:0] for column in run.truth)))
+    assert page_of_run(cut_run).title
+    assert page_of_run(run.cut(0.0, 0.001)).title  # one tick
+    with pytest.raises(AnswerNo):
+        scene(run.cut(0.0, 0.001))
 
 
 def test_the_report_writes_the_animation_beside_the_page(run, tmp_path, monkeypatch):

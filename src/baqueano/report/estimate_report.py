@@ -73,7 +73,7 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
     if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:
         lines["reference"] = run.guide_reference.eta[:, :2]
     if run.truth is not None:
-        lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
+        lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta[:, :2]).all(axis=1), :2]
     if run.estimate is not None:
         eta, corridor = _aligned_path(run, alignment), corridor_of(run)
         lines["estimate"] = eta[:, :2]
@@ -139,6 +139,8 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
                     curves | {n: (t_second, scale * e[:, k]) for n, (t_second, e) in second_errors.items()},
                 )
             )
+    if not panels:
+        return []
     drawing = draw(
         figures.over_time(panels),
         _("Estimate minus truth; the band is the uncertainty that the filter reports."),

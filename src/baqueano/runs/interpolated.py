@@ -19,6 +19,8 @@ def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarra
 
     The result is NaN before the first sample, after the last sample, and in gaps longer than MAX_GAP_S.
     """
+    if not len(of_ns):
+        return np.full((len(t_ns), rows.shape[1]), np.nan)
     values = np.column_stack([np.interp(t_ns, of_ns, column, np.nan, np.nan) for column in rows.T])
     next_rows = np.clip(np.searchsorted(of_ns, t_ns, side="left"), 1, max(len(of_ns) - 1, 1))
     exact = np.isin(t_ns, of_ns)

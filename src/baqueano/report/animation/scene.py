@@ -40,9 +40,12 @@ class Scene:
 
 
 def scene(run: Run) -> Scene:
-    """Return the scene of a run. Raise AnswerNo for a run without estimates and truth."""
-    if run.estimate is None and run.truth is None:
-        raise AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
+    """Return the scene of a run; a log without a complete pose, such as a GPS without heading, is not drawn.
+    Raise AnswerNo for a run without a pose, or with less than two ticks.
+    """
+    nothing = AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
+    if len(run.t_ns) < 2:
+        raise nothing
     corridor = corridor_of(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s
@@ -53,6 +56,8 @@ def scene(run: Run) -> Scene:
         None if log is None else _filled(poses_at(t_ns, log.t_ns, log.eta))
         for log in (run.estimate, run.truth)
     ]
+    if all(log is None for log in logs):
+        raise nothing
     half_width = None
     if corridor is not None and len(corridor.t_s) > 1:
         half_width = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)
@@ -63,9 +68,13 @@ def scene(run: Run) -> Scene:
     return Scene(t_s, logs[0], logs[1], half_width, route, laps, _radius_m(run))
 
 
-def _filled(poses: np.ndarray) -> np.ndarray:
-    """Return the poses with each gap filled by the previous pose. A gap at the start is filled by the first pose."""
+def _filled(poses: np.ndarray) -> np.ndarray | None:
+    """Return the poses with each gap filled by the previous pose. A gap at the start is filled by the first pose.
+    Return None without a complete pose.
+    """
     finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    if not len(finite):
+        return None
     last_finite = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
     return poses[finite[last_finite]]
 
