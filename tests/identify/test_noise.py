@@ -206,6 +206,13 @@ def test_the_noise_does_not_depend_on_the_names_of_the_runs(small):
     np.testing.assert_array_equal(noise.in_motion["imu"], noise_of_renamed.in_motion["imu"])
 
 
+def test_few_velocities_of_a_truth_give_no_noise_of_a_truth(small):
+    run = simulate(small, random_steps(small.command.limit, 10.0, small.rate_hz, 1), 1)
+    seldom = replace(run, truth=type(run.truth)(*(column[::50] for column in run.truth)))
+    noise = measure_noise(identify(seldom, small, ["model.mass_kg"], use=["truth", "imu"]), seldom)
+    assert list(noise.in_motion) == ["imu"]
+
+
 def test_a_fit_of_one_of_two_sensors_gives_the_noise_of_both():
     car = load("car")
     run = simulate(car, random_steps([0.5, 0.8], 10.0, car.rate_hz, 0))

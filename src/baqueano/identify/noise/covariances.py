@@ -300,6 +300,8 @@ def _measurement(
                 if len(q) >= MIN_SAMPLES
                 else None
             )
+        elif name not in fit.file.sensors._fields:
+            continue  # the file does not contain the noise of a truth
         elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):
             variances = np.zeros(block.size)
             variances[columns] = (
