@@ -135,6 +135,16 @@ def test_integer_nanoseconds_are_read_exactly(lab):
     assert lab.run().run.sensors["imu"].t_ns[:2].tolist() == [start, start + 20_000_001]
 
 
+def test_milliseconds_since_1970_that_are_declared_as_seconds_are_refused_with_their_unit(lab):
+    lab.board["t"] = [str(1_700_000_000_000 + 20 * k) for k in range(1500)]
+    lab.refused("import.beyond-2038", in_unit="s")
+
+
+def test_a_truth_of_one_pose_is_imported(lab):
+    lab.camera = {name: column[10:11] for name, column in lab.camera.items()}
+    assert len(lab.run().run.truth.t_ns) == 1
+
+
 def test_dates_are_accepted_as_times(lab):
     for columns in (lab.board, lab.camera):
         columns["t"] = [

@@ -216,6 +216,15 @@ def test_a_split_value_absent_from_one_file_is_excluded_and_reported(desk):
     assert (reason.code, reason.figures) == ("recording.not-in-all", lost | {"file": "log", "lacking": "odo"})
 
 
+def test_a_row_without_a_time_does_not_split_a_run(desk):
+    log = desk.file("log.csv", [1, 1], restart=False)
+    lines = log.read_text(encoding="utf-8").splitlines()
+    lines[3] = lines[3].replace(",0.200,", ",,")
+    log.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    first, second = import_runs(desk.map(GAP), [log])
+    assert [len(each.run.t_ns) for each in (first, second)] == [4, 5]
+
+
 def test_split_files_without_a_common_value_are_refused(desk):
     files = {"log": desk.file("log.csv", [1, 2]), "odo": desk.file("odo.csv", ["a", "b"])}
     with refused("import.split-no-value", FileError):

@@ -21,6 +21,8 @@ MIN_AGREEMENT, STEP_M, MAX_OFFSET_RAD = 0.7, 0.05, 0.35
 
 def course_and_heading(truth: TruthLog) -> Iterator[ImportFinding]:
     """Yield the findings about units, axes and heading of a truth."""
+    if len(truth.t_ns) < 2:
+        return
     dt, d = np.diff(truth.t_ns) / NANOSECONDS, np.diff(truth.eta, axis=0)
     speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
     if speed > MAX_SPEED_M_S:

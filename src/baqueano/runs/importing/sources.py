@@ -111,11 +111,12 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
         )
     if spec.split_gap_s is None:
         return [SourcePiece(value, value, table.select(rows_of_group)) for value, rows_of_group in groups]
-    t_ns, _ = times(table, spec, m.start_ns, m.path.name)
+    t_ns, is_known = times(table, spec, m.start_ns, m.path.name)
     pieces = []
     for value, rows_of_group in groups:
-        step = np.diff(t_ns[rows_of_group])
-        edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
+        timed_rows = np.flatnonzero(is_known[rows_of_group])  # a row without a time does not split a run
+        step = np.diff(t_ns[rows_of_group][timed_rows])
+        edges = timed_rows[1:][(step < 0) | (step > spec.split_gap_s * NANOSECONDS)]
         for k, piece in enumerate(np.split(rows_of_group, edges), 1):
             pieces.append(SourcePiece(value, f"{value}-{k}".lstrip("-"), table.select(piece)))
     return pieces

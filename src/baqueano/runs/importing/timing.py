@@ -58,6 +58,11 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
             with np.errstate(over="ignore"):  # a time that overflows is not known
                 t = table.numbers(spec.time) * si * NANOSECONDS
             is_known = np.abs(t) < MAX_TIME_NS
+            if not is_known.any() and np.isfinite(t).any():
+                largest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
+                raise FileError(
+                    fault("import.beyond-2038", table=table.label, t_s=largest_s, in_unit=spec.time_unit)
+                )
             t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
     if spec.time_rest is not None:
         second_part = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
