@@ -113,7 +113,8 @@ def with_end(monkeypatch, offset):
 
 
 @pytest.mark.parametrize(
-    "offset", [(0.14, -0.14, 0.0), (-0.14, 0.14, 0.0), (0.0, 0.0, np.radians(15.0)), (0.0, 0.0, -np.radians(15.0))]
+    "offset",
+    [(0.14, -0.14, 0.0), (-0.14, 0.14, 0.0), (0.0, 0.0, np.radians(15.0)), (0.0, 0.0, -np.radians(15.0))],
 )
 def test_a_lap_that_ends_elsewhere_is_refused(file, lap, monkeypatch, offset):
     with_end(monkeypatch, np.array(offset))

@@ -65,7 +65,7 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
     has_velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
     for run in runs:
         truth = run.truth
-        if truth is None or not (has_velocity or np.isfinite(truth.eta).any()):
+        if truth is None or not np.isfinite(truth.nu if has_velocity else truth.eta).any():
             raise UsageError(fault("truth.not-held", run=run.name))
         channel = Channel(truth.t_ns, truth.t_ns, truth.nu if has_velocity else truth.eta)
         runs_with_truth.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
