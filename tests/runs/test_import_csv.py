@@ -204,6 +204,14 @@ def test_columns_without_names_are_addressed_by_number(lab):
     assert imported_run.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
 
 
+def test_a_separator_at_the_end_of_each_row_does_not_add_a_column(lab):
+    plain = lab.run().run
+    path = lab.folder / "board.csv"
+    head, *lines = path.read_text(encoding="utf-8").splitlines()
+    path.write_text("\n".join([head, *(f"{line}," for line in lines)]) + "\n", encoding="utf-8")
+    assert import_run(lab.folder / "lab.toml").run == plain
+
+
 @pytest.mark.parametrize("last_line", ["30.0,3,0.1", '30.0,3,0.1,0,0,0,0,"0.'])
 def test_an_incomplete_last_line_is_ignored_and_reported(lab, last_line):
     lab.save()

@@ -234,6 +234,8 @@ def _columns(
     columns, line_numbers, block = [bytearray() for _ in range(width)], array("q"), []
     uneven_count, first_uneven, line_number, put_at = 0, (0, 0), 0, 0
     for line_number, row in rows:
+        if len(row) == width + 1 and not row[-1].strip():
+            row.pop()  # a separator ends each row, but not the header
         if len(row) != width:
             uneven_count, first_uneven = (
                 uneven_count + 1,
