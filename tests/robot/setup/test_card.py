@@ -2,6 +2,8 @@
 Pi."""
 
 import configparser
+import ctypes
+import ctypes.util
 import re
 import shutil
 import subprocess
@@ -11,7 +13,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.errors import FileError, UsageError
 from baqueano.robot.setup import card
-from baqueano.robot.setup.card import Network, boot_partition, public_key, write_card
+from baqueano.robot.setup.card import Network, boot_partition, connection_file, public_key, write_card
 from tests.codes import refused
 
 KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIG ana's laptop"
@@ -66,7 +68,7 @@ def test_the_first_start_sets_name_key_and_network_of_the_pi(pi, tmp_path, own):
     config = configparser.RawConfigParser()
     config.read(connection)
     assert config["wifi"]["ssid"] == "it's\\; a $HOME lab"
-    assert config["wifi-security"]["psk"] == "p'ss w\\;rd\\\\1"
+    assert config["wifi-security"]["psk"] == "p'ss w;rd\\\\1"
     assert config["wifi"]["mode"] == ("ap" if own else "infrastructure")
     assert config["ipv4"]["method"] == ("shared" if own else "auto")
     assert not (boot / "firstrun.sh").exists()
@@ -74,6 +76,19 @@ def test_the_first_start_sets_name_key_and_network_of_the_pi(pi, tmp_path, own):
     assert "authorized_keys" in log
     assert "ss w" not in log
     assert "systemd." not in (boot / "cmdline.txt").read_text()
+
+
+@pytest.mark.skipif(not ctypes.util.find_library("glib-2.0"), reason="GLib is not installed")
+@pytest.mark.parametrize("password", ["ab;cd;;ef", "  leading\\s", "trailing ", "#=[];abc"])
+def test_glib_reads_the_password_as_it_was_typed(password):
+    glib = ctypes.CDLL(ctypes.util.find_library("glib-2.0"))
+    new, get, load = glib.g_key_file_new, glib.g_key_file_get_string, glib.g_key_file_load_from_data
+    new.restype, get.restype = ctypes.c_void_p, ctypes.c_char_p
+    get.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_void_p]
+    load.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_void_p]
+    text, file = connection_file(Network("lab", password, "AR"), "r1").encode(), new()
+    assert load(file, text, len(text), 0, None)
+    assert get(file, b"wifi-security", b"psk", None).decode() == password
 
 
 def test_cloud_init_starts_the_script_and_old_user_data_are_backed_up(pi):

@@ -38,6 +38,9 @@ runcmd:
 """
 BOOT_FOLDERS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
 WIFI_CHANNELS = (1, 6, 11)  # channels that do not overlap; the robots of a class are distributed over them
+SSID_SEMICOLON = (
+    "\\;"  # only in a name, which can also be a list of bytes: in a password GLib keeps the backslash
+)
 NAME_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # without characters that look alike on a label
 
 
@@ -100,7 +103,7 @@ def connection_file(network: Network, name: str) -> str:
         "autoconnect=true",
         "",
         "[wifi]",
-        f"ssid={_escape(network.ssid)}",
+        f"ssid={_escape(network.ssid).replace(';', SSID_SEMICOLON)}",
     ]
     if network.own:
         channel = WIFI_CHANNELS[zlib.crc32(name.encode()) % len(WIFI_CHANNELS)]
@@ -172,12 +175,14 @@ def write_card(boot: Path, name: str, user: str, key: str, network: Network | No
             _("{path}: starts it at the first boot, then the Pi restarts", path=boot / "cmdline.txt")
         )
     (boot / "cmdline.txt").write_text(" ".join(line) + "\n", encoding="utf-8")
+        f"{' '.join(line)}\n".encode()
+    )  # \r would end the name of the last unit
     return lines
 
 
 def _escape(text: str) -> str:
-    """Return a value for NetworkManager's file, with separators and a leading space escaped."""
-    text = text.replace("\\", "\\\\").replace(";", "\\;")
+    """Return a string for a key file of GLib, with backslashes and a leading space escaped."""
+    text = text.replace("\\", "\\\\")
     return "\\s" + text[1:] if text.startswith(" ") else text
 
 
