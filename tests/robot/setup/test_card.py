@@ -7,6 +7,7 @@ import ctypes.util
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -89,6 +90,19 @@ def test_glib_reads_the_password_as_it_was_typed(password):
     text, file = connection_file(Network("lab", password, "AR"), "r1").encode(), new()
     assert load(file, text, len(text), 0, None)
     assert get(file, b"wifi-security", b"psk", None).decode() == password
+
+
+def test_the_boot_files_have_lines_of_unix_even_from_windows(pi, monkeypatch):
+    def write_text(path, data, encoding=None, errors=None, newline=None):
+        path.write_bytes(data.replace("\n", "\r\n" if newline is None else newline).encode())
+
+    monkeypatch.setattr(Path, "write_text", write_text)
+    boot = pi / "boot/firmware"
+    for user_data in (False, True):
+        if user_data:
+            (boot / "user-data").write_bytes(b"")
+        write_card(boot, "robot-7", "ana", KEY, Network("lab", "password", "AR"))
+        assert not [path.name for path in boot.iterdir() if b"\r" in path.read_bytes()]
 
 
 def test_cloud_init_starts_the_script_and_old_user_data_are_backed_up(pi):

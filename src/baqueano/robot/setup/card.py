@@ -162,7 +162,7 @@ def write_card(boot: Path, name: str, user: str, key: str, network: Network | No
         previous_file = boot / "user-data.before"
         if not previous_file.exists():
             previous_file.write_bytes((boot / "user-data").read_bytes())
-        (boot / "user-data").write_text(CLOUD_CONFIG, encoding="utf-8")
+        (boot / "user-data").write_bytes(CLOUD_CONFIG.encode())
         lines.append(
             _(
                 "{path}: starts it by cloud-init; its former text is in user-data.before",
@@ -174,7 +174,7 @@ def write_card(boot: Path, name: str, user: str, key: str, network: Network | No
         lines.append(
             _("{path}: starts it at the first boot, then the Pi restarts", path=boot / "cmdline.txt")
         )
-    (boot / "cmdline.txt").write_text(" ".join(line) + "\n", encoding="utf-8")
+    (boot / "cmdline.txt").write_bytes(
         f"{' '.join(line)}\n".encode()
     )  # \r would end the name of the last unit
     return lines
