@@ -160,6 +160,11 @@ def test_damaged_setup_notes_are_reported_with_a_remedy(programs, pi, wheels, ca
         assert "setup.json is damaged (Expecting value" in (errors := capfd.readouterr().err)
         assert "sudo mv" in errors
         assert "Traceback" not in errors
+    record = pi / "etc/baqueano/setup.json"
+    record.rename(record.with_suffix(".json.damaged"))  # as the remedy says
+    setup("r1", wheels, PI, root=str(pi))
+    remove("r1", PI, root=str(pi))
+    assert not record.exists()
 
 
 def test_root_programs_run_from_a_new_private_folder(programs, pi, tmp_path):

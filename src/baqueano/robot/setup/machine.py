@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -61,7 +62,8 @@ class Pi:
             self.noted.setdefault(name, value)
         if not self.noted:
             self.kept.unlink(missing_ok=True)
-            self.kept.parent.rmdir()
+            with suppress(OSError):  # a damaged record can still be there
+                self.kept.parent.rmdir()
             return
         self.kept.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(self.kept, json.dumps(self.noted, indent=1))
