@@ -61,6 +61,13 @@ def test_a_changed_vehicle_file_is_deployed_with_a_backup(programs, pi, wheels, 
     assert (vehicle_toml.read_text(), before.read_text()) == (file.text, SMALL.text)
 
 
+@pytest.mark.parametrize("vehicle", [SMALL, None])
+def test_an_empty_vehicle_file_is_replaced(programs, pi, wheels, vehicle_toml, vehicle):
+    vehicle_toml.write_text("")
+    setup("r1", wheels, PI, vehicle=vehicle, root=str(pi))
+    assert vehicle_toml.read_text() == ("# mine\n" if vehicle is None else SMALL.text)
+
+
 def test_calibrated_values_of_the_robot_survive_a_new_vehicle_file(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []

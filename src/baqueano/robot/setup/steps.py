@@ -255,20 +255,24 @@ def vehicle_step(pi: Pi) -> Step:
     """Return the step that installs the vehicle file. The old file is kept as vehicle.toml.before.
 
     An existing file is replaced only if it still equals vehicle.toml.seen of the bundle, the file from which the new
-    one was made. If another program has changed it since then, raise SystemExit.
+    one was made. If another program has changed it since then, raise SystemExit. An empty file, as a power cut can
+    leave, counts as absent.
     """
     target, bundle_file = pi.path_on_target(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
+    def content(path: Path) -> bytes:
+        return path.read_bytes() if path.exists() else b""
+
     def is_done() -> bool:
-        if not bundle_file.exists() or not target.exists():
-            return not bundle_file.exists()
-        return not base.exists() or target.read_bytes() == bundle_file.read_bytes()
+        if not bundle_file.exists() or (content(target) and not base.exists()):
+            return True
+        return content(target) == content(bundle_file)
 
     def do() -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if target.exists():
-            if target.read_bytes() != base.read_bytes():
+        if content(target):
+            if content(target) != content(base):
                 sys.exit(
                     _(
                         "another program changed {path}, so this command did not change it: type the line "
@@ -281,7 +285,7 @@ def vehicle_step(pi: Pi) -> Step:
         shutil.copyfile(bundle_file, part)
         os.replace(part, target)
 
-    old = _("; the previous file is vehicle.toml.before") if target.exists() and not is_done() else ""
+    old = _("; the previous file is vehicle.toml.before") if content(target) and not is_done() else ""
     return Step(f"/var/lib/baqueano/vehicle.toml{old}", is_done, do, lambda: None)
 
 
