@@ -10,10 +10,11 @@ import pytest
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.uno import serial_port
-from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, open_early
+from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, open_early, open_uno
 from tests.codes import refused
 
 pty = pytest.importorskip("pty", reason="this system has no pty")
+termios = pytest.importorskip("termios", reason="this system has no termios")
 tty = pytest.importorskip("tty", reason="this system has no tty")
 
 
@@ -88,6 +89,15 @@ def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
     done.set()
     listener.join()
     port.close()
+
+
+def test_rt10_a_disconnection_while_the_line_is_opened_is_an_error_of_the_line(ends, monkeypatch):
+    def flush(fd, queue):
+        raise termios.error(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(termios, "tcflush", flush)
+    with refused("uno.port-not-opened", RobotUnreachable), open_uno(ends[1]):
+        pass
 
 
 def test_no_serial_line_and_several_lines_give_different_errors(monkeypatch):

@@ -49,9 +49,14 @@ class SerialPort:
         """Open the line. Raise OSError if that fails."""
         import serial
 
-        self._serial = serial.Serial(
-            self.path, self.baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
-        )  # SerialException is an OSError
+        try:
+            self._serial = serial.Serial(
+                self.path, self.baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
+            )  # SerialException is an OSError
+        except Exception as error:
+            if type(error).__module__ != "termios":  # of a line that was disconnected while it was opened
+                raise
+            raise OSError(errno.EIO, os.strerror(errno.EIO), self.path) from error
 
     def close(self) -> None:
         """Close the line."""
