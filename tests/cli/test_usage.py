@@ -195,7 +195,7 @@ def test_an_unreachable_vehicle_gives_an_error_of_one_paragraph_and_code_4(baque
     end = baqueano("experiment", "--vehicle", "small", "--robot", "nobody@127.0.0.1:1")
     assert end.code == 4, end.err
     assert (end.reason.code, end.reason.figures["host"]) == ("remote.unreachable", "nobody@127.0.0.1:1")
-    assert end.reason.figures["command"] == "ssh nobody@127.0.0.1:1 baqueano robot status"
+    assert end.reason.figures["command"] == "ssh -p 1 nobody@127.0.0.1 baqueano robot status"
 
 
 def test_a_local_robot_command_on_a_laptop_advises_a_host_name(baqueano):

@@ -8,7 +8,6 @@ HOST is an address for ssh, such as user@name:port; "here" is this computer, and
 
 import base64
 import queue
-import shlex
 import shutil
 import socket
 import subprocess
@@ -24,7 +23,7 @@ from baqueano.atomic_file import write_then_appear
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
-from baqueano.door.ssh import host_args
+from baqueano.door.ssh import host_args, ssh_line
 from baqueano.door.states import DoorState
 from baqueano.door.wire import decode, encode
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, error_of_exit_code
@@ -381,7 +380,7 @@ def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
                 "remote.unreachable",
                 host=remote.name,
                 cause=(output.splitlines()[-1] if output else str(error)).rstrip("."),
-                command=shlex.join(["ssh", remote.name, "baqueano", "robot", "status"]),
+                command=ssh_line(remote.name, "baqueano", "robot", "status"),
             )
         ) from error
 

@@ -5,6 +5,7 @@ ssh … -- HOST COMMAND      ssh does not read text after -- as an option, even 
 
 import codecs
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -15,7 +16,7 @@ from typing import IO, TextIO
 
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
-from baqueano.messages.printable import one_line, printable
+from baqueano.messages.printable import one_line, printable, shell_command
 
 MAX_ANSWER_BYTES = 16 << 20  # most bytes of an answer
 LAST_OUTPUT_S = 1.0  # time to show the last output of a program that has ended
@@ -24,11 +25,15 @@ LAST_OUTPUT_S = 1.0  # time to show the last output of a program that has ended
 def host_args(host: str) -> list[str]:
     """Return the arguments of ssh for `host`, "user@name" or "user@name:port".
 
-    Raise UsageError if `host` does not have this form.
+    The name can be an IPv6 address, which has colons, and stands in brackets before a port: [fe80::1]:22. Raise
+    UsageError if `host` does not have this form.
     """
     name, colon, port = host.rpartition(":")
-    port_words, name = (["-p", port], name) if colon and port.isdigit() else ([], host)
-    computer = name.rpartition("@")[2]
+    has_port = colon and re.fullmatch(r"[0-9]+", port) and (":" not in name or name.endswith("]"))
+    port_words, name = (["-p", port], name) if has_port else ([], host)
+    user, at, computer = name.rpartition("@")
+    computer = computer.removeprefix("[").removesuffix("]")
+    name = f"{user}{at}{computer}"
     if (
         not computer
         or name.startswith("-")
@@ -40,11 +45,21 @@ def host_args(host: str) -> list[str]:
     return [*port_words, "--", name]
 
 
+def ssh_line(host: str, *words: str) -> str:
+    """Return the line to type for a command at `host`, or for a login.
+
+    >>> ssh_line("pilot@rover.local:2222", "sudo", "reboot")
+    'ssh -p 2222 pilot@rover.local sudo reboot'
+    """
+    *port_words, _dashes, name = host_args(host)
+    return shell_command("ssh", *port_words, name, *words)
+
+
 def ssh(host: str, command: str, *options: str) -> list[str]:
     """Return the command line that runs `command` at `host`. Raise UsageError if `host` is not a computer."""
     if host in ("emulated", "simulated"):
         raise UsageError(fault("ssh.no-hardware", host=host))
-    if host.startswith(("/", "COM")):
+    if re.match(r"/|COM\d+$", host):
         raise UsageError(fault("ssh.not-a-host", host=host))
     return [
         "ssh", "-T", "-o", "ConnectTimeout=8", "-o", "ServerAliveInterval=5", *options, *host_args(host), command

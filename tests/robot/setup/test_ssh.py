@@ -18,6 +18,7 @@ OPTIONS = [
     "-x:22",
     "a b",
     "r1\n-x",
+    "[-x]:22",
 ]
 
 
@@ -36,11 +37,27 @@ def test_a_host_that_would_be_an_option_is_refused(programs, host):
 
 
 @pytest.mark.parametrize(
-    ("host", "words"), [("me@r1", "-- me@r1"), ("me@r1:2222", "-p 2222 -- me@r1"), ("r1", "-- r1")]
+    ("host", "words"),
+    [
+        ("me@r1", "-- me@r1"),
+        ("me@r1:2222", "-p 2222 -- me@r1"),
+        ("r1", "-- r1"),
+        ("me@fe80::1", "-- me@fe80::1"),
+        ("2001:db8::5", "-- 2001:db8::5"),
+        ("me@[fe80::1%wlan0]:22", "-p 22 -- me@fe80::1%wlan0"),
+        ("COMPUTER", "-- COMPUTER"),
+    ],
 )
 def test_ssh_commands_have_a_double_dash_before_the_host(host, words):
     assert f" {words} true" in " ".join(ssh.ssh(host, "true"))
     assert f" {words} exec baqueano" in " ".join(remote._ssh(host))
+
+
+def test_an_advised_ssh_command_has_its_port_as_an_option(programs):
+    programs(ssh="exit 255")
+    with refused("setup.no-answer", RobotUnreachable) as error_info:
+        install.machine_at("me@r1:2222")
+    assert error_info.value.diagnostic.fix == "ssh -p 2222 me@r1"
 
 
 @pytest.mark.parametrize(

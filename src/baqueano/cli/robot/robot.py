@@ -101,6 +101,7 @@ def clear(host: str) -> None:
 def runs(host: str, fetch: bool, folder: str) -> None:
     from os.path import lexists
 
+    from baqueano.door.ssh import ssh_line
     from baqueano.errors import FileError
     from baqueano.messages.printable import one_line
     from baqueano.runs.folder import is_name
@@ -115,7 +116,9 @@ def runs(host: str, fetch: bool, folder: str) -> None:
     if invalid_names := [name for name in names if not is_name(name)]:
         odd_names = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
         raise FileError(
-            fault("cli.runs-named-oddly", f"ssh {host}", host=host, count=len(invalid_names), found=odd_names)
+            fault(
+                "cli.runs-named-oddly", ssh_line(host), host=host, count=len(invalid_names), found=odd_names
+            )
         )
 
 

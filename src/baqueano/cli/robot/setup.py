@@ -83,6 +83,7 @@ def card(
 @click.option("--bundle", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Folder of the robot's packages; default: the cache.")  # fmt: skip
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
+    from baqueano.door.ssh import ssh_line
     from baqueano.robot.setup.install import machine_at, make_bundle
     from baqueano.robot.setup.install import setup as install
     from baqueano.symbolic.c_code.compile import user_cache
@@ -106,7 +107,8 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
         is_dry_run=dry,
     )
     if not dry:
-        print_result(note("cli.is-a-vehicle", fix=baqueano_command("robot", "doctor", host), host=host))
+        fix = baqueano_command("robot", "doctor", host)
+        print_result(note("cli.is-a-vehicle", fix=fix, host=host, ssh=ssh_line(host)))
 
 
 @click.command(help="Remove everything that setup installed at HOST, except the runs.")

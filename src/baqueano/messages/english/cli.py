@@ -286,7 +286,7 @@ TEMPLATES: dict[str, str] = {
         "(--vehicle names another)"
     ),
     "cli.is-a-vehicle": (
-        "{host} is now set up as a vehicle. Restart it once, so that I2C works: ssh {host} sudo reboot. "
+        "{host} is now set up as a vehicle. Restart it once, so that I2C works: {ssh} sudo reboot. "
         "Then: {fix}"
     ),
     "cli.own-network": "its Wi-Fi network: {ssid}, password {password}; its address there is 10.42.0.1",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import fault
-from baqueano.door.ssh import run, ssh
+from baqueano.door.ssh import run, ssh, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
@@ -44,7 +44,7 @@ def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> Renew
     path = f"{root.rstrip('/')}{VEHICLE}"
     content, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
     if code:
-        raise RobotUnreachable(fault("setup.file-not-read", f"ssh {host}", host=host, path=path))
+        raise RobotUnreachable(fault("setup.file-not-read", ssh_line(host), host=host, path=path))
     if not content:
         return RenewedFile(vehicle_file.text, b"", [])
     try:
@@ -93,6 +93,7 @@ def _with_calibration(
                     key=key,
                     found=_short_text(leaves[key]),
                     path=VEHICLE,
+                    ssh=ssh_line(host),
                 )
             )
         file_value, own_provenance = vehicle_file.value(key), vehicle_file.provenance.get(key)
@@ -125,8 +126,9 @@ def _with_calibration(
         lines.append(
             _(
                 "To write it into your file too: baqueano robot calibrate imu {host} --update. To use your "
-                "own values: ssh {host} rm {file}, and type this line again",
+                "own values: {ssh} rm {file}, and type this line again",
                 host=host,
+                ssh=ssh_line(host),
                 file=VEHICLE,
             )
         )

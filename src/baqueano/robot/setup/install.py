@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import baqueano
 from baqueano.diagnostics import fault
-from baqueano.door.ssh import run, ssh
+from baqueano.door.ssh import run, ssh, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot.setup.deployed_vehicle_file import renew_file
@@ -74,7 +74,7 @@ def machine_at(host: str) -> TargetMachine:
     output, code = run(ssh(host, PROBE_COMMAND))
     fields = output.decode(errors="replace").split()
     if code or not re.fullmatch(PROBE_ANSWER, " ".join(fields)):
-        raise RobotUnreachable(fault("setup.no-answer", f"ssh {host}", host=host))
+        raise RobotUnreachable(fault("setup.no-answer", ssh_line(host), host=host))
     target = TargetMachine((int(fields[0]), int(fields[1])), fields[2], fields[3])
     if target.kind not in MACHINE_TYPES:
         raise UsageError(fault("setup.32-bit", host=host, computer=target.kind))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import fault
 from baqueano.door.remote_session import answer_of, interrupt_on_hangup
-from baqueano.door.ssh import ssh
+from baqueano.door.ssh import ssh, ssh_line
 from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, error_of_exit_code
 from baqueano.messages.language import VARIABLE, current
@@ -111,7 +111,7 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
         raise KeyboardInterrupt
     reason_of_error = {
         127: fault("ssh.no-baqueano", baqueano_command("robot", "setup", host), host=host),
-        255: fault("ssh.not-reached", f"ssh {host}", host=host),
+        255: fault("ssh.not-reached", ssh_line(host), host=host),
     }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
     raise error_of_exit_code(code, reason_of_error, default_class=RobotUnreachable)
 

@@ -103,7 +103,7 @@ TEMPLATES: dict[str, str] = {
     "setup.file-not-read": "{host}: {path} could not be read, for the reason above. Type: {fix}",
     "setup.no-place-for-calibration": (
         "{host}: {key} = {found} was calibrated there, but your vehicle file does not have the table of "
-        "that key. Add the table. Or, to delete the calibration: ssh {host} rm {path}"
+        "that key. Add the table. Or, to delete the calibration: {ssh} rm {path}"
     ),
     "setup.no-answer": (
         "{host} did not answer over ssh. Is it on? Is it in this network? Does it have your ssh key? Type: "
