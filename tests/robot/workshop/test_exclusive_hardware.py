@@ -208,6 +208,16 @@ def test_flashing_at_a_host_prints_the_firmware_of_the_host(programs, capsys):
     assert "5916 bytes written and read back; firmware 1.0.0" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    "verb", [["doctor"], ["flash"], ["settings"], ["calibrate", "imu"], ["calibrate", "motors"]]
+)
+@pytest.mark.parametrize("rows", [[{"of another version": 1}], [{}]])
+def test_an_answer_of_another_version_is_reported_with_a_remedy(programs, verb, rows, capsys):
+    at_host(programs, rows)
+    assert exit_code(["robot", *verb, "me@r1", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["code"] == "ssh.other-version"
+
+
 def test_a_local_hex_file_is_refused_for_a_host(capsys):
     assert exit_code(["robot", "flash", "r1", "--hex", "mine.hex"]) == 2
     assert "--hex names a file of this computer" in capsys.readouterr().err

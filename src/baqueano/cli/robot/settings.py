@@ -64,7 +64,7 @@ def settings(
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
     from baqueano.robot.uno.serial_port import open_uno
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
+    from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
 
     changes = option_values(given)
     uno_settings.apply_changes(Settings(), changes)  # a wrong value is reported before the hardware is opened
@@ -80,9 +80,8 @@ def settings(
         arguments = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
         arguments += ["--defaults"] if defaults else []
         arguments += [] if watch_s is None else [f"--watch={watch_s:g}"]
-        stored_settings = uno_settings.StoredSettings.of(
-            rows_from_host(host, "robot", "settings", "--vehicle", VEHICLE, *arguments)
-        )
+        verb = ("robot", "settings", "--vehicle", VEHICLE, *arguments)
+        stored_settings = result_from_host(uno_settings.StoredSettings.of, host, *verb)
     answer(stored_settings, as_json)
 
 

@@ -26,7 +26,7 @@ def doctor(
 ) -> None:
     from baqueano.robot import HOME, VEHICLE
     from baqueano.robot.workshop.doctor import Check, Report, examine
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
+    from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
 
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
@@ -34,10 +34,10 @@ def doctor(
             report = examine(vehicle_file.robot, Path("/"), Path(folder), jitter_s, print_message)
     else:
         jitter_option = [f"--jitter={jitter_s:g}"] if jitter_s else []
-        rows = rows_from_host(
-            host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *jitter_option
-        )
-        report = Report([Check(**row) for row in rows])
+        report = result_from_host(
+            lambda rows: Report([Check(**row) for row in rows]), host,
+            "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *jitter_option,
+        )  # fmt: skip
     answer(report, as_json)
     if report.verdict == "bad":
         click.get_current_context().exit(1)
@@ -60,7 +60,7 @@ def flash(
     from baqueano.robot import VEHICLE
     from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
+    from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
 
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
@@ -69,7 +69,8 @@ def flash(
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
-        result = FlashResult(**rows_from_host(host, "robot", "flash", "--vehicle", VEHICLE)[0])
+        verb = ("robot", "flash", "--vehicle", VEHICLE)
+        result = result_from_host(lambda rows: FlashResult(**rows[0]), host, *verb)
     answer(result, as_json)
 
 
@@ -94,7 +95,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     from baqueano.robot import VEHICLE
     from baqueano.robot.workshop.calibrate_imu import ImuReader, MountedImu
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import open_hardware, rows_from_host
+    from baqueano.robot.workshop.exclusive_hardware import open_hardware, result_from_host
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     if host == "here":
@@ -102,9 +103,8 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
             mounted_imu = find(ImuReader(floor_tests.imu), print_message)
     else:  # its service uses its own vehicle file, so that file is written there
         update_option = ["--update"] if update else []
-        mounted_imu = MountedImu.of(
-            rows_from_host(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *update_option)[0]
-        )
+        verb = ("robot", "calibrate", "imu", "--vehicle", VEHICLE, *update_option)
+        mounted_imu = result_from_host(lambda rows: MountedImu.of(rows[0]), host, *verb)
     answer(mounted_imu, as_json)
     values = mounted_imu.values(vehicle_file)
     options.save_update(
@@ -126,7 +126,7 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     from baqueano.robot.service.configuration import config_of
     from baqueano.robot.workshop.calibrate_motors import Motors
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import open_hardware, rows_from_host
+    from baqueano.robot.workshop.exclusive_hardware import open_hardware, result_from_host
 
     motors: Any
     if host == "here":
@@ -135,5 +135,5 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
             floor_tests.uno.configure(config_of(vehicle_file.robot, floor_tests.uno.info))
             motors = find(floor_tests, print_message)
     else:
-        motors = Motors.of(rows_from_host(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
+        motors = result_from_host(Motors.of, host, "robot", "calibrate", "motors", "--vehicle", VEHICLE)
     answer(motors, as_json)

@@ -6,13 +6,20 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from baqueano.diagnostics import fault
 from baqueano.door.remote_session import answer_of, interrupt_on_hangup
 from baqueano.door.ssh import ssh, ssh_line
 from baqueano.door.states import DoorState
-from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, error_of_exit_code
+from baqueano.errors import (
+    INTERRUPTED,
+    AnswerNo,
+    BaqueanoError,
+    RobotUnreachable,
+    UsageError,
+    error_of_exit_code,
+)
 from baqueano.messages.language import VARIABLE, current
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, words
@@ -25,6 +32,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
 
 Notify = Callable[[str], object]
+Result = TypeVar("Result")
 
 
 @contextmanager
@@ -114,6 +122,19 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
         255: fault("ssh.not-reached", ssh_line(host), host=host),
     }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
     raise error_of_exit_code(code, reason_of_error, default_class=RobotUnreachable)
+
+
+def result_from_host(of: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
+    """Return `of` of the rows of `baqueano VERB --json` at HOST.
+
+    Raise UsageError for rows in another form, as of another version of baqueano; other errors as in `rows_from_host`.
+    """
+    rows = rows_from_host(host, *verb)
+    try:
+        return of(rows)
+    except (LookupError, TypeError, ValueError, BaqueanoError) as error:
+        fix = baqueano_command("robot", "setup", host)
+        raise UsageError(fault("ssh.other-version", fix, host=host, verb=" ".join(verb))) from error
 
 
 def _language_setting() -> list[str]:

@@ -144,6 +144,9 @@ TEMPLATES: dict[str, str] = {
     "uno.port-not-opened": "{path} cannot be opened: {error}. Is the cable plugged in? Type: {fix}",
     "ssh.no-baqueano": "baqueano is not installed on {host}. Type: {fix}",
     "ssh.not-reached": "{host} cannot be reached by ssh. To see why: {fix}",
+    "ssh.other-version": (
+        "{host}: the answer to baqueano {verb} has another form, as of another version of baqueano. Type: {fix}"
+    ),
     "ssh.ended": "{host}: baqueano {verb} ended there, for the reason above.",
     "flash.no-avrdude": (
         "avrdude is not installed here. Type: sudo apt-get install avrdude. Without internet, connect the "
