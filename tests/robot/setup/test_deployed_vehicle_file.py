@@ -68,6 +68,16 @@ def test_an_empty_vehicle_file_is_replaced(programs, pi, wheels, vehicle_toml, v
     assert vehicle_toml.read_text() == ("# mine\n" if vehicle is None else SMALL.text)
 
 
+@pytest.mark.parametrize("name", ["vehicle.toml.part", "vehicle.toml.before"])
+def test_root_writes_no_vehicle_file_through_a_link(programs, pi, wheels, vehicle_toml, tmp_path, name):
+    other = tmp_path / "cron"
+    other.write_text("of root")
+    vehicle_toml.with_name(name).symlink_to(other)
+    file = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"])
+    setup("r1", wheels, PI, vehicle=file, root=str(pi))
+    assert (other.read_text(), vehicle_toml.read_text()) == ("of root", file.text)
+
+
 def test_calibrated_values_of_the_robot_survive_a_new_vehicle_file(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []

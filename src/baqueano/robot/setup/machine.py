@@ -107,13 +107,18 @@ def _(words: str, /, **figures: object) -> str:
 
 def write_atomically(path: Path, text: str) -> None:
     """Write the text to a new file, which then replaces the old file, so that a power cut leaves a complete file."""
-    target = path.resolve()
-    part = target.with_name(f"{target.name}.part")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(text)
+    replace_entry(path.resolve(), text.encode())
+
+
+def replace_entry(path: Path, content: bytes) -> None:
+    """Replace the entry `path` of a folder, even a link, by a complete file; nothing is written through a link."""
+    part = path.with_name(f"{path.name}.part")
+    part.unlink(missing_ok=True)
+    with part.open("xb") as file:
+        file.write(content)
         file.flush()
         os.fsync(file.fileno())
-    os.replace(part, target)
+    os.replace(part, path)
 
 
 def command_output(*command: str) -> str:

@@ -21,7 +21,7 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, text_of, write_atomically
+from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, replace_entry, text_of, write_atomically
 
 DEVICES = ("dialout", "i2c", "gpio")  # groups of the devices that the service opens
 GROUPS = (*DEVICES, "input")  # "input": a game pad, for a user at the vehicle
@@ -256,7 +256,7 @@ def vehicle_step(pi: Pi) -> Step:
 
     An existing file is replaced only if it still equals vehicle.toml.seen of the bundle, the file from which the new
     one was made. If another program has changed it since then, raise SystemExit. An empty file, as a power cut can
-    leave, counts as absent.
+    leave, counts as absent. The folder belongs to the service, whose blocks could put links into it.
     """
     target, bundle_file = pi.path_on_target(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
@@ -271,8 +271,8 @@ def vehicle_step(pi: Pi) -> Step:
 
     def do() -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if content(target):
-            if content(target) != content(base):
+        if old_content := content(target):
+            if old_content != content(base):
                 sys.exit(
                     _(
                         "another program changed {path}, so this command did not change it: type the line "
@@ -280,10 +280,8 @@ def vehicle_step(pi: Pi) -> Step:
                         path=target,
                     )
                 )
-            shutil.copyfile(target, before)
-        part = target.with_name("vehicle.toml.part")
-        shutil.copyfile(bundle_file, part)
-        os.replace(part, target)
+            replace_entry(before, old_content)
+        replace_entry(target, content(bundle_file))
 
     old = _("; the previous file is vehicle.toml.before") if content(target) and not is_done() else ""
     return Step(f"/var/lib/baqueano/vehicle.toml{old}", is_done, do, lambda: None)
