@@ -1,7 +1,9 @@
 """Check the conditions before and during a drive: tilt, battery, temperature, free disk space."""
 
+import math
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,8 +35,13 @@ class ComputerHealth:
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
     def before(self, world: "Robot") -> Diagnostic | None:
-        """Return the reason why a drive is not allowed to begin, such as a full disk; None if it is allowed."""
-        free_mb = shutil.disk_usage(self._folder).free / 1e6
+        """Return the reason why a drive is not allowed to begin, such as a full disk; None if it is allowed.
+
+        The space in a folder that was removed is not known: the next drive makes the folder again, or reports it.
+        """
+        free_mb = math.nan
+        with suppress(OSError):
+            free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
             return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
         return self.during(world)
