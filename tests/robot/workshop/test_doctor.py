@@ -50,7 +50,7 @@ def test_high_temperature_and_a_variable_cpu_clock_give_warnings(tmp_path):
 
 
 def test_a_user_outside_a_group_gets_the_command_to_join(tmp_path, monkeypatch):
-    put_file(tmp_path, "etc/group", "root:x:0:\ndialout:x:20:\ni2c:x:998:\n")
+    put_file(tmp_path, "etc/group", "root:x:0:\n\ndialout:x:20:\ni2c:x:998:\n+:::\n")
     monkeypatch.setattr(os, "getgroups", lambda: [20])
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     serial, i2c, gpio = doctor.check_groups(tmp_path)

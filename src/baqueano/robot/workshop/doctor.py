@@ -224,9 +224,9 @@ def check_groups(root: Path) -> Iterator[Check]:
     """Yield a check of this user's membership for each group that is allowed to open devices of the vehicle."""
     names: dict[int, str] = {}
     with suppress(OSError):
-        for line in (root / "etc/group").read_text(encoding="utf-8").splitlines():
-            name, _mark, gid, *_rest = line.split(":")
-            names[int(gid)] = name
+        for line in (root / "etc/group").read_text(encoding="utf-8", errors="replace").splitlines():
+            name, _mark, gid, *_rest = [*line.split(":"), "", ""]
+            names |= {int(gid): name} if gid.isdecimal() else {}  # a line of NIS is "+:::"
     own_groups = {names.get(gid) for gid in os.getgroups()} if POSIX else set()
     for group, device in DEVICE_GROUPS.items():
         if group not in names.values():
