@@ -288,6 +288,14 @@ def until_guest(door):
     return door._guests
 
 
+def test_a_file_that_is_no_socket_is_not_replaced(tmp_path):
+    path = tmp_path / "notes.txt"
+    path.write_text("mine")
+    with pytest.raises(FileExistsError):
+        Door(path, Operator(), tmp_path)
+    assert path.read_text() == "mine"
+
+
 def test_a_second_service_is_refused_and_a_dead_socket_is_replaced(door, tmp_path):
     with refused("door.runs-already", RobotUnreachable):
         Door(door.path, Operator(), tmp_path)

@@ -13,6 +13,7 @@ all connections, handles the stops, sends the queued messages, and answers the o
 line is answered by `no`. A client that does not read is disconnected.
 """
 
+import errno
 import json
 import os
 import selectors
@@ -310,10 +311,8 @@ class Door:
         )
         for message in descriptions:
             if message["is"] == "fields" and guest.columns is not None:
-                selection = {
-                    name: [message[name][c] for c in guest.columns] for name in ("names", "units", "kinds")
-                }
-                message = message | selection
+                for name in ("names", "units", "kinds"):
+                    message = message | {name: [message[name][c] for c in guest.columns]}
             guest.enqueue(message)
 
     def _show_all(self, at_once: bool = False) -> None:
@@ -370,19 +369,20 @@ class Door:
 
 
 def _listening(path: Path) -> socket.socket:
-    """Return a socket that listens at `path`. Raise RobotUnreachable if another service already listens there."""
+    """Return a socket that listens at `path`. Raise RobotUnreachable or FileExistsError if it is not free."""
     probe = socket.socket(socket.AF_UNIX)
     try:
         probe.connect(str(path))
     except OSError:
+        if path.exists() and not path.is_socket():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
         path.unlink(missing_ok=True)  # left by a service that was killed
     else:
         raise RobotUnreachable(fault("door.runs-already", "systemctl status baqueano", path=path))
     finally:
         probe.close()
-    listener = socket.socket(socket.AF_UNIX)
     path.parent.mkdir(parents=True, exist_ok=True)
-    previous_mask = os.umask(0o117)
+    listener, previous_mask = socket.socket(socket.AF_UNIX), os.umask(0o117)
     try:
         listener.bind(str(path))
     finally:
