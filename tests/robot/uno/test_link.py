@@ -241,6 +241,25 @@ def test_telemetry_timestamps_compensate_a_resonator_error_of_half_a_percent(lin
     assert np.std(errors) < 0.5 * MS
 
 
+@pytest.mark.parametrize("ticks", [8, 50])
+def test_a_pause_of_the_host_does_not_move_the_timestamps(line, uno, ticks):
+    """Otherwise two frames were 1 ns apart, and the counts between them a speed that no vehicle has."""
+    times = []
+    for k in range(1, 500):
+        line.now_ns = k * 10 * MS
+        line.send(state(10 * k))
+        if 301 <= k < 301 + ticks:
+            continue
+        times += [measurement.t_ns for measurement in uno.receive()]
+        for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
+            line.send(Pong(ping.token, 10_000 * k + 500))
+            line.now_ns += MS
+            if k != 300:
+                uno.pump()
+        line.sent.clear()
+    assert np.abs(np.diff(times[50:]) - 10 * MS).max() < MS
+
+
 def test_a_request_without_an_answer_ends_with_an_error(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)

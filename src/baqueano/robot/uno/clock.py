@@ -1,7 +1,8 @@
 """Convert the clock of the Uno to the time of the host.
 
     ping at h₁, answered at device time d, answer received at h₂:   h(d) ≈ (h₁ + h₂)/2,  error ≤ (h₂ − h₁)/2       (1)
-    h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each SECTION_S of a window       (2)
+    h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each SECTION_S of a window,
+                                    each weighted by the reciprocal of its error (1)                       (2)
 
 A ceramic resonator is wrong by up to 0.5 %, 3 s in ten minutes. A delay over USB affects only one direction, so the
 quickest answers are the most accurate (as in NTP). Until three sections have an answer, ε is 0, and h₀ is the middle
@@ -15,6 +16,7 @@ import numpy as np
 
 WINDOW_S = 20.0
 SECTION_S = 1.0
+FRAME_NS = 1_000_000  # of USB: a shorter trip is not more accurate
 WRAP_US = 1 << 32
 NS_PER_US = 1000
 
@@ -67,7 +69,8 @@ class UnoClock:
         if len(quick) > 2:
             device_ns = np.array([a.device_us - self._reference[0] for a in quick], dtype=float) * NS_PER_US
             host_ns = np.array([a.middle_ns - self._reference[1] for a in quick], dtype=float)
-            slope, offset = np.polyfit(device_ns, host_ns, 1)
+            weights = [1.0 / (FRAME_NS + a.trip_ns) for a in quick]  # (1)
+            slope, offset = np.polyfit(device_ns, host_ns, 1, w=weights)
             self.skew, self._reference = (
                 float(slope) - 1.0,
                 (self._reference[0], self._reference[1] + round(offset)),
