@@ -76,6 +76,19 @@ def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):
     assert "where" in note.text
 
 
+MEMORY = """
+object.__setattr__(self, "gain", self.gain + 0.01)
+return state, Command(estimate.t_ns, np.array([self.gain - 2.0, 0.0, 0.0]))
+"""
+
+
+def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
+    run = run_of(blocks_with(tmp_path, MEMORY))
+    (note,) = [e for e in run.events if e.source != REFUSED_SOURCE]
+    assert note.diagnostic.figures["error"].code == "trace.not-pure"
+    np.testing.assert_allclose(np.diff(run.requested[:, 0]), 0.01)
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from baqueano.errors import USER_MODULE_PREFIX
 from baqueano.symbolic import compile_block, function
 from baqueano.symbolic.c_code.compile import find
 from tests.codes import refused
@@ -209,6 +210,8 @@ class ScaledBlock:
 def kept_traces(monkeypatch):
     module = sys.modules["baqueano.symbolic.function"]
     monkeypatch.setattr(module, "_cache", {})
+    for block_class in (ScaledBlock, Filter):
+        monkeypatch.setattr(block_class, "__module__", f"{USER_MODULE_PREFIX}file")
     return module._cache
 
 
@@ -230,6 +233,45 @@ def test_a_block_with_additional_attributes_is_traced_at_each_compilation(kept_t
         block.gain, block.hidden = gain, None
         assert compile_block(block, "python").step(1.0) == gain
     assert not kept_traces
+
+
+FACTOR = 1.0
+
+
+@dataclass
+class GlobalBlock(ScaledBlock):
+    def step(self, x):
+        return FACTOR * self.gain * x
+
+
+def test_a_compiled_step_uses_the_present_value_of_a_global(monkeypatch):
+    for factor in (2.0, 3.0):
+        monkeypatch.setitem(globals(), "FACTOR", factor)
+        assert compile_block(GlobalBlock(5.0), "python").step(1.0) == 5.0 * factor
+
+
+class WithMemory:
+    def __init__(self):
+        self.sum, self.history = 0.0, []
+
+    def add(self, x):
+        self.sum = self.sum + x
+        return self.sum
+
+    def append(self, x):
+        self.history.append(x)
+        return float(len(self.history)) * x
+
+    def draw(self, x):
+        return x + np.random.default_rng().normal()
+
+
+@pytest.mark.parametrize("name", ["add", "append", "draw"])
+def test_a_step_with_memory_or_noise_of_its_own_is_refused_and_its_block_is_unchanged(name):
+    block = WithMemory()
+    with refused("trace.not-pure"):
+        function(getattr(block, name), 1.0, backend="python")
+    assert vars(block) == {"sum": 0.0, "history": []}
 
 
 def test_a_compiled_block_has_the_fields_of_the_block():

@@ -25,7 +25,7 @@ from baqueano.errors import Misuse
 from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.graph.assemble import assemble, remaining_zeros
 from baqueano.symbolic.graph.program import Program
-from baqueano.symbolic.graph.trace import trace_function
+from baqueano.symbolic.graph.trace import is_stable, trace_function
 from baqueano.symbolic.graph.tree import Shape, flat_row, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 
@@ -156,7 +156,7 @@ def _compile_parts(
 
 
 def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:
-    """Return a cache key, equal for equal code; None for a plain function, or a block with data outside its fields."""
+    """Return a cache key, equal for equal code; None for a plain function, or a block whose code or data can change."""
     if not inspect.ismethod(f) or not shapes:
         return None
     try:
@@ -186,7 +186,10 @@ def _compile_new(
 
 
 def _parameter_key(x: object) -> Hashable:
-    """Return a key, equal for equal parameters. Raise TypeError for a block with data outside its fields."""
+    """Return a key, equal for equal parameters. Raise TypeError for a block with data outside its fields.
+
+    Also raise it for a class of a notebook or an import: its step can use a global whose value the user changes.
+    """
     if x is None or isinstance(x, str | int):
         return type(x), x
     if isinstance(x, float | np.number | np.ndarray) and (array := np.asarray(x)).dtype != object:
@@ -195,7 +198,7 @@ def _parameter_key(x: object) -> Hashable:
         return dict, tuple((key, _parameter_key(value)) for key, value in x.items())
     if isinstance(x, tuple | list):
         return type(x), tuple(map(_parameter_key, x))
-    if not is_dataclass(x):
+    if not is_dataclass(x) or not is_stable(type(x)):
         raise TypeError(type(x))
     names = [field.name for field in fields(x)]
     if not set(names).issuperset(getattr(x, "__dict__", ())):

@@ -5,14 +5,17 @@ the step returns the same nodes on both sides, the matrix stays symmetric by ind
 are in the carry. Otherwise, the step is traced again without that assumption.
 """
 
+import copy
 from collections.abc import Callable, Iterable
+from itertools import islice
+from types import MethodType
 from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
-from baqueano.errors import Invalid
+from baqueano.errors import USER_MODULE_PREFIX, Invalid
 from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.linalg import is_symmetric
 from baqueano.symbolic.arrays.tracing import tracing
@@ -36,15 +39,24 @@ class Trace(NamedTuple):
 
 
 def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
-    """Return the trace of a function of trees of these shapes; its result is the output, without a carry."""
+    """Return the trace of a function of trees of these shapes; its result is the output, without a carry.
+
+    A method of the user is traced on a copy of its block, and twice. Raise TraceError if the second call gives other
+    nodes, because then the method has memory, noise or a clock of its own.
+    """
     graph = Graph()
     kinds: dict[Node, str] = {}
+    of_user = isinstance(f, MethodType) and not _is_ours(type(f.__self__))
+    g = _on_copy(f) if of_user else f
     with tracing(), locate_errors():
-        arguments = [_symbols(graph, shape, kinds) for shape in shapes]
-        result = f(*(tree for tree, _ in arguments))
-    inputs = [node for _, nodes in arguments for node in nodes]
-    shape, outputs = _flat_nodes(graph, result, "output", kinds)
-    return Trace(graph, [], inputs, None, [], [], outputs, shape, None)
+        symbols = [(shape, _symbols(graph, shape, kinds)) for shape in shapes]
+        results = [g(*(_argument(*pair) for pair in symbols)) for _ in range(1 + of_user)]
+    shape, outputs = _flat_nodes(graph, results[0], "output", kinds)
+    for result in results[1:]:
+        other_shape, others = _flat_nodes(graph, result, "output", kinds)
+        if other_shape != shape or any(a is not b for a, b in zip(outputs, others, strict=True)):
+            raise TraceError(fault("trace.not-pure", function=_name(f)))
+    return Trace(graph, [], [x for _, nodes in symbols for x in nodes], None, [], [], outputs, shape, None)
 
 
 def trace_step(
@@ -80,9 +92,9 @@ def _traced_step(
         theta_of = () if parameters is None else (_freeze(np.array(theta, dtype=object).view(TracedArray)),)
         if carry is not None:
             initial = _matching_nodes(graph, carry(*theta_of), carry_shape, "carry(theta)")
-        state, symbols = _symbols(graph, carry_shape, kinds, symmetric)
-        x, entering = _symbols(graph, inputs, kinds)
-        result = step(*theta_of, state, x)
+        symbols = _symbols(graph, carry_shape, kinds, symmetric)
+        entering = _symbols(graph, inputs, kinds)
+        result = step(*theta_of, _argument(carry_shape, symbols), _argument(inputs, entering))
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching_nodes(graph, result[0], carry_shape, "the step")
@@ -118,11 +130,8 @@ def _const_kind(node: Node, kind: str) -> str:
     return kind if node.value in ((0.0, 1.0) if kind == "b" else (np.floor(node.value),)) else "f"
 
 
-def _symbols(
-    graph: Graph, shape: Shape, kinds: dict[Node, str], symmetric: Iterable[str] = ()
-) -> tuple[Tree, list[Node]]:
+def _symbols(graph: Graph, shape: Shape, kinds: dict[Node, str], symmetric: Iterable[str] = ()) -> list[Node]:
     nodes: list[Node] = []
-    arguments: list[Tree] = []
     for leaf in leaves(shape):
         leaf_symbols = [graph.symbol(name) for name in leaf.names]
         if leaf.path in symmetric:
@@ -130,16 +139,21 @@ def _symbols(
             leaf_symbols = np.where(np.tri(len(square), dtype=bool).T, square, square.T).ravel().tolist()
         kinds |= dict.fromkeys(leaf_symbols, leaf.kind)
         nodes += leaf_symbols
-        arguments.append(_argument(leaf, leaf_symbols))
-    return build(shape, iter(arguments)), nodes
+    return nodes
 
 
-def _argument(leaf: Leaf, nodes: list[Node]) -> Tree:
-    if not leaf.is_array:
-        return nodes[0]
-    array = np.empty(leaf.size, dtype=object)
-    array[:] = nodes
-    return _freeze(array.reshape(leaf.shape).view(TracedArray))
+def _argument(shape: Shape, nodes: list[Node]) -> Tree:
+    """Return a new tree of this shape with these nodes; its arrays cannot be changed."""
+    remaining = iter(nodes)
+
+    def value(leaf: Leaf) -> Tree:
+        if not leaf.is_array:
+            return next(remaining)
+        array = np.empty(leaf.size, dtype=object)
+        array[:] = list(islice(remaining, leaf.size))
+        return _freeze(array.reshape(leaf.shape).view(TracedArray))
+
+    return build(shape, map(value, leaves(shape)))
 
 
 def _freeze(array: TracedArray) -> TracedArray:
@@ -189,6 +203,24 @@ def _stays_symmetric(trace: Trace, carry_shape: Shape, path: str) -> bool:
             return all(map(is_symmetric, matrices))
         offset += leaf.size
     return False
+
+
+def is_stable(block_class: type) -> bool:
+    """Return True for a class of this package, or of a file that a vehicle file names: its globals do not change."""
+    module = block_class.__module__
+    return _is_ours(block_class) or module.startswith(USER_MODULE_PREFIX)
+
+
+def _is_ours(block_class: type) -> bool:
+    return block_class.__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def _on_copy(method: MethodType) -> Callable[..., Tree]:
+    """Return the method of a copy of its block; of the block itself if it cannot be copied."""
+    try:
+        return MethodType(method.__func__, copy.deepcopy(method.__self__))
+    except Exception:  # a block of the user can contain any object
+        return method
 
 
 def _name(f: Callable[..., Tree]) -> str:

@@ -46,6 +46,10 @@ TEMPLATES: dict[str, str] = {
         "{place}\n    this value belongs to another trace: the function stored it in a cache, a global "
         "or a field. A step must depend only on its arguments"
     ),
+    "trace.not-pure": (
+        "{function} gives another result at a second call with the same arguments. Keep memory in the state, not in "
+        "the block. Time and noise must be inputs"
+    ),
     "trace.pair": "{function} must return (carry, output); it returned {kind}",
     "trace.value": "{whose} returned {found} for {path}, expected shape {shape}",
     "trace.leaf-shape": "{whose} returned {path} with shape {found}, expected {expected}",
