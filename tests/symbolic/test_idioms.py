@@ -175,6 +175,35 @@ def test_compiled_code_gives_the_numpy_results(backend):
             assert np.shape(computed) == np.shape(expected), name
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_system_whose_first_pivot_becomes_zero_at_run_time_is_solved(backend):
+    def turned(psi, b, y):
+        rotation = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+        mixed = np.array([[1.0, 3.0], [y, 2.0]])
+        return (
+            np.linalg.solve(rotation, b),
+            np.linalg.solve(mixed, b),
+            np.linalg.det(rotation) + np.linalg.det(mixed),
+        )
+
+    def solved(A, b):
+        return np.linalg.solve(A, b), np.linalg.inv(A), np.linalg.det(A)
+
+    fast = function(turned, 0.1, np.ones(2), 0.1, backend=backend)
+    for psi in (np.pi / 2.0, -np.pi / 2.0, 1.2, 0.0):
+        arguments = psi, np.array([1.0, 2.0]), 0.0
+        for computed, expected in zip(fast(*arguments), turned(*arguments), strict=True):
+            close(computed, expected, "a rotation")
+    draw = np.random.default_rng(0)
+    for n in (2, 3, 5):
+        fast = function(solved, np.eye(n), np.ones(n), backend=backend)
+        for hidden in np.ndindex(n, n):
+            A = draw.normal(size=(n, n))
+            A[hidden] = 0.0
+            for computed, expected in zip(fast(A, A[1]), solved(A, A[1]), strict=True):
+                close(computed, expected, "a zero", tolerance=1e-10)
+
+
 @pytest.mark.parametrize("name", IDIOMS)
 def test_es13_derivatives_match_finite_differences(name):
     x, y, A = POINTS[0]

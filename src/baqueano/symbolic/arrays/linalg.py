@@ -120,10 +120,9 @@ def _is_zero(x: Value) -> bool:
 
 
 def solve(a: Value, b: Value) -> Value:
-    """Return x with a x = b, b (n,) or (n, m): by L D Lᵀ if a is symmetric, else by L U.
+    """Return x with a x = b, b (n,) or (n, m): by L D Lᵀ if a is symmetric, else by L U with exchanges of rows.
 
-    Rows are exchanged only if the pivot can be chosen before run time. Raise TraceError for shapes that do not agree,
-    or for a singular matrix.
+    A symmetric matrix must be definite. Raise TraceError for shapes that do not agree, or for a singular matrix.
     """
     from baqueano.symbolic.arrays.array import as_array, as_traced
 
@@ -145,7 +144,7 @@ def det(a: Value) -> Value:
     A = as_array(a).copy()
     result: Value = 1.0
     for k in range(len(A)):
-        result = result * (1.0 if _pivot(A, k) == k else -1.0) * A[k, k]
+        result = result * _exchange_rows(A, np.empty((len(A), 0), dtype=object), k) * A[k, k]
         _eliminate(A, k, is_symmetric(A[k:, k:]))
     return result
 
@@ -160,8 +159,7 @@ def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False
 def _solve(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     n = len(A)
     for k in range(n):
-        swap = _pivot(A, k)
-        x[[k, swap]] = x[[swap, k]]
+        _exchange_rows(A, x, k)
         factors = _eliminate(A, k, is_symmetric(A[k:, k:]))
         for i, factor in factors.items():
             x[i] = [y - factor * z for y, z in zip(x[i].tolist(), x[k].tolist(), strict=True)]
@@ -172,21 +170,29 @@ def _solve(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x
 
 
-def _pivot(A: np.ndarray, k: int) -> int:
-    """Move a pivot to row k and return its former row: the first scalar, or the largest known number.
+def _exchange_rows(A: np.ndarray, x: np.ndarray, k: int) -> Value:
+    """Move the largest entry of the column to row k of A and x, and return the sign of the exchanges.
 
-    Raise TraceError if the column is zero.
+    Scalars are compared at run time. A symmetric matrix stays unchanged. Raise TraceError if the column is zero.
     """
-    column = A[k:, k].tolist()
-    if isinstance(column[0], Scalar):
-        return k
-    swap = k + max(
-        range(len(column)), key=lambda i: np.inf if isinstance(column[i], Scalar) else abs(column[i])
-    )
-    if _is_zero(A[swap, k]):
+    if is_symmetric(A[k:, k:]) and not _is_zero(A[k, k]):
+        return 1.0
+    sizes = [np.finfo(float).tiny if isinstance(a, Scalar) else abs(a) for a in A[k:, k].tolist()]
+    first = k + int(np.argmax(sizes))  # a known number before a scalar, a scalar before 0
+    if _is_zero(A[first, k]):
         raise untraceable("trace.singular", column=k)
-    A[[k, swap]] = A[[swap, k]]
-    return swap
+    sign: Value = 1.0 if first == k else -1.0
+    for M in (A, x):
+        M[[k, first]] = M[[first, k]]
+    for i in range(k + 1, len(A)):
+        if not _is_zero(A[i, k]):
+            is_larger = apply("lt", apply("abs", A[k, k]), apply("abs", A[i, k]))
+            for M in (A[:, k:], x):
+                pairs = list(zip(M[k].tolist(), M[i].tolist(), strict=True))
+                M[k] = [apply("where", is_larger, lower, upper) for upper, lower in pairs]
+                M[i] = [apply("where", is_larger, upper, lower) for upper, lower in pairs]
+            sign = apply("where", is_larger, -sign, sign)
+    return sign
 
 
 def _eliminate(A: np.ndarray, k: int, is_symmetric_matrix: bool) -> dict[int, Value]:
