@@ -54,6 +54,9 @@ CASES = {
     "shapes of a solve": (lambda x: np.linalg.solve(A, x[:2] * x[0]), "trace.solve-shapes"),
     "shapes of a stack": (lambda x: np.concatenate([x, A]), "trace.numpy"),
     "ragged array": (lambda x: np.array([[x[0], x[1]], [x[2]]]), "trace.numpy"),
+    "bits": (lambda x: x[0] & 1, "trace.bits"),
+    "bits of an array": (lambda x: (x > 0.0) | x, "trace.bits"),
+    "inverted bits": (lambda x: ~x[0], "trace.bits"),
     "unknown ufunc": (
         lambda x: np.arctanh(x / 9),
         "trace.unknown-ufunc",

@@ -274,6 +274,20 @@ def test_a_step_with_memory_or_noise_of_its_own_is_refused_and_its_block_is_unch
     assert vars(block) == {"sum": 0.0, "history": []}
 
 
+def test_truth_values_of_the_state_are_joined_and_the_bits_of_an_integer_are_refused(backend):
+    def step(flag, mask, x):
+        return flag & (x > 0.0), ~mask | (x > 1.0), mask ^ flag, np.where(x > 0.0, flag, mask[0]) & True
+
+    fast = function(step, np.True_, np.array([True, False]), 1.0, backend=backend)
+    for x in (2.0, 0.5, -1.0):
+        for flag in (np.True_, np.False_):
+            arguments = flag, np.array([True, False]), x
+            assert all(map(np.array_equal, fast(*arguments), step(*arguments)))
+    if backend != "numpy":
+        with refused("trace.bits"):
+            function(lambda n: n & 1, 3, backend=backend)
+
+
 def test_a_compiled_block_has_the_fields_of_the_block():
     block = Filter(np.array([0.5, 0.25]), mode="off")
     fast = compile_block(block)

@@ -141,6 +141,8 @@ IDIOMS = {
     "a written copy": lambda x, y, A: written_later(x),
     "a product written to": lambda x, y, A: after_a_product(x, A),
     "astype": lambda x, y, A: x.astype(float) + np.array(y, dtype=float) + np.asarray(x, float),
+    "astype of a number": lambda x, y, A: x[0].astype(bool) * 2.0 + y,
+    "dot of three axes": lambda x, y, A: np.dot(np.stack([A * x, A]), np.stack([A, A * y])),
     "isclose": lambda x, y, A: np.where(np.isclose(x, y), 1.0, x),
     "formatting": lambda x, y, A: x * len(f"{x[0]}") * 0.0 + y,
     "scalar attributes": lambda x, y, A: x[0].T + x[1].clip(0.0, 1.0) + np.size(x[0]) + np.ndim(x[1]) + y,

@@ -299,7 +299,7 @@ _FUNCTIONS: dict[Callable[..., Value], Callable[..., Value]] = {
     np.empty_like: _filled_like(0.0),
     np.ones_like: _filled_like(1.0),
     np.full_like: _full_like,
-    np.dot: linalg.matmul,
+    np.dot: linalg.dot,
     np.linalg.solve: linalg.solve,
     np.linalg.inv: linalg.inv,
     np.linalg.det: linalg.det,

@@ -6,7 +6,7 @@ from operator import add, mul, neg, sub
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, round_half_even
+from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, round_half_even, truth
 
 
 def elementwise(function: Callable[..., Value] | str, **identity: Value) -> np.ufunc:
@@ -96,10 +96,10 @@ TRACED_UFUNCS: dict[np.ufunc, np.ufunc] = {
     np.logical_or: elementwise("or", identity=False),
     np.logical_xor: elementwise(lambda a, b: apply("ne", apply("ne", a, 0.0), apply("ne", b, 0.0))),
     np.logical_not: elementwise("not"),
-    np.bitwise_and: elementwise("and", identity=True),
-    np.bitwise_or: elementwise("or", identity=False),
-    np.bitwise_xor: elementwise("ne"),
-    np.invert: elementwise("not"),
+    np.bitwise_and: elementwise(lambda a, b: truth("and", a, b), identity=True),
+    np.bitwise_or: elementwise(lambda a, b: truth("or", a, b), identity=False),
+    np.bitwise_xor: elementwise(lambda a, b: truth("ne", a, b)),
+    np.invert: elementwise(lambda a: truth("not", a)),
     np.isnan: elementwise("isnan"),
     np.isfinite: elementwise(_finite),
     np.isinf: elementwise(lambda a: apply("eq", apply("abs", a), np.inf)),

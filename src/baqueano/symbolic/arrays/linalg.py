@@ -49,6 +49,14 @@ def matmul(a: Value, b: Value) -> Value:
     return result
 
 
+def dot(a: Value, b: Value) -> Value:
+    """Return np.dot(a, b), which differs from a @ b only for arrays of more than two axes."""
+    from baqueano.symbolic.arrays.array import as_array, as_traced
+
+    x, y = as_array(a), as_array(b)
+    return matmul(a, b) if max(x.ndim, y.ndim) < 3 else as_traced(np.dot(x, y))
+
+
 def origin_of(x: Value) -> Origin | None:
     """Return the origin of an array; None if it is unknown, or if the array was changed since then."""
     origin = getattr(x, "origin", None)

@@ -6,6 +6,7 @@ derivatives. A truth value is a bool, or a scalar that is 0 or 1.
 """
 
 from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 
@@ -62,6 +63,14 @@ def round_half_even(a: Value) -> Value:
     return r - tie
 
 
+def truth(op: str, *args: Value) -> Value:
+    """Return & | ^ ~ of truth values, by the operators and, or, ne, not. Raise TraceError for the bits of a number."""
+    for a in args:
+        if not (a.is_truth if isinstance(a, Scalar) else a in (0, 1)):
+            raise untraceable("trace.bits")
+    return apply(op, *args)
+
+
 def _binary(op: str, is_swapped: bool = False) -> Callable[[Value, Value], Value]:
     def method(self: Value, other: Value) -> Value:
         if not isinstance(other, _OPERANDS):
@@ -108,10 +117,18 @@ class Scalar:
     __lt__, __gt__ = _binary("lt"), _binary("lt", is_swapped=True)
     __le__, __ge__ = _binary("le"), _binary("le", is_swapped=True)
     __eq__, __ne__ = _binary("eq"), _binary("ne")  # pyright: ignore[reportAssignmentType]
-    __and__, __rand__ = _binary("and"), _binary("and", is_swapped=True)
-    __or__, __ror__ = _binary("or"), _binary("or", is_swapped=True)
-    __xor__, __rxor__ = _binary("ne"), _binary("ne", is_swapped=True)
-    __neg__, __abs__, __invert__ = _unary("neg"), _unary("abs"), _unary("not")
+    __and__, __rand__ = _by(partial(truth, "and")), _by(partial(truth, "and"), is_swapped=True)
+    __or__, __ror__ = _by(partial(truth, "or")), _by(partial(truth, "or"), is_swapped=True)
+    __xor__, __rxor__ = _by(partial(truth, "ne")), _by(partial(truth, "ne"), is_swapped=True)
+    __neg__, __abs__ = _unary("neg"), _unary("abs")
+
+    def __invert__(self) -> Value:
+        return truth("not", self)
+
+    @property
+    def is_truth(self) -> bool:
+        """Return True for a value that is known to be 0 or 1."""
+        return False
 
     def __pos__(self) -> "Scalar":
         return self
@@ -167,10 +184,10 @@ class Scalar:
         return as_array(self).reshape(*shape)
 
     def astype(self, dtype: Value) -> "Scalar":
-        """Return the scalar unchanged for a float or bool type. Raise TraceError for an integer type, which rounds."""
+        """Return the scalar as a float or a truth value. Raise TraceError for an integer type, which rounds."""
         if np.dtype(dtype).kind in "iu":
             raise untraceable("trace.needs-int")  # fmt: skip
-        return self
+        return apply("ne", self, 0.0) if np.dtype(dtype).kind == "b" else self
 
 
 _OPERANDS = (Scalar, *NUMBER_TYPES)

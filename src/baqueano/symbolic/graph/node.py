@@ -38,6 +38,13 @@ class Node(Scalar):
             return node
         return bool(node.value) if op in ieee.LOGICAL else node.value
 
+    @property
+    def is_truth(self) -> bool:
+        if self.op in ("where", "min", "max", "mul"):
+            return all(a.is_truth for a in self.args[self.op == "where" :])
+        is_bit = self.op == "const" and self.value in (0.0, 1.0)
+        return is_bit or self.op in ieee.LOGICAL or self in self.graph.truths
+
 
 class Graph:
     """The nodes of one trace, and the tables that `interp` reads.
@@ -48,6 +55,7 @@ class Graph:
     def __init__(self) -> None:
         self.lock = RLock()
         self.nodes: dict[tuple[Value, ...], Node] = {}
+        self.truths: set[Node] = set()  # symbols of truth values
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:

@@ -138,6 +138,7 @@ def _symbols(graph: Graph, shape: Shape, kinds: dict[Node, str], symmetric: Iter
             square = np.array(leaf_symbols, dtype=object).reshape(leaf.shape)
             leaf_symbols = np.where(np.tri(len(square), dtype=bool).T, square, square.T).ravel().tolist()
         kinds |= dict.fromkeys(leaf_symbols, leaf.kind)
+        graph.truths |= set(leaf_symbols) if leaf.kind == "b" else set()
         nodes += leaf_symbols
     return nodes
 

@@ -37,6 +37,10 @@ TEMPLATES: dict[str, str] = {
     "trace.needs-int": (
         "{place}\n    a whole number is needed, but the value is known only at run time: write np.floor"
     ),
+    "trace.bits": (
+        "{place}\n    &, |, ^ and ~ need truth values here, such as x > 0, and this is a number: write n % 2 for its "
+        "last bit, x > 0 for a condition"
+    ),
     "engine.backend": 'backend = "{found}": expected one of {known}',
     "compiler.trouble": "{command}: {error}",
     "compiler.refuses": "{command} cannot compile the code: {error}",
