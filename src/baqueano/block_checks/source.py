@@ -29,12 +29,18 @@ def place(code_object: Any) -> str:
 
 
 def outside_accesses(block_class: type) -> list[Diagnostic]:
-    """Return a diagnostic for each forbidden access in the file of a class: clocks, files, random numbers, print."""
+    """Return a diagnostic for each forbidden access in the file of a class: clocks, files, random numbers, print.
+
+    A script or a notebook also does other work, so there only the text of the class itself is examined.
+    """
     try:
         file = Path(inspect.getfile(block_class))
         tree = ast.parse(file.read_text(encoding="utf-8"))
     except (OSError, TypeError, SyntaxError):
         return []
+    if block_class.__module__ == "__main__":
+        classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+        tree = ast.Module([node for node in classes if node.name == block_class.__name__], [])
     faults = [
         fault(
             f"outside.{door}",

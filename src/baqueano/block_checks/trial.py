@@ -8,6 +8,8 @@ import copy
 import dataclasses
 import traceback
 import warnings
+from collections import deque
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -191,8 +193,8 @@ def _fields(block: object) -> Any:
     return values | dict(getattr(block, "__dict__", {}))
 
 
-def _freeze(value: object) -> Any:
-    """Return a copy that == compares bit for bit; NaN is equal to NaN."""
+def _freeze(value: object, outer: tuple[int, ...] = ()) -> Any:
+    """Return a copy that == compares bit for bit; NaN is equal to NaN. `outer` are the ids of the containers."""
     if isinstance(value, np.ndarray):
         return (
             "array",
@@ -204,10 +206,20 @@ def _freeze(value: object) -> Any:
         return ("float", np.float64(value).tobytes())
     if isinstance(value, np.generic):
         return _freeze(value.item())
+    if id(value) in outer:
+        return ("cycle", outer.index(id(value)))
+    outer = (*outer, id(value))
     if isinstance(value, dict):
-        return ("dict", tuple((k, _freeze(v)) for k, v in value.items()))
-    if isinstance(value, list | tuple):
-        return (type(value).__name__, tuple(_freeze(v) for v in value))
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return (type(value).__name__, _freeze(_fields(value)))
-    return value if isinstance(value, int | str | bytes | type(None)) else ("object", id(value))
+        return ("dict", tuple((k, _freeze(v, outer)) for k, v in value.items()))
+    if isinstance(value, list | tuple | deque):
+        return (type(value).__name__, tuple(_freeze(v, outer) for v in value))
+    if isinstance(value, set | frozenset):
+        return (type(value).__name__, frozenset(_freeze(v, outer) for v in value))
+    if isinstance(value, int | str | bytes | type(None)):
+        return value
+    is_plain = (
+        not isinstance(value, type | ModuleType)
+        and not callable(value)
+        and type(value).__reduce__ is object.__reduce__
+    )
+    return (type(value).__name__, _freeze(_fields(value), outer)) if is_plain else ("object", id(value))
