@@ -7,7 +7,7 @@ drive so far; a window always costs the same.
 import numpy as np
 
 from baqueano.identify import excitation
-from baqueano.identify.design.information import Informant
+from baqueano.identify.design.information import DriveInformation
 from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation
 from baqueano.vehicle_file import load
 from benchmarks.harness import Bench, Case, measured
@@ -22,8 +22,8 @@ def benches(smallest: bool) -> list[Bench]:
     u = excitation(
         "random_steps", file.command.limit, SMALLEST_S if smallest else SECONDS, file.rate_hz, seed=0
     )
-    informant = Informant(file)
-    live = RecursiveInformation(informant)
+    drive_information = DriveInformation(file)
+    live = RecursiveInformation(drive_information)
     state = live.add(live.begin(), u[: 10 * WINDOW_TICKS])
     window = np.ascontiguousarray(u[:WINDOW_TICKS])
     return [
@@ -31,7 +31,7 @@ def benches(smallest: bool) -> list[Bench]:
             f"information after {len(u) / file.rate_hz:.0f} s of driving, brought up to date",
             [
                 Case("one window of 10 ticks", lambda: live.add(state, window)),
-                Case("the batch over all of it", lambda: informant.information(u)),
+                Case("the batch over all of it", lambda: drive_information.information(u)),
             ],
             targets={} if smallest else {"the batch over all of it": TIMES},
         )

@@ -31,7 +31,7 @@ HAVE_ONE = """
     drive.mission: Mission pack perform
     drive.verbs: experiment repeat replay teach
     identify.design.plan: design_plan
-    identify.design.room: contain room_of
+    identify.design.room: contain_in_room room_of
     identify.fit: identify
     identify.noise.allan: allan
     identify.noise.at_rest: at_rest

@@ -16,10 +16,10 @@ NAME = "model.actuator_matrix[0,0]"
 def quick(monkeypatch):
     """Make the search smaller, because its result does not matter here."""
     for name, number in (
-        ("FIRST_PIECES", 40),
+        ("FIRST_PRIMITIVES", 40),
         ("ROUNDS", 1),
-        ("PIECES_PER_ROUND", 10),
-        ("FINAL_PIECES", 30),
+        ("PRIMITIVES_PER_ROUND", 10),
+        ("FINAL_PRIMITIVES", 30),
         ("VEHICLES", 32),
     ):
         monkeypatch.setattr(planning, name, number)

@@ -8,15 +8,22 @@ from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.compose import (
     GENTLE_FACTOR,
-    MotionPiece,
-    PieceShape,
-    gentler_piece,
-    in_map,
+    MotionPrimitive,
+    PrimitiveShape,
+    gentler_primitive,
+    poses_in_map,
 )
-from baqueano.identify.design.information import Informant, mean_error
+from baqueano.identify.design.information import DriveInformation, mean_error
 from baqueano.identify.design.plan import design_plan
-from baqueano.identify.design.room import MAX_SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
-from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
+from baqueano.identify.design.room import (
+    MAX_SIDEWAYS_M_S2,
+    Room,
+    body_radius,
+    chunk_alternatives,
+    contain_in_room,
+    room_of,
+)
+from baqueano.identify.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
 from tests.codes import of_code
@@ -30,12 +37,14 @@ def plan(small):
 
 
 def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_room(small, plan):
-    room, informant = room_of(small, "2x2"), Informant(small)
-    cloud = Cloud(small, possible_vehicles(small))
+    room, drive_information = room_of(small, "2x2"), DriveInformation(small)
+    cloud = VehicleCloud(small, possible_vehicles(small))
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
         requested = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
-        u = contain(requested, small, room, cloud=cloud).u
-        assert plan.mean_error < mean_error(informant.relative_std(informant.information(u))), kind
+        u = contain_in_room(requested, small, room, cloud=cloud).u
+        assert plan.mean_error < mean_error(
+            drive_information.relative_std(drive_information.information(u))
+        ), kind
 
 
 def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
@@ -53,7 +62,7 @@ def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
 
 
 def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
-    for name, number in (("FIRST_PIECES", 40), ("ROUNDS", 1), ("PIECES_PER_ROUND", 10)):
+    for name, number in (("FIRST_PRIMITIVES", 40), ("ROUNDS", 1), ("PRIMITIVES_PER_ROUND", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
     first, same, different = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
@@ -62,7 +71,7 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
 
 
 def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
-    monkeypatch.setattr(planning, "FIRST_PIECES", 40)
+    monkeypatch.setattr(planning, "FIRST_PRIMITIVES", 40)
     texts = []
     plan = design_plan(small, room_of(small, "2x2"), 5.0, progress=lambda text: texts.append(text) or True)
     assert len(texts) == 1
@@ -73,7 +82,7 @@ def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
 
 def test_vehicles_outside_the_planned_set_stay_inside_the_room(small, plan):
     truth = possible_vehicles(small, 0.17, vehicle_count=100, seed=77)
-    cloud = Cloud(small, truth, seed=5)
+    cloud = VehicleCloud(small, truth, seed=5)
     _, eta = cloud.drive(cloud.state_at(plan.room.start), plan.u)
     assert np.all(np.abs(eta[..., :2]) <= plan.room.free_half_width_m)
 
@@ -83,9 +92,9 @@ def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(n
     file = load(name)
     room = room_of(file, size)
     requested = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
-    cloud = Cloud(file, possible_vehicles(file))
+    cloud = VehicleCloud(file, possible_vehicles(file))
     _, free = cloud.drive(cloud.state_at(room.start), requested)
-    contained_drive = contain(requested, file, room, cloud=cloud)
+    contained_drive = contain_in_room(requested, file, room, cloud=cloud)
     assert room.margin(free) < 0.0 <= contained_drive.margin_m
     assert 0.0 < contained_drive.replaced_fraction < 1.0
     assert np.mean(np.any(contained_drive.u != 0.0, axis=1)) > 0.7
@@ -94,14 +103,14 @@ def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(n
 
 def test_a_signal_that_stays_inside_is_not_changed(small):
     requested = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
-    contained_drive = contain(requested, small, room_of(small, "4x4"))
+    contained_drive = contain_in_room(requested, small, room_of(small, "4x4"))
     assert contained_drive.replaced_fraction == 0.0
     assert np.array_equal(contained_drive.u, requested)
 
 
 def test_alternatives_to_a_command_never_exceed_it_and_include_zero():
     requested = np.array([[0.8, 0.0, -0.4]])
-    options = alternatives(requested)
+    options = chunk_alternatives(requested)
     assert np.array_equal(options[0], requested)
     assert np.all(np.abs(options) <= np.abs(requested))
     assert np.all(options[-1] == 0.0)
@@ -109,24 +118,24 @@ def test_alternatives_to_a_command_never_exceed_it_and_include_zero():
 
 
 def test_the_information_matrix_equals_finite_differences(small):
-    informant, rng = Informant(small), np.random.default_rng(0)
+    drive_information, rng = DriveInformation(small), np.random.default_rng(0)
     u = np.repeat(rng.uniform(-1.0, 1.0, (6, 3)), 50, axis=0) * small.command.limit
-    F = informant.information(u)
-    k = informant.unknowns.names.index("model.friction.linear[2]")
-    theta, h = informant.nominal, 1e-4 * informant.nominal[k]
+    F = drive_information.information(u)
+    k = drive_information.unknowns.names.index("model.friction.linear[2]")
+    theta, h = drive_information.nominal, 1e-4 * drive_information.nominal[k]
     ends = []
     for sign in (-1.0, 1.0):
         shifted = theta.copy()
         shifted[k] += sign * h
-        ends.append(np.asarray(informant.kernel.run(u, shifted)[1]))
-    slope = (ends[1] - ends[0]) / (2.0 * h) * informant.unknowns.size[k]
+        ends.append(np.asarray(drive_information.kernel.run(u, shifted)[1]))
+    slope = (ends[1] - ends[0]) / (2.0 * h) * drive_information.unknowns.size[k]
     assert F[k, k] == pytest.approx(np.sum(slope**2), rel=1e-4)
 
 
 def test_more_data_never_reduce_the_information(small):
-    informant = Informant(small)
+    drive_information = DriveInformation(small)
     u = excitation("random_steps", small.command.limit, 10.0, small.rate_hz, 0)
-    short, long = (informant.relative_std(informant.information(x)) for x in (u[:500], u))
+    short, long = (drive_information.relative_std(drive_information.information(x)) for x in (u[:500], u))
     assert np.all(long <= short * (1.0 + 1e-9))
     assert np.all(short <= 1.0)
 
@@ -134,17 +143,17 @@ def test_more_data_never_reduce_the_information(small):
 def test_a_segment_and_its_return_path_end_at_the_start(small):
     out = np.zeros((300, 3))
     out[:, 0] = 0.8
-    u = MotionPiece(out, 0).u(400, small.command.limit)
+    u = MotionPrimitive(out, 0).u(400, small.command.limit)
     even = small.with_values({f"model.drivetrain.dead_zone_{d}": [0.3, 0.3] for d in ("forward", "backward")})
     even = even.with_values({"model.drivetrain.gain": [1.0, 1.0], "model.process_noise_std": [0.0, 0.0, 0.0]})
-    cloud = Cloud(even, possible_vehicles(even, vehicle_count=2))
+    cloud = VehicleCloud(even, possible_vehicles(even, vehicle_count=2))
     _, eta = cloud.drive(cloud.state_at(np.zeros(3)), u)
     assert np.hypot(*eta[0, 149, :2]) > 0.2
     assert np.hypot(*eta[0, -1, :2]) < 0.03
 
 
 def test_a_pose_relative_to_the_vehicle_is_transformed_to_the_map():
-    pose = in_map(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
+    pose = poses_in_map(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
     np.testing.assert_allclose(pose, [1.0, 2.5, np.pi / 2 + 0.1])
 
 
@@ -203,19 +212,19 @@ def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     way = speed_m_s * np.arange(100) / 50.0
     eta = np.stack([np.sin(way), 1.0 - np.cos(way), way], axis=1)
     assert room.sideways_m_s2 == MAX_SIDEWAYS_M_S2
-    assert bool(room.is_slow(eta[None], 50.0)) == (not slides)
-    assert bool(Room(4.0, 4.0).is_slow(eta[None], 50.0))
+    assert bool(room.respects_speed_limits(eta[None], 50.0)) == (not slides)
+    assert bool(Room(4.0, 4.0).respects_speed_limits(eta[None], 50.0))
 
 
 def test_a_gentler_segment_has_smaller_turns_at_the_same_speed():
-    shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
-    piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
+    shape = PrimitiveShape(20, 4, np.array([1.0, 0.0, 0.5]))
+    primitive = MotionPrimitive(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
     np.testing.assert_allclose(
-        gentler_piece(piece, shape).outbound, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1))
+        gentler_primitive(primitive, shape).outbound, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1))
     )
-    plain_shape = PieceShape(20, 4, np.array([1.0]))
+    plain_shape = PrimitiveShape(20, 4, np.array([1.0]))
     np.testing.assert_allclose(
-        gentler_piece(MotionPiece(np.ones((16, 1)), 0), plain_shape).outbound, GENTLE_FACTOR
+        gentler_primitive(MotionPrimitive(np.ones((16, 1)), 0), plain_shape).outbound, GENTLE_FACTOR
     )
 
 
@@ -227,7 +236,7 @@ def test_a_start_inside_a_wall_is_refused():
 def test_a_start_from_which_vehicles_leave_the_room_is_reported(car_like):
     file, room = car_like
     with pytest.raises(AnswerNo, check=of_code("room.too-small")):
-        contain(np.zeros((200, 3)), file, room)
+        contain_in_room(np.zeros((200, 3)), file, room)
 
 
 @pytest.fixture(scope="module")
@@ -244,4 +253,4 @@ def test_an_experiment_too_short_to_move_is_refused(small):
 
 def test_a_signal_of_the_wrong_shape_is_refused(small):
     with pytest.raises(UsageError, check=of_code("signal.shape", commands=3)):
-        contain(np.zeros((100, 2)), small, room_of(small, "2x2"))
+        contain_in_room(np.zeros((100, 2)), small, room_of(small, "2x2"))

@@ -32,10 +32,10 @@ def rounds_of_design(small, truth, tmp_path_factory):
     folder, size = tmp_path_factory.mktemp("runs"), "2x2"
     with pytest.MonkeyPatch.context() as patch:
         for name, number in (
-            ("FIRST_PIECES", 60),
+            ("FIRST_PRIMITIVES", 60),
             ("ROUNDS", 2),
-            ("PIECES_PER_ROUND", 20),
-            ("FINAL_PIECES", 40),
+            ("PRIMITIVES_PER_ROUND", 20),
+            ("FINAL_PRIMITIVES", 40),
         ):
             patch.setattr(planning, name, number)
         first = first_drive(small, truth=truth, seed=0)

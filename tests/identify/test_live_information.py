@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify import excitation
-from baqueano.identify.design.information import Informant
-from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation, bits
+from baqueano.identify.design.information import DriveInformation
+from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation, information_bits
 from baqueano.vehicle_file import load
 
 EXACT = 1e-9  # relative
@@ -26,18 +26,20 @@ def relative(estimate, expected):
 @pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
 def test_the_sum_over_windows_equals_the_information_of_one_batch(name):
     file, u = drive_named(name)
-    informant = Informant(file)
-    live = RecursiveInformation(informant)
-    theta = informant.nominal.copy()
-    theta[: informant.unknowns.interest_count] *= 1.2  # not only at the values of the file
-    for at in (informant.nominal, theta):
-        F = live.add(live.begin(at), u).F * np.outer(informant.unknowns.size, informant.unknowns.size)
-        assert relative(F, informant.information(u, at)) < EXACT
+    drive_information = DriveInformation(file)
+    live = RecursiveInformation(drive_information)
+    theta = drive_information.nominal.copy()
+    theta[: drive_information.unknowns.interest_count] *= 1.2  # not only at the values of the file
+    for at in (drive_information.nominal, theta):
+        F = live.add(live.begin(at), u).F * np.outer(
+            drive_information.unknowns.size, drive_information.unknowns.size
+        )
+        assert relative(F, drive_information.information(u, at)) < EXACT
 
 
 def test_information_does_not_depend_on_the_grouping_of_ticks():
     file, u = drive_named("small", 2.0)
-    live = RecursiveInformation(Informant(file))
+    live = RecursiveInformation(DriveInformation(file))
     state, at = live.begin(), 0
     for count in (1, 7, WINDOW_TICKS, 33, len(u)):
         state, at = live.add(state, u[at : at + count]), at + count
@@ -46,13 +48,13 @@ def test_information_does_not_depend_on_the_grouping_of_ticks():
 
 def test_information_is_the_same_without_a_compiler():
     file, u = drive_named("small", 0.5)
-    quick, slow = (RecursiveInformation(Informant(file, backend)) for backend in ("auto", "python"))
+    quick, slow = (RecursiveInformation(DriveInformation(file, backend)) for backend in ("auto", "python"))
     assert relative(slow.add(slow.begin(), u).F, quick.add(quick.begin(), u).F) < EXACT
 
 
 def test_unmeasured_ticks_add_no_information():
     file, u = drive_named("small", 2.0)
-    live = RecursiveInformation(Informant(file))
+    live = RecursiveInformation(DriveInformation(file))
     none = live.add(live.begin(), u, np.zeros((len(u), 3)))
     assert not none.F.any()
     late = live.add(none, u, np.ones((len(u), 3)))  # the state has advanced meanwhile
@@ -63,14 +65,14 @@ def test_unmeasured_ticks_add_no_information():
 
 def test_predicted_errors_decrease_and_information_grows_with_each_window():
     file, u = drive_named("small", 3.0)
-    live = RecursiveInformation(Informant(file))
+    live = RecursiveInformation(DriveInformation(file))
     state, before = live.begin(), np.ones(live.unknowns.interest_count)
     np.testing.assert_allclose(live.relative_std(state), before)
-    assert bits(before) == 0.0
+    assert information_bits(before) == 0.0
     for at in range(0, len(u), WINDOW_TICKS):
         state = live.add(state, u[at : at + WINDOW_TICKS])
         now = live.relative_std(state)
         assert np.all(now <= before + 1e-12)
-        assert bits(now) >= bits(before) - 1e-9
+        assert information_bits(now) >= information_bits(before) - 1e-9
         before = now
-    assert bits(before) > 20.0
+    assert information_bits(before) > 20.0

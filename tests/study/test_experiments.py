@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import excitation
-from baqueano.identify.design.room import contain, room_of
+from baqueano.identify.design.room import contain_in_room, room_of
 from baqueano.identify.design.vehicle_cloud import possible_vehicles
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
@@ -115,7 +115,7 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), room_of(file, "4x4")
     requested = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
-    u, world = contain(requested, file, room).u, world_of(vehicles, [0, 1])
+    u, world = contain_in_room(requested, file, room).u, world_of(vehicles, [0, 1])
     for now in u:
         world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
         assert np.all(np.abs(world.truth.eta[:, :2]) < room.free_half_width_m)

@@ -16,7 +16,7 @@ import pytest
 from baqueano.diagnostics import fault
 from baqueano.identify import excitation
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.design.information import Informant
+from baqueano.identify.design.information import DriveInformation
 from baqueano.identify.parameters.free import free_parameter
 from baqueano.parameter import parameter
 from baqueano.runs import write_run
@@ -69,8 +69,8 @@ def test_before_8_s_the_page_shows_errors_predicted_from_the_guess(driven_runs):
     while (state := drive.state())["busy"]:
         pass
     assert state["fit"] is None
-    informant = Informant(guess)
-    expected = informant.relative_std(informant.information(run.applied[:700]))
+    drive_information = DriveInformation(guess)
+    expected = drive_information.relative_std(drive_information.information(run.applied[:700]))
     np.testing.assert_allclose(state["now"], expected, rtol=1e-3)
     assert state["bits"] == pytest.approx(-np.sum(np.log2(expected)), rel=1e-6)
     assert np.sum(state["rate"]) * state["dt"] == pytest.approx(state["bits"], rel=0.02)

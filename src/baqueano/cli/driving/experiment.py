@@ -155,7 +155,7 @@ def signal_of(
     The vehicle stays in the room `size`, if given. A designed signal always has a room, by default "2x2".
     """
     from baqueano.identify.design.plan import design_plan
-    from baqueano.identify.design.room import contain, room_of
+    from baqueano.identify.design.room import contain_in_room, room_of
     from baqueano.identify.design.signals import excitation
 
     if kind == "designed":
@@ -169,7 +169,7 @@ def signal_of(
         return u
     room = room_of(vehicle_file, size)
     with show_activity(note("cli.keeping-in-room", size=size)):
-        containment = contain(u, vehicle_file, room, seed=seed, backend=backend)
+        containment = contain_in_room(u, vehicle_file, room, seed=seed, backend=backend)
     print_message(
         note(
             "cli.room-kept",

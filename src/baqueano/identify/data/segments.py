@@ -181,7 +181,7 @@ class BlockArrow:
     blocks: np.ndarray  # W (K, q, q)
 
     @classmethod
-    def of_diagonal(cls, places: ArrowLayout, d: np.ndarray) -> "BlockArrow":
+    def from_diagonal(cls, places: ArrowLayout, d: np.ndarray) -> "BlockArrow":
         """Return the diagonal matrix of d (p,)."""
         x, y = d[places.common], d[places.own]
         s, (count, q) = len(x), y.shape
@@ -260,7 +260,7 @@ class Evaluation(NamedTuple):
 
 def diagonal_matrix(diagonal: np.ndarray, places: ArrowLayout | None) -> np.ndarray | BlockArrow:
     """Return diag(diagonal) (p, p), to which parts can be added."""
-    return np.diag(diagonal) if places is None else BlockArrow.of_diagonal(places, diagonal)
+    return np.diag(diagonal) if places is None else BlockArrow.from_diagonal(places, diagonal)
 
 
 def add(H: np.ndarray | BlockArrow, indices: Sequence[np.ndarray], parts: Sequence[np.ndarray]) -> None:

@@ -1,16 +1,16 @@
-"""Choose short pieces of motion and their order for the largest information that the room allows.
+"""Choose motion primitives and their order for the largest information that the room allows.
 
-    piece = a few levels of each command, each held for some time;  the return;  no command until rest
+    primitive = a few levels of each command, each held for some time;  the return;  no command until rest
     max over sequences (i_1 … i_n)  J(Σ_k F_{i_k})     subject to  the corridor of the sequence inside    (1)
     J(A + F) ≤ J(A) + tr(J'(A) F)                                                                         (2)
     pose_l ← pose_l ∘ end_{i,l}                                                                           (3)
 
-Each piece begins and ends at rest, so its information (information.py) adds up over a sequence. The search is first
-greedy, one piece after the other. Then pieces are exchanged (Fedorov): each place in turn receives the most
-informative piece with which the whole sequence stays inside. (2) is an upper bound, because J is concave except for
-its nuisance part. It selects the pieces to evaluate exactly. END_PRICE reduces J for the distance between beginning
-and end of a piece. The corridor contains the possible vehicles (vehicle_cloud.py). Their paths through a sequence are
-composed of their paths through the pieces (3).
+Each primitive begins and ends at rest, so its information (information.py) adds up over a sequence. The search is first
+greedy, one primitive after the other. Then primitives are exchanged (Fedorov): each place in turn receives the most
+informative primitive with which the whole sequence stays inside. (2) is an upper bound, because J is concave except for
+its nuisance part. It selects the primitives to evaluate exactly. END_COST reduces J for the distance between beginning
+and end of a primitive. The corridor contains the possible vehicles (vehicle_cloud.py). Their paths through a sequence
+are composed of their paths through the primitives (3).
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,15 @@ from baqueano.identify.design.room import CORRIDOR_SIGMA, Room, reach
 
 LEVELS = (1, 2, 3, 5, 8, 13)
 RETURN_KINDS = 4  # kinds of return; the last kind is without a return
-GENTLE_FACTOR = 1.0 / 3.0  # factor on the turning channels of a gentler piece
+GENTLE_FACTOR = 1.0 / 3.0  # factor on the turning channels of a gentler primitive
 
 
-class MotionPiece(NamedTuple):
-    """A piece of motion: its commands, and the kind of its return to the start."""
+class MotionPrimitive(NamedTuple):
+    """A short motion from rest to rest: its commands, and the kind of its return to the start."""
 
-    outbound: np.ndarray  # (T, n) relative to the limit, over the whole length of a piece without its coast
+    outbound: (
+        np.ndarray
+    )  # (T, n) relative to the limit, over the whole length of a primitive without its coast
     return_kind: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none
 
     def u(self, ticks: int, limit: np.ndarray) -> np.ndarray:
@@ -46,20 +48,22 @@ class MotionPiece(NamedTuple):
         return u * limit
 
 
-class PieceShape(NamedTuple):
-    """Length, coast and limits that all pieces share."""
+class PrimitiveShape(NamedTuple):
+    """Length, coast and limits that all primitives share."""
 
     ticks: int
     coast_ticks: int  # number of these ticks with command 0, at the end
     limit: np.ndarray  # (n,)
 
     @classmethod
-    def of(cls, piece_s: float, coast_s: float, limit: np.ndarray, rate_hz: float) -> "PieceShape":
-        """Return the shape of pieces of `piece_s` [s] at `rate_hz`.
+    def from_duration(
+        cls, primitive_s: float, coast_s: float, limit: np.ndarray, rate_hz: float
+    ) -> "PrimitiveShape":
+        """Return the shape of primitives of `primitive_s` [s] at `rate_hz`.
 
-        In the last `coast_s` [s] of a piece, at most 40 % of it, the command is 0.
+        In the last `coast_s` [s] of a primitive, at most 40 % of it, the command is 0.
         """
-        ticks = max(4, round(piece_s * rate_hz))
+        ticks = max(4, round(primitive_s * rate_hz))
         return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
 
     @property
@@ -68,50 +72,50 @@ class PieceShape(NamedTuple):
         return np.flatnonzero(self.limit > 0.0)
 
 
-def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
-    """Return `count` random pieces. The first piece stays at rest.
+def random_primitives(shape: PrimitiveShape, count: int, rng: np.random.Generator) -> list[MotionPrimitive]:
+    """Return `count` random primitives. The first primitive stays at rest.
 
-    Levels, durations and their number are random; the search computes the exact information of each piece, so it only
-    needs variety. Small levels show dry friction and dead zones. A return reverses all signs (two wheels), only those
-    of the first channel (a car), or only the others. Pieces of the last kind, such as circles, do not return.
+    Levels, durations and their number are random; the search computes the exact information of each primitive, so it
+    only needs variety. Small levels show dry friction and dead zones. A return reverses all signs (two wheels), only
+    those of the first channel (a car), or only the others. Primitives of the last kind, such as circles, do not return.
     """
     length = shape.ticks - shape.coast_ticks
-    pieces = [MotionPiece(np.zeros((length, len(shape.limit))), RETURN_KINDS - 1)]
-    while len(pieces) < count:
+    primitives = [MotionPrimitive(np.zeros((length, len(shape.limit))), RETURN_KINDS - 1)]
+    while len(primitives) < count:
         outbound, return_kind = np.zeros((length, len(shape.limit))), int(rng.integers(RETURN_KINDS))
         ticks_used = length if return_kind == RETURN_KINDS - 1 else length // 2
         for j in shape.moving_channels:
             outbound[:ticks_used, j] = _levels(rng, ticks_used)
         if rng.random() < 0.25:  # only one channel moves
             outbound[:, rng.permutation(shape.moving_channels)[1:]] = 0.0
-        pieces.append(MotionPiece(outbound, return_kind))
-    return pieces
+        primitives.append(MotionPrimitive(outbound, return_kind))
+    return primitives
 
 
-def mutated_pieces(
-    parents: Sequence[MotionPiece], shape: PieceShape, count: int, rng: np.random.Generator
-) -> list[MotionPiece]:
-    """Return `count` pieces. Each piece differs from a parent in one or two changes."""
-    pieces = []
+def mutated_primitives(
+    parents: Sequence[MotionPrimitive], shape: PrimitiveShape, count: int, rng: np.random.Generator
+) -> list[MotionPrimitive]:
+    """Return `count` primitives. Each primitive differs from a parent in one or two changes."""
+    primitives = []
     for _ in range(count):
-        piece = parents[int(rng.integers(len(parents)))]
+        primitive = parents[int(rng.integers(len(parents)))]
         for _ in range(int(rng.integers(1, 3))):
-            piece = _mutation(piece, parents[int(rng.integers(len(parents)))], shape, rng)
-        pieces.append(piece)
-    return pieces
+            primitive = _mutation(primitive, parents[int(rng.integers(len(parents)))], shape, rng)
+        primitives.append(primitive)
+    return primitives
 
 
-def gentler_piece(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
-    """Return the piece with all usable channels except the first reduced to a third, for a vehicle that would slide
+def gentler_primitive(primitive: MotionPrimitive, shape: PrimitiveShape) -> MotionPrimitive:
+    """Return the primitive with all usable channels except the first reduced to a third, for a vehicle that would slide
     in curves. If only one channel is usable, this channel is reduced.
     """
     other_channels = shape.moving_channels[1:] if len(shape.moving_channels) > 1 else shape.moving_channels
-    outbound = piece.outbound.copy()
+    outbound = primitive.outbound.copy()
     outbound[:, other_channels] *= GENTLE_FACTOR
-    return MotionPiece(outbound, piece.return_kind)
+    return MotionPrimitive(outbound, primitive.return_kind)
 
 
-def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
+def poses_in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Return the poses `path` (…, 3) in the map. They are given relative to `pose` (…, 3)."""
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x, y = path[..., 0], path[..., 1]
@@ -120,10 +124,17 @@ def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def _mutation(
-    piece: MotionPiece, other_piece: MotionPiece, shape: PieceShape, rng: np.random.Generator
-) -> MotionPiece:
-    outbound, mode, j = piece.outbound.copy(), int(rng.integers(8)), int(rng.choice(shape.moving_channels))
-    ticks_used = len(outbound) if piece.return_kind == RETURN_KINDS - 1 else len(outbound) // 2
+    primitive: MotionPrimitive,
+    other_primitive: MotionPrimitive,
+    shape: PrimitiveShape,
+    rng: np.random.Generator,
+) -> MotionPrimitive:
+    outbound, mode, j = (
+        primitive.outbound.copy(),
+        int(rng.integers(8)),
+        int(rng.choice(shape.moving_channels)),
+    )
+    ticks_used = len(outbound) if primitive.return_kind == RETURN_KINDS - 1 else len(outbound) // 2
     a, b = np.sort(rng.integers(0, ticks_used + 1, 2))
     if mode < 4:  # another level for some ticks
         b = min(ticks_used, a + 1 + int(rng.integers(1, max(2, ticks_used // 3))))
@@ -131,12 +142,12 @@ def _mutation(
     elif mode == 4:
         outbound[:, j] = np.clip(outbound[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
     elif mode == 5:
-        outbound[a:] = other_piece.outbound[a:]
+        outbound[a:] = other_primitive.outbound[a:]
     elif mode == 6:
-        outbound[:, j] = other_piece.outbound[:, j] * rng.choice([-1.0, 1.0])
+        outbound[:, j] = other_primitive.outbound[:, j] * rng.choice([-1.0, 1.0])
     else:
-        return MotionPiece(outbound, int(rng.integers(RETURN_KINDS)))
-    return MotionPiece(outbound, piece.return_kind)
+        return MotionPrimitive(outbound, int(rng.integers(RETURN_KINDS)))
+    return MotionPrimitive(outbound, primitive.return_kind)
 
 
 def _levels(rng: np.random.Generator, ticks: int) -> np.ndarray:
@@ -153,31 +164,33 @@ def _level(rng: np.random.Generator) -> float:
     return float(magnitude * rng.choice([-1.0, 1.0]))
 
 
-EXACT_PIECES = 24  # pieces that are evaluated exactly together; those with the highest bounds are first
-MAX_TRIED_PIECES = 320  # pieces that are tried for one place
-END_PRICE = 1.0  # in J, of a piece that ends one room away from where it began
-REACH_PRICE = 25.0  # price in J for a reach of one room, to choose pieces that stay near
-MAX_SWEEPS = 2  # over all places, at most, before new pieces are added
+EXACT_PRIMITIVES = (
+    24  # primitives that are evaluated exactly together; those with the highest bounds are first
+)
+MAX_TRIED_PRIMITIVES = 320  # primitives that are tried for one place
+END_COST = 1.0  # in J, of a primitive that ends one room away from where it began
+REACH_COST = 25.0  # cost in J for a reach of one room, to choose primitives that stay near
+MAX_SWEEPS = 2  # over all places, at most, before new primitives are added
 
 
 class Composer:
-    """Search of (1) over a library of pieces, to which pieces can be added."""
+    """Search of (1) over a library of primitives, to which primitives can be added."""
 
     def __init__(self, room: Room, place_count: int, interest_count: int) -> None:
         self.room, self.place_count, self.interest_count = room, place_count, interest_count
         self.chosen: list[int] = []
         self.F = np.zeros((0, 0, 0, 0))
-        self.price = np.zeros(0)
-        self.reach = np.zeros(0)  # largest distance from the beginning of the piece, in rooms
+        self.cost = np.zeros(0)
+        self.reach = np.zeros(0)  # largest distance from the beginning of the primitive, in rooms
         self.path = np.zeros((0, 0, 0, 3))
         # (2, P, S, L) x and y of `path`, for sums over the vehicles
         self.xy = np.zeros((2, 0, 0, 0), np.float32)
         # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
         self.upper_triangles = np.zeros((0, 0))
 
-    def grow(self, F: np.ndarray, path: np.ndarray) -> None:
-        """Add pieces: their information F (P, M, q, q) for M possible vehicles, and the poses `path` (P, L, S, 3) of
-        all possible vehicles along them. The last pose is the pose at rest."""
+    def add_primitives(self, F: np.ndarray, path: np.ndarray) -> None:
+        """Add primitives: their information F (P, M, q, q) for M possible vehicles, and the poses `path` (P, L, S, 3)
+        of all possible vehicles along them. The last pose is the pose at rest."""
         triangles = F[:, :, *np.triu_indices(F.shape[-1])].reshape(len(F), -1)
         self.upper_triangles = (
             triangles if not len(self.F) else np.concatenate([self.upper_triangles, triangles])
@@ -189,8 +202,8 @@ class Composer:
         radii = np.sqrt(np.mean(np.sum(self.xy**2, axis=0), axis=-1)) / np.min(self.room.free_half_width_m)
         self.reach = np.max(radii, axis=-1)
         end_offset = self.path[:, :, -1, :2]
-        self.price = (
-            END_PRICE
+        self.cost = (
+            END_COST
             * np.sqrt(np.mean(np.sum(end_offset**2, axis=-1), axis=-1))
             / np.min(self.room.free_half_width_m)
         )
@@ -205,13 +218,13 @@ class Composer:
         return np.mean(2.0 * np.sum(np.log(diagonal), axis=-1), axis=-1)
 
     def search(self) -> float:
-        """Fill the places, or improve the pieces in them, and return J minus the cost of the pieces."""
+        """Fill the places, or improve the primitives in them, and return J minus the cost of the primitives."""
         if not self.chosen:
             self._fill_greedily()
-        best_score = float(self.score(self.F[self.chosen].sum(axis=0)) - self.price[self.chosen].sum())
+        best_score = float(self.score(self.F[self.chosen].sum(axis=0)) - self.cost[self.chosen].sum())
         for _ in range(MAX_SWEEPS):
             previous_score = best_score
-            self._sort_by_price()
+            self._sort_by_cost()
             for place in range(self.place_count):
                 best_score = self._improve_place(place, best_score)
             if best_score <= previous_score:
@@ -219,49 +232,49 @@ class Composer:
         return best_score
 
     def restart(self, path: np.ndarray, kept: np.ndarray) -> float:
-        """Search again from the beginning, with only `kept` of the pieces and with other vehicles. `path`
-        (P, L, S, 3) contains the poses of these vehicles along all pieces."""
+        """Search again from the beginning, with only `kept` of the primitives and with other vehicles. `path`
+        (P, L, S, 3) contains the poses of these vehicles along all primitives."""
         self.chosen, self.path = [], path[kept]
-        self.F, self.upper_triangles, self.price = self.F[kept], self.upper_triangles[kept], self.price[kept]
+        self.F, self.upper_triangles, self.cost = self.F[kept], self.upper_triangles[kept], self.cost[kept]
         self.reach = self.reach[kept]
         self.xy = np.ascontiguousarray(self.path[..., :2].transpose(3, 0, 2, 1), np.float32)
         return self.search()
 
     def substitutes(
-        self, chosen: list[int], place: int, pose: np.ndarray, prices: Sequence[float], count: int
+        self, chosen: list[int], place: int, pose: np.ndarray, reach_costs: Sequence[float], count: int
     ) -> list[int]:
-        """Return indices of pieces for `place` that stay inside from the poses (L, 3) on.
+        """Return indices of primitives for `place` that stay inside from the poses (L, 3) on.
 
-        For each of the `prices` of their reach, the `count` pieces that are best together with the other pieces of
-        `chosen` are returned, in order.
+        For each of the `reach_costs` of their reach, the `count` primitives that are best together with the other
+        primitives of `chosen` are returned, in order.
         """
-        other_pieces = [*chosen[:place], *chosen[place + 1 :]]
-        other_information = self.F[other_pieces].sum(axis=0)
-        candidates = np.argsort(-self._upper_bound(other_information) + self.price)[:MAX_TRIED_PIECES]
+        other_primitives = [*chosen[:place], *chosen[place + 1 :]]
+        other_information = self.F[other_primitives].sum(axis=0)
+        candidates = np.argsort(-self._upper_bound(other_information) + self.cost)[:MAX_TRIED_PRIMITIVES]
         candidates = candidates[self._margin(pose[None], candidates) >= 0.0]
         score = self.score(other_information + self.F[candidates])
-        by_price = [
-            candidates[np.argsort(times * self.reach[candidates] - score)][:count] for times in prices
+        by_cost = [
+            candidates[np.argsort(times * self.reach[candidates] - score)][:count] for times in reach_costs
         ]
-        return list(dict.fromkeys(np.concatenate(by_price).tolist()))
+        return list(dict.fromkeys(np.concatenate(by_cost).tolist()))
 
-    def keep(self, count: int) -> np.ndarray:
-        """Keep only the `count` pieces with the highest bounds, and some others. Return the indices of all pieces
-        kept.
+    def keep_best(self, count: int) -> np.ndarray:
+        """Keep only the `count` primitives with the highest bounds, and some others. Return the indices of all
+        primitives kept.
 
-        The others are the chosen pieces, the first piece, and `count` // 4 pieces that stay near.
+        The others are the chosen primitives, the first primitive, and `count` // 4 primitives that stay near.
         """
         bound = self._upper_bound(self.F[self.chosen].sum(axis=0))
-        near_pieces = np.argsort(REACH_PRICE * self.reach - bound)[: count // 4]
+        near_primitives = np.argsort(REACH_COST * self.reach - bound)[: count // 4]
         survivors = np.unique(
-            [0, *self.chosen, *near_pieces, *np.argsort(self.price - bound)[:count].tolist()]
+            [0, *self.chosen, *near_primitives, *np.argsort(self.cost - bound)[:count].tolist()]
         )
         self.F, self.upper_triangles, self.path = (
             self.F[survivors],
             self.upper_triangles[survivors],
             self.path[survivors],
         )
-        self.price, self.reach, self.xy = self.price[survivors], self.reach[survivors], self.xy[:, survivors]
+        self.cost, self.reach, self.xy = self.cost[survivors], self.reach[survivors], self.xy[:, survivors]
         self.chosen = np.searchsorted(survivors, self.chosen).tolist()
         return survivors
 
@@ -272,47 +285,48 @@ class Composer:
             k = 0 if first_inside is None else first_inside[0]
             self.chosen.append(k)
             total = total + self.F[k]
-            pose = in_map(pose, self.path[k, :, -1])
+            pose = poses_in_map(pose, self.path[k, :, -1])
 
-    def _sort_by_price(self) -> None:
-        """Sort the chosen pieces by cost, the highest last, if that order stays inside.
+    def _sort_by_cost(self) -> None:
+        """Sort the chosen primitives by cost, the highest last, if that order stays inside.
 
-        After pieces with a high cost the position is uncertain. J does not change.
+        After primitives with a high cost the position is uncertain. J does not change.
         """
-        order = sorted(self.chosen, key=lambda k: self.price[k])
+        order = sorted(self.chosen, key=lambda k: self.cost[k])
         if self._stays_inside(self._start(), np.array(order[:1]), order[1:])[0]:
             self.chosen = order
 
     def _improve_place(self, place: int, best_score: float) -> float:
-        """Put a better piece in the place if the search finds one.
+        """Put a better primitive in the place if the search finds one.
 
-        Return J of the sequence minus the cost of its pieces.
+        Return J of the sequence minus the cost of its primitives.
         """
         earlier, later = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
         for k in earlier:
-            pose = in_map(pose, self.path[k, :, -1])
-        other_pieces = [*earlier, *later]
-        price = float(self.price[other_pieces].sum())
+            pose = poses_in_map(pose, self.path[k, :, -1])
+        other_primitives = [*earlier, *later]
+        cost = float(self.cost[other_primitives].sum())
         first_inside = self._first_inside(
-            self.F[other_pieces].sum(axis=0), pose, later, best_score + price + 1e-6
+            self.F[other_primitives].sum(axis=0), pose, later, best_score + cost + 1e-6
         )
         if first_inside is None:
             return best_score
         self.chosen[place] = first_inside[0]
-        return first_inside[1] - price
+        return first_inside[1] - cost
 
     def _first_inside(
         self, other_information: np.ndarray, pose: np.ndarray, later: list[int], min_score: float
     ) -> tuple[int, float] | None:
-        """Return the index of a good piece to add to F = `other_information` (M, q, q), and J minus the cost of the
-        piece. Return None if no tested piece exceeds `min_score`. At most the MAX_TRIED_PIECES pieces with the
-        highest bounds are tested. The piece and all pieces of `later` must stay inside from the poses (L, 3) on.
+        """Return the index of a good primitive to add to F = `other_information` (M, q, q), and J minus the cost of the
+        primitive. Return None if no tested primitive exceeds `min_score`. At most the MAX_TRIED_PRIMITIVES primitives
+        with the highest bounds are tested. The primitive and all primitives of `later` must stay inside from the poses
+        (L, 3) on.
         """
-        order = np.argsort(-self._upper_bound(other_information) + self.price)
-        for offset in range(0, min(len(order), MAX_TRIED_PIECES), EXACT_PIECES):
-            candidates = order[offset : offset + EXACT_PIECES]
-            scores = self.score(other_information + self.F[candidates]) - self.price[candidates]
+        order = np.argsort(-self._upper_bound(other_information) + self.cost)
+        for offset in range(0, min(len(order), MAX_TRIED_PRIMITIVES), EXACT_PRIMITIVES):
+            candidates = order[offset : offset + EXACT_PRIMITIVES]
+            scores = self.score(other_information + self.F[candidates]) - self.cost[candidates]
             improving = np.flatnonzero(scores > min_score)
             if len(improving):
                 feasible = improving[self._stays_inside(pose, candidates[improving], later)]
@@ -324,7 +338,7 @@ class Composer:
         return None
 
     def _upper_bound(self, other_information: np.ndarray) -> np.ndarray:
-        """Return an upper bound (P,) of the increase of J if a piece is added to F = `other_information` (M, q, q).
+        """Return an upper bound (P,) of the increase of J if a primitive is added to F = `other_information` (M, q, q).
         (2)"""
         augmented, k = other_information + np.eye(other_information.shape[-1]), self.interest_count
         gradient = np.linalg.inv(augmented)
@@ -339,29 +353,30 @@ class Composer:
     def _start(self) -> np.ndarray:
         return np.tile(np.array(self.room.start), (self.path.shape[1], 1))
 
-    def _stays_inside(self, pose: np.ndarray, pieces: np.ndarray, later: list[int]) -> np.ndarray:
-        """Return a mask (C,), True for each piece whose corridor, with all of `later` after it, stays in the room.
+    def _stays_inside(self, pose: np.ndarray, primitives: np.ndarray, later: list[int]) -> np.ndarray:
+        """Return a mask (C,), True for each primitive whose corridor, with all of `later` after it, stays in the room.
 
-        The pieces begin at the poses (L, 3).  (3)
+        The primitives begin at the poses (L, 3).  (3)
         """
-        is_inside = self._margin(pose[None], pieces) >= 0.0
-        poses = in_map(pose, self.path[pieces][:, :, -1])
+        is_inside = self._margin(pose[None], primitives) >= 0.0
+        poses = poses_in_map(pose, self.path[primitives][:, :, -1])
         for k in later:
             candidates = np.flatnonzero(is_inside)
             if not len(candidates):
                 break
             is_inside[candidates] = self._margin(poses[candidates], np.array([k])) >= 0.0
-            poses[candidates] = in_map(poses[candidates], self.path[k, :, -1])
+            poses[candidates] = poses_in_map(poses[candidates], self.path[k, :, -1])
         return is_inside
 
-    def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-        """Return the least distance (C,) [m] to a wall if the pieces begin at the poses (C, L, 3); see `Room.margin`.
+    def _margin(self, pose: np.ndarray, primitives: np.ndarray) -> np.ndarray:
+        """Return the least distance (C,) [m] to a wall if the primitives begin at the poses (C, L, 3); see
+        `Room.margin`.
 
-        A single pose or piece is used for all.
+        A single pose or primitive is used for all.
         """
         margins, mean_weights = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
         for coordinates, limit in zip(
-            self._positions(pose, pieces), self.room.free_half_width_m, strict=True
+            self._positions(pose, primitives), self.room.free_half_width_m, strict=True
         ):
             mean = coordinates @ mean_weights
             std = np.sqrt(np.maximum((coordinates * coordinates) @ mean_weights - mean * mean, 0.0))
@@ -369,12 +384,12 @@ class Composer:
             margins.append(limit - np.max(np.maximum(furthest, np.abs(mean) + CORRIDOR_SIGMA * std), axis=-1))
         return np.minimum(*margins)
 
-    def _positions(self, pose: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y (C, S, L) [m] along the pieces, which begin at the poses (C, L, 3).
+    def _positions(self, pose: np.ndarray, primitives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and y (C, S, L) [m] along the primitives, which begin at the poses (C, L, 3).
 
-        A single pose or piece is used for all.
+        A single pose or primitive is used for all.
         """
         pose = pose.astype(np.float32)[:, None]  # accurate to 0.1 mm
         c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-        x, y = self.xy[:, pieces]
+        x, y = self.xy[:, primitives]
         return pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y

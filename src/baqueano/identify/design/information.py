@@ -70,7 +70,7 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     ]
     start_axes = coasting_axes(blocks.model)
     size = [abs(value(blocks, p)) for p in interest_paths] + [
-        _size(blocks, p, candidates) for p in zero_paths
+        _parameter_scale(blocks, p, candidates) for p in zero_paths
     ]
     size += [NUISANCE_STD] * (len(bias_paths) + len(start_axes))
     return Unknowns(
@@ -78,7 +78,7 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     )
 
 
-class Informant:
+class DriveInformation:
     """Fisher information F of drives of one vehicle file."""
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
@@ -141,7 +141,7 @@ def mean_error(relative_std: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(relative_std))))
 
 
-def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
+def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
     """Return the size of a parameter that is 0: the largest value in its matrix row, or among the frictions of its
     axis (at 1 m/s or 1 rad/s). If this is 0, return the largest value of its field, or 1 if that is also 0.
     """
@@ -154,7 +154,7 @@ def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
     row_sizes = [
         abs(value(blocks, candidate.path))
         for candidate in same_axis
-        if (candidate.of.role == "gain") == (parameter.of.role == "gain")
+        if (candidate.from_duration.role == "gain") == (parameter.from_duration.role == "gain")
     ]
     matrix_sizes = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
     return max(row_sizes, default=0.0) or max(matrix_sizes) or 1.0

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.design.compose import RETURN_KINDS, MotionPiece
-from baqueano.identify.design.information import Informant
+from baqueano.identify.design.compose import RETURN_KINDS, MotionPrimitive
+from baqueano.identify.design.information import DriveInformation
 from baqueano.symbolic import jacobian, scan
 from baqueano.symbolic.graph.tree import Shape, build, leaves, shape_of, values
 
@@ -42,16 +42,16 @@ class InformationState(NamedTuple):
 class RecursiveInformation:
     """Fisher information F of a drive in progress. `add` accepts any number of ticks; whole windows are fastest."""
 
-    def __init__(self, informant: Informant) -> None:
-        self.unknowns, self.nominal = informant.unknowns, informant.nominal
-        begin, tick = informant.start, informant.tick
+    def __init__(self, drive_information: DriveInformation) -> None:
+        self.unknowns, self.nominal = drive_information.unknowns, drive_information.nominal
+        begin, tick = drive_information.start, drive_information.tick
         example = begin(self.nominal)
         shape = shape_of(example, "x")
         names = [name for leaf in leaves(shape) for name in leaf.names]
         self._live_indices = [
             k
             for k, name in enumerate(names)
-            if name.replace("x", "carry", 1) not in informant.kernel.unused_carry
+            if name.replace("x", "carry", 1) not in drive_information.kernel.unused_carry
         ]
         initial_values, q = _flatten(shape, example), len(self.nominal)
 
@@ -69,10 +69,10 @@ class RecursiveInformation:
         numbers = np.concatenate(
             [self.nominal, np.array([initial_values[k] for k in self._live_indices], dtype=float)]
         )
-        commands, backend = np.zeros(informant.commands), informant.kernel.backend
+        commands, backend = np.zeros(drive_information.commands), drive_information.kernel.backend
         self._kernel = scan(step, state_of, commands, numbers, backend=backend)
         self._begin = lambda theta: np.array([_flatten(shape, begin(theta))[k] for k in self._live_indices])
-        self._slope = jacobian(self._begin)
+        self._derivative = jacobian(self._begin)
 
     def begin(self, theta: np.ndarray | None = None) -> InformationState:
         """Return the state at the start of a drive, with F = 0.
@@ -80,7 +80,7 @@ class RecursiveInformation:
         The derivatives are computed at `theta`, or at the nominal θ.
         """
         theta = self.nominal if theta is None else np.asarray(theta, dtype=float)
-        x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._slope(theta), dtype=float)
+        x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._derivative(theta), dtype=float)
         return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
 
     def add(self, state: InformationState, u: np.ndarray, has: np.ndarray | None = None) -> InformationState:
@@ -113,7 +113,7 @@ class RecursiveInformation:
         return np.sqrt(np.diagonal(np.linalg.inv(augmented))[: self.unknowns.interest_count])
 
 
-def bits(relative_std: np.ndarray) -> float:
+def information_bits(relative_std: np.ndarray) -> float:
     """Return the information on all parameters together [bit].  (2)"""
     return float(-np.sum(np.log2(relative_std)))
 
@@ -132,8 +132,8 @@ def _unflatten(shape: Shape, numbers: list["Tree"]) -> "Tree":
     """Return the tree with these scalar entries, in the order of `_flatten`."""
     offset, leaf_values = 0, []
     for leaf in leaves(shape):
-        piece, offset = numbers[offset : offset + leaf.size], offset + leaf.size
-        leaf_values.append(np.array(piece).reshape(leaf.shape) if leaf.is_array else piece[0])
+        scalars, offset = numbers[offset : offset + leaf.size], offset + leaf.size
+        leaf_values.append(np.array(scalars).reshape(leaf.shape) if leaf.is_array else scalars[0])
     return build(shape, iter(leaf_values))
 
 
@@ -141,10 +141,10 @@ MOTION_S = 4.0
 LEVELS = (1.0, 0.6, 0.35)  # of the limit
 GOAL_STD = 0.01  # relative standard error that is good enough
 STEP_S = 0.4  # between sudden changes
-THERE_AND_BACK, ON_AND_ON = 0, RETURN_KINDS - 1
+RETURN_REVERSED, WITHOUT_RETURN = 0, RETURN_KINDS - 1
 
 
-class NamedMotion(NamedTuple):
+class SuggestedMotion(NamedTuple):
     """A motion in words and as commands."""
 
     words: Diagnostic
@@ -160,7 +160,7 @@ class NextMotion(NamedTuple):
     after: float
 
 
-def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
+def named_motions(limit: np.ndarray, rate_hz: float) -> list[SuggestedMotion]:
     """Return motions within the limits.
 
     The first usable channel moves forward, the last one turns. Return [] without a usable channel.
@@ -169,10 +169,10 @@ def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
     if not len(moving):
         return []
     forward, turning = moving[0], moving[-1]
-    kinds = [("straight", (forward,), THERE_AND_BACK)]
+    kinds = [("straight", (forward,), RETURN_REVERSED)]
     if turning != forward:
-        kinds += [("turn", (turning,), THERE_AND_BACK), ("curve", (forward, turning), THERE_AND_BACK)]
-        kinds += [("circle", (forward, turning), ON_AND_ON)]
+        kinds += [("turn", (turning,), RETURN_REVERSED), ("curve", (forward, turning), RETURN_REVERSED)]
+        kinds += [("circle", (forward, turning), WITHOUT_RETURN)]
     t = np.arange(ticks) / rate_hz
     shapes = {
         "steady": np.ones(ticks), "steps": np.where(np.floor(t / STEP_S) % 2 == 0.0, 1.0, 0.0),
@@ -185,18 +185,18 @@ def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
                 outbound = np.zeros((ticks, len(limit)))
                 outbound[:, list(channels)] = level * shape[:, None]
                 words = note(f"motion.{kind}-{shape_name}", percent=round(100.0 * level), t_s=MOTION_S)
-                motions.append(NamedMotion(words, MotionPiece(outbound, return_kind).u(ticks, limit)))
+                motions.append(SuggestedMotion(words, MotionPrimitive(outbound, return_kind).u(ticks, limit)))
     return motions
 
 
 class MotionAdvisor:
     """The motions of a vehicle, and the information of each at θ."""
 
-    def __init__(self, informant: Informant, limit: np.ndarray, rate_hz: float) -> None:
-        self._informant, self._motions = informant, named_motions(limit, rate_hz)
+    def __init__(self, drive_information: DriveInformation, limit: np.ndarray, rate_hz: float) -> None:
+        self._drive_information, self._motions = drive_information, named_motions(limit, rate_hz)
         self._F, self._theta = np.zeros(0), np.zeros(0)  # of each motion, at θ
 
-    def next(
+    def next_motion(
         self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, widening: np.ndarray
     ) -> NextMotion | None:
         """Return the motion that, after a drive with information F (q, q) [SI units], most reduces the error of one
@@ -208,10 +208,12 @@ class MotionAdvisor:
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):
-            scale = np.outer(self._informant.unknowns.size, self._informant.unknowns.size)
-            informations = [self._informant.information(motion.u, theta) / scale for motion in self._motions]
+            scale = np.outer(self._drive_information.unknowns.size, self._drive_information.unknowns.size)
+            informations = [
+                self._drive_information.information(motion.u, theta) / scale for motion in self._motions
+            ]
             self._F, self._theta = np.stack(informations), theta
-        D, relative_std = np.outer(size, size), self._informant.relative_std
+        D, relative_std = np.outer(size, size), self._drive_information.relative_std
         std_before = np.minimum(widening * relative_std(F * D), 1.0)
         std_after = np.array(
             [np.minimum(widening * relative_std((F + gained) * D), 1.0) for gained in self._F]

@@ -23,7 +23,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
+from baqueano.identify.design.vehicle_cloud import VehicleCloud, possible_vehicles
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -35,11 +35,13 @@ TAIL_FACTOR = 1.5  # c of (3)
 MAX_SIDEWAYS_M_S2 = 3.0
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
-RESERVE_M = 0.01  # distance that a chunk leaves for process noise at rest, and for the path between samples
+MIN_WALL_DISTANCE_M = (
+    0.01  # distance that a chunk leaves for process noise at rest, and for the path between samples
+)
 SAMPLE_S = 0.05  # between the poses that are tested: with 10 m/s² a path bulges by 3 mm between them
 SIZE_FACTORS = (1.0, 0.5, 0.25)
 VEHICLES = 128  # possible vehicles: the error of the standard deviation of their position is 6 %
-OPTIONS_AT_ONCE = 2  # alternatives that are simulated to their end together: mostly the first is allowed
+SIMULATED_OPTIONS = 2  # alternatives that are simulated to their end together: mostly the first is allowed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +98,7 @@ class Room:
             axis=(-2, -1),
         )
 
-    def is_slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
+    def respects_speed_limits(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
         """Return a mask (…,), True for poses (…, L, T, 3) of possible vehicles that respect the speed limits.  (2)"""
         if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.sideways_m_s2)):
             return np.ones(eta.shape[:-3], bool)
@@ -162,12 +164,12 @@ class ContainedSignal(NamedTuple):
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
 
-def contain(
+def contain_in_room(
     u: np.ndarray,
     vehicle_file: "VehicleFile",
     room: "Room",
     *,
-    cloud: Cloud | None = None,
+    cloud: VehicleCloud | None = None,
     seed: int = 0,
     backend: str = "auto",
 ) -> ContainedSignal:
@@ -179,7 +181,7 @@ def contain(
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
-    >>> safe = contain(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
+    >>> safe = contain_in_room(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
     >>> print(safe.u.shape, f"{100 * safe.replaced_fraction:.0f} % replaced, {safe.margin_m > 0.0}")
     (200, 3) 50 % replaced, True
     """
@@ -187,14 +189,16 @@ def contain(
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
         raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
     if cloud is None:
-        cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
+        cloud = VehicleCloud(
+            vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend
+        )
     state, rate_hz = cloud.state_at(room.start), vehicle_file.rate_hz
     chunk_ticks = max(1, round(CHUNK_S * rate_hz))
     contained, poses, change_count = np.empty_like(u), [], 0
     for begin in range(0, len(u), chunk_ticks):
         chunk_u = u[begin : begin + chunk_ticks]
-        options = alternatives(chunk_u)
-        index, state, path = _first_allowed(cloud, room, state, options, begin)
+        options = chunk_alternatives(chunk_u)
+        index, state, path = _first_allowed_or_last(cloud, room, state, options, begin)
         contained[begin : begin + chunk_ticks] = options[index]
         poses.append(path)
         change_count += not np.array_equal(options[index], chunk_u)
@@ -207,7 +211,7 @@ def contain(
     return ContainedSignal(contained, margin, change_count / len(poses), eta)
 
 
-def alternatives(u: np.ndarray) -> np.ndarray:
+def chunk_alternatives(u: np.ndarray) -> np.ndarray:
     """Return (C, T, n): the chunk `u` (T, n) and then its alternatives in order. The last one is the zero command."""
     n = u.shape[1]
     first_sign = np.where(np.arange(n) == 0, -1.0, 1.0)
@@ -216,8 +220,8 @@ def alternatives(u: np.ndarray) -> np.ndarray:
     return np.stack([*variants, np.zeros_like(u)])
 
 
-def first_allowed(
-    cloud: Cloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
+def first_allowed_option(
+    cloud: VehicleCloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
 ) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
     """Return the index of the first allowed option (T, n), the vehicle states after it, and its poses (L, T, 3), or
     None.  (4)
@@ -226,27 +230,29 @@ def first_allowed(
     rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
     drives = cloud.drive_each([state] * len(options), options, tick)
     paths = [eta[:, ticks % stride :: stride] for _, eta in drives]
-    allowed_indices = [k for k, eta in enumerate(paths) if room.margin(eta) >= RESERVE_M]
+    allowed_indices = [k for k, eta in enumerate(paths) if room.margin(eta) >= MIN_WALL_DISTANCE_M]
     no_command = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
-    for offset in range(0, len(allowed_indices), OPTIONS_AT_ONCE):
-        indices = allowed_indices[offset : offset + OPTIONS_AT_ONCE]
+    for offset in range(0, len(allowed_indices), SIMULATED_OPTIONS):
+        indices = allowed_indices[offset : offset + SIMULATED_OPTIONS]
         coasts = cloud.drive_each([drives[k][0] for k in indices], [no_command] * len(indices), tick + ticks)
         for k, (_, eta) in zip(indices, coasts, strict=True):
             full_path = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
-            if room.margin(full_path) >= RESERVE_M and room.is_slow(full_path, rate_hz):
+            if room.margin(full_path) >= MIN_WALL_DISTANCE_M and room.respects_speed_limits(
+                full_path, rate_hz
+            ):
                 return k, *drives[k]
     return None
 
 
-def _first_allowed(
-    cloud: Cloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
+def _first_allowed_or_last(
+    cloud: VehicleCloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
 ) -> tuple[int, "VehicleState", np.ndarray]:
     """Return the index of the first allowed option of (C, T, n), the vehicle states after it, and its poses (L, T, 3).
 
     If none is allowed, return those of the last option.
     """
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
-        allowed = first_allowed(cloud, room, state, list(options[begin:end]), tick)
+        allowed = first_allowed_option(cloud, room, state, list(options[begin:end]), tick)
         if allowed is not None:
             return begin + allowed[0], *allowed[1:]
     return len(options) - 1, *cloud.drive(state, options[-1], tick)

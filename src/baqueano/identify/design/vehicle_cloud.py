@@ -9,7 +9,7 @@ A standard error above MAX_RELATIVE_STD of the value is reduced to that, as if a
 Entries B of a draw beyond their bounds b are moved to the bounds. Both updates also change the parameters that are
 correlated with these entries. Otherwise, some vehicles would not have friction and would never stop. The n_l come in
 pairs ± n, so that the draw does not move the mean. A parameter that is 0 in the file stays 0 in (1). All vehicles are
-simulated in one call of one kernel; several candidates for the next piece are distributed over the cores.
+simulated in one call of one kernel; several candidates for the next primitive are distributed over the cores.
 """
 
 from collections.abc import Sequence
@@ -74,11 +74,11 @@ def possible_vehicles(
     low, high = np.array([bounds(system, p) for p in paths]).T
     if fit is not None and names:
         k, cov = len(names), fit.cov[np.ix_(fit_indices, fit_indices)]
-        theta[:, :k] = _draw(unit_draws[:, :k], mean[:k], cov, low[:k], high[:k])
+        theta[:, :k] = _draw_parameters(unit_draws[:, :k], mean[:k], cov, low[:k], high[:k])
     return VehicleDistribution(paths, np.clip(theta, low, high))
 
 
-def _draw(
+def _draw_parameters(
     unit: np.ndarray, mean: np.ndarray, cov: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
     """Return θ (L, p) from standard normal draws (L, p), between bounds (p,).  (2), (4)"""
@@ -108,21 +108,25 @@ def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray
     return moved
 
 
-class Cloud:
+class VehicleCloud:
     """Simulation of L possible vehicles with the same commands."""
 
     def __init__(
-        self, vehicle_file: "VehicleFile", belief: VehicleDistribution, seed: int = 0, backend: str = "auto"
+        self,
+        vehicle_file: "VehicleFile",
+        distribution: VehicleDistribution,
+        seed: int = 0,
+        backend: str = "auto",
     ) -> None:
-        self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
+        self.distribution, self.seed, self.rate_hz = distribution, seed, vehicle_file.rate_hz
         system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, self.rate_hz))
-        self.kernel = batch_kernel(system, belief.paths, self.rate_hz, True, backend)
+        self.kernel = batch_kernel(system, distribution.paths, self.rate_hz, True, backend)
         self.rest_state = system.model.init()
-        self.size = len(belief.theta)
+        self.size = len(distribution.theta)
         self.has_noise = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
         self._draw = np.zeros((self.size, 0, rows_of_tick(1.0 / self.rate_hz), 3))
         self._windows: dict[tuple[int, int], np.ndarray] = {}
-        self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
+        self._reduce_stiffness(np.asarray(vehicle_file.command.limit, dtype=float))
 
     def state_at(self, pose: Any) -> VehicleState:
         """Return the states of all vehicles (L, …), at rest at the pose (3,)."""
@@ -139,7 +143,7 @@ class Cloud:
         `tick` is the first tick of the noise.  (3)
         """
         noise = self._noise(tick, len(u))
-        return self.kernel.batch((u, noise), self.belief.theta, carry=state, with_outputs=True)
+        return self.kernel.batch((u, noise), self.distribution.theta, carry=state, with_outputs=True)
 
     def drive_each(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
@@ -152,7 +156,7 @@ class Cloud:
             lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us))
         )
 
-    def _settle(self, limit: np.ndarray) -> None:
+    def _reduce_stiffness(self, limit: np.ndarray) -> None:
         """Move draws that are too stiff for the integrator towards the nominal vehicle, at most 8 times.
 
         Such draws have a very high friction: a fit with little information on friction does not limit the friction.
@@ -164,9 +168,9 @@ class Cloud:
             diverged = ~np.isfinite(eta).all(axis=(1, 2))
             if not diverged.any():
                 break
-            theta = self.belief.theta.copy()
+            theta = self.distribution.theta.copy()
             theta[diverged] = 0.5 * (theta[0] + theta[diverged])
-            self.belief = VehicleDistribution(self.belief.paths, theta)
+            self.distribution = VehicleDistribution(self.distribution.paths, theta)
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
         """Return standard normal noise (L, T, r, 3) for T ticks of r rows; it is 0 for the nominal vehicle.

@@ -7,9 +7,9 @@ import numpy as np
 
 from baqueano.identify.design.information import NUISANCE_STD, mean_error, unknowns
 from baqueano.identify.design.plan import design_plan
-from baqueano.identify.design.room import VEHICLES, Room, contain
+from baqueano.identify.design.room import VEHICLES, Room, contain_in_room
 from baqueano.identify.design.signals import KINDS, excitation
-from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
+from baqueano.identify.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, SignalErrors
 from baqueano.study.identification.bound import bound_of, numbers, perturbed_copies, substitute
@@ -35,7 +35,7 @@ def plans(
     began_s = time.perf_counter()
     u = design_plan(vehicle_file, room, duration_s, seed=seed, backend=backend).u
     out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
-    cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
+    cloud = VehicleCloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
     for kind in KINDS:
         us, slowest = [], 0.0
         for k in range(count):
@@ -43,7 +43,7 @@ def plans(
             command = excitation(
                 kind, vehicle_file.command.limit, duration_s, vehicle_file.rate_hz, seed + k, rest_s=1.0
             )
-            us.append(contain(command, vehicle_file, room, cloud=cloud).u)
+            us.append(contain_in_room(command, vehicle_file, room, cloud=cloud).u)
             slowest = max(slowest, time.perf_counter() - began_s)
         out[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
     return out

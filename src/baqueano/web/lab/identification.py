@@ -15,8 +15,8 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.design.information import Informant
-from baqueano.identify.design.live import WINDOW_TICKS, MotionAdvisor, RecursiveInformation, bits
+from baqueano.identify.design.information import DriveInformation
+from baqueano.identify.design.live import WINDOW_TICKS, MotionAdvisor, RecursiveInformation, information_bits
 from baqueano.identify.fit import identify
 from baqueano.identify.parameters.free import Free, free_parameter
 from baqueano.runs.logs import Channel
@@ -55,17 +55,17 @@ class DriveIdentification:
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self.vehicle_file = vehicle_file
-        self._informant = Informant(vehicle_file, backend)
-        self._live = RecursiveInformation(self._informant)
+        self._drive_information = DriveInformation(vehicle_file, backend)
+        self._live = RecursiveInformation(self._drive_information)
         self._advisor = MotionAdvisor(
-            self._informant, np.asarray(vehicle_file.command.limit, dtype=float), vehicle_file.rate_hz
+            self._drive_information, np.asarray(vehicle_file.command.limit, dtype=float), vehicle_file.rate_hz
         )
         blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-        self._free = [free_parameter(blocks, path, {}) for path in self._informant.unknowns.names]
+        self._free = [free_parameter(blocks, path, {}) for path in self._drive_information.unknowns.names]
         self._sizes = {
             name: int(getattr(vehicle_file.sensors, name).size) for name in vehicle_file.sensors._fields
         }
-        self.compiled = self._informant.kernel.backend == "c"
+        self.compiled = self._drive_information.kernel.backend == "c"
         self._thread = ThreadPoolExecutor(1)
         self.restart()
 
@@ -76,7 +76,7 @@ class DriveIdentification:
         self._reason: Diagnostic | None = None  # why the last fit failed
         self._last_fit: FitOfDrive | None = None
         self._fit_ticks = 0  # number of ticks of the last fit
-        self._theta, self._size = self._informant.nominal, self._informant.unknowns.size
+        self._theta, self._size = self._drive_information.nominal, self._drive_information.unknowns.size
         self._wider = np.ones(len(self._free))  # errors of the last fit, relative to the expected errors
         self._begin()
 
@@ -93,7 +93,7 @@ class DriveIdentification:
         if self.compiled:
             rest_command = np.zeros((WINDOW_TICKS, self._u.shape[1]))
             self._live.add(self._information, rest_command)
-            self._informant.information(rest_command)
+            self._drive_information.information(rest_command)
 
     @property
     def seconds(self) -> float:
@@ -221,12 +221,12 @@ class DriveIdentification:
             return
         identifiable = np.isfinite(drive_fit.fit.estimate)
         names = [name for name, is_known in zip(drive_fit.fit.names, identifiable, strict=True) if is_known]
-        self._theta = self._informant.theta(names, drive_fit.fit.estimate[identifiable])
-        parameter_sizes = self._informant.unknowns.size
+        self._theta = self._drive_information.theta(names, drive_fit.fit.estimate[identifiable])
+        parameter_sizes = self._drive_information.unknowns.size
         own_indices = np.concatenate(
             [
-                np.abs(self._theta[: self._informant.unknowns.interest_count]),
-                parameter_sizes[self._informant.unknowns.interest_count :],
+                np.abs(self._theta[: self._drive_information.unknowns.interest_count]),
+                parameter_sizes[self._drive_information.unknowns.interest_count :],
             ]
         )
         self._size = np.where(own_indices > MIN_SIZE_SHARE * parameter_sizes, own_indices, parameter_sizes)
@@ -259,7 +259,8 @@ class DriveIdentification:
         return {
             "t": self.seconds, "start": self._start_s, "dt": windows_per_point * self._window_s,
             "rate": rate.round(2).tolist(),
-            "bits": bits(sd[-1]) + 0.0, "now": _round(sd[-1]), "before": _round(sd[ago]), "compiled": self.compiled,
+            "bits": information_bits(sd[-1]) + 0.0, "now": _round(sd[-1]), "before": _round(sd[ago]),
+            "compiled": self.compiled,
             "parameters": [self._parameter(free, sd[-1, k], value[k]) for k, free in enumerate(self._free)],
             "fit": None if self._last_fit is None else self._fit_words(self._last_fit), "next": self._next(),
             "why": None if self._reason is None else self._reason.to_json(), "busy": self.busy, "first": FIRST_FIT_S,
@@ -276,14 +277,14 @@ class DriveIdentification:
         return {
             "path": free.short, "label": label_of(free).to_json(),
             "unit": "" if free.unit == "1" else free.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
-            "guess": float(self._informant.nominal[self._informant.unknowns.names.index(free.path)]),
+            "guess": float(self._drive_information.nominal[self._drive_information.unknowns.names.index(free.path)]),
             "needs": note("known.needs", motion=free.shown_by).to_json() if is_missing else None,
         }  # fmt: skip
 
     def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
         """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
         fit, value, sd = drive_fit.fit, [], []
-        for path in self._informant.unknowns.names:
+        for path in self._drive_information.unknowns.names:
             k = fit.names.index(path) if path in fit.names else None
             x = float("nan") if k is None else float(fit.estimate[k])
             identifiable = np.isfinite(x) and k is not None
@@ -304,7 +305,7 @@ class DriveIdentification:
         """
         if not self.compiled or not self._sd:
             return None
-        advice = self._advisor.next(self._information.F, self._theta, self._size, self._wider)
+        advice = self._advisor.next_motion(self._information.F, self._theta, self._size, self._wider)
         if advice is None:
             return None
         label = label_of(self._free[advice.parameter]).to_json()
