@@ -7,7 +7,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.estimators.pauses import rows_of_ticks, silent_times
-from baqueano.identify.noise.most_likely import example_of
+from baqueano.identify.noise.process_noise import example_filter_tick
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block, scan
 from tests.ekf_file import with_ekf
@@ -94,7 +94,7 @@ def kernel(name):
         belief, _ = block.row(belief, tick)
         return belief, (belief.mean, belief.cov)
 
-    return scan(step, block.init(), example_of(block), backend="c")
+    return scan(step, block.init(), example_filter_tick(block), backend="c")
 
 
 @pytest.mark.parametrize("backend", ["c", "plain"])

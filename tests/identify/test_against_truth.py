@@ -13,7 +13,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
-from baqueano.identify.covariance.clusters import batch_covariance, regress, student_quantile
+from baqueano.identify.covariance.clusters import batch_covariance, huber_regression, student_quantile
 from baqueano.identify.sensor_calibration import calibrate
 from baqueano.runs import write_run
 from baqueano.runs.importing import import_run
@@ -204,7 +204,7 @@ def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():
     slopes = np.stack([np.ones(n), np.sin(np.arange(n) / 15.0)], axis=1)
     for _ in range(400):
         noise = np.convolve(rng.normal(size=n + 4), np.ones(5), "valid")
-        x, weights = regress(slopes, slopes @ [1.0, 2.0] + noise)
+        x, weights = huber_regression(slopes, slopes @ [1.0, 2.0] + noise)
         cov = batch_covariance(
             slopes, slopes @ [1.0, 2.0] + noise - slopes @ x, weights, np.arange(n) * batches // n
         )

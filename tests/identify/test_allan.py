@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from baqueano.errors import UsageError
-from baqueano.identify.noise.allan import allan, chi_square, coefficients
+from baqueano.identify.noise.allan import allan_deviation, chi_square, coefficients
 from tests.codes import of_code
 
 RATE = 100.0
@@ -35,18 +35,20 @@ ALLANTOOLS = [
 def test_the_allan_deviation_equals_the_result_of_allantools():
     k = np.arange(4096)
     y = ((k * k * 7919) % 10007) / 10007.0 + 1e-4 * k
-    np.testing.assert_allclose(allan(y, RATE, 2 ** np.arange(11)).deviation, ALLANTOOLS, rtol=1e-10)
+    np.testing.assert_allclose(allan_deviation(y, RATE, 2 ** np.arange(11)).deviation, ALLANTOOLS, rtol=1e-10)
 
 
 def test_a_bias_does_not_change_the_allan_deviation():
     y = noise_of(1e-3, 0.0, 0.0, 1)
-    np.testing.assert_allclose(allan(y + 7.0, RATE).deviation, allan(y, RATE).deviation, rtol=1e-9)
+    np.testing.assert_allclose(
+        allan_deviation(y + 7.0, RATE).deviation, allan_deviation(y, RATE).deviation, rtol=1e-9
+    )
 
 
 def test_intervals_of_the_allan_deviation_cover_white_noise():
     inside = 0
     for seed in range(40):
-        curve = allan(noise_of(1e-3, 0.0, 0.0, seed, 4096), RATE)
+        curve = allan_deviation(noise_of(1e-3, 0.0, 0.0, seed, 4096), RATE)
         truth = 1e-3 / np.sqrt(curve.tau_s)
         inside += int(np.sum((curve.low <= truth) & (truth <= curve.high))[()]) * 8 / len(truth)
     assert 287 <= inside <= 317
@@ -56,14 +58,14 @@ def test_intervals_of_the_allan_deviation_cover_white_noise():
     ("truth", "part"), [((1e-3, 0.0, 0.0), 0), ((1e-3, 0.0, 5e-4), 2), ((1e-4, 1e-3, 0.0), 1)]
 )
 def test_each_noise_coefficient_is_estimated_within_15_percent(truth, part):
-    fits = [coefficients(allan(noise_of(*truth, seed), RATE)) for seed in range(8)]
+    fits = [coefficients(allan_deviation(noise_of(*truth, seed), RATE)) for seed in range(8)]
     value = np.median([c.value[part] for c in fits])
     assert value == pytest.approx(truth[part], rel=0.15)
     assert all(c.is_measurable[part] for c in fits)
 
 
 def test_noise_terms_that_are_absent_are_seldom_reported():
-    fits = [coefficients(allan(noise_of(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
+    fits = [coefficients(allan_deviation(noise_of(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
     assert sum(c.is_measurable[1:].any() for c in fits) <= 2
 
 
@@ -84,4 +86,4 @@ def test_the_chi_square_quantile_approximates_scipy():
 )
 def test_a_signal_without_an_allan_deviation_is_refused(y, rate, n, code):
     with pytest.raises(UsageError, check=of_code(code)):
-        allan(y, rate, n)
+        allan_deviation(y, rate, n)

@@ -15,7 +15,7 @@ from baqueano.identify.data.segments import (
     arrow_layout,
     diagonal_matrix,
     eliminate_starts,
-    rows_times,
+    row_product,
 )
 from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
 from baqueano.identify.residuals import simulation as simulated
@@ -62,7 +62,7 @@ def test_the_blocks_equal_the_parts_of_the_whole_matrix(runs):
     np.testing.assert_allclose(arrow.dense(), whole, rtol=1e-13)
     np.testing.assert_allclose(arrow.diagonal(), whole.diagonal(), rtol=1e-13)
     index = np.array([0, 3, 20])
-    np.testing.assert_allclose(rows_times(arrow, index, g), rows_times(whole, index, g), rtol=1e-10)
+    np.testing.assert_allclose(row_product(arrow, index, g), row_product(whole, index, g), rtol=1e-10)
     assert arrow.is_finite
     arrow.border[3, 1, 2] = np.nan
     assert not arrow.is_finite

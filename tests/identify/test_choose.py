@@ -99,10 +99,12 @@ def test_chosen_terms_get_true_values_and_other_terms_neutral_values(choice, fil
 
 
 def test_each_chosen_or_rejected_term_is_reported_with_its_figures(choice):
-    message = next(judgement.message for judgement in choice.judged if judgement.term.name == "dry friction")
+    message = next(
+        judgement.message for judgement in choice.term_results if judgement.term.name == "dry friction"
+    )
     assert (message.code, message.figures["channel"]) == ("choose.taken", "speed")
     assert message.figures["errors"] > message.figures["needed"]
-    rejected = [judgement for judgement in choice.judged if judgement.verdict == "excluded"]
+    rejected = [judgement for judgement in choice.term_results if judgement.verdict == "excluded"]
     assert rejected
     assert {judgement.message.code for judgement in rejected} <= {"choose.left-out", "choose.left-out-for"}
     assert "This limits how often a vehicle without such terms gets one" in choice.table()
@@ -137,7 +139,7 @@ def test_a_term_at_its_bound_is_refused(dry, file):
     limit = {"model.coulomb_m_s2": (0.0, 0.1)}
     choice = choose(drive(dry, 0), file, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
     assert choice.selected_terms == ()
-    (message,) = (judgement.message for judgement in choice.judged)
+    (message,) = (judgement.message for judgement in choice.term_results)
     cause = message.figures["why"]
     assert (message.code, cause.code, cause.subject) == (
         "choose.refused",
@@ -150,7 +152,7 @@ def test_a_term_that_duplicates_a_fitted_parameter_is_refused(dry, file):
     gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
     choice = choose(drive(dry, 0), file, [gain], use=USE)
     assert choice.selected_terms == ()
-    assert choice.judged[0].reason.code in ("term.same-as-others", "term.not-identifiable")
+    assert choice.term_results[0].reason.code in ("term.same-as-others", "term.not-identifiable")
 
 
 def test_a_battery_that_hardly_moves_is_not_identifiable(dry, file):
@@ -275,7 +277,7 @@ def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file
     run = simulate(dry, u * motor, 0)
     battery = Channel(run.t_ns, run.t_ns, volts[:, None])
     run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
-    judgements = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
+    judgements = choose(run, dry, ["battery voltage", "dry friction"], use=USE).term_results
     judgement = next(
         term_judgement for term_judgement in judgements if term_judgement.term.name == "battery voltage"
     )

@@ -35,5 +35,5 @@ def test_the_clock_offset_of_a_slow_sensor_with_lost_readings_is_identified(kind
     shifted = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))
     late = replace(run, sensors=run.sensors | {kind: shifted})
     fit = identify(late, file, USUAL, use=("imu", kind), options=FitOptions(clocks=(kind,), diagnose=False))
-    clock = fit.own_names.index(f"clock.{kind}")
-    assert abs(fit.own[0, clock] - late_s) < 3.5 * fit.own_sd[0, clock] < 0.01
+    clock = fit.run_entry_names.index(f"clock.{kind}")
+    assert abs(fit.run_entries[0, clock] - late_s) < 3.5 * fit.run_entry_sd[0, clock] < 0.01

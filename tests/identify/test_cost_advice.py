@@ -11,8 +11,8 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.validation import (
     ChannelMetrics,
     Validation,
-    by_innovations,
-    more_error,
+    is_fit_by_innovations,
+    relative_error_change,
     validate,
     with_cost_advice,
 )
@@ -74,8 +74,8 @@ def test_a_larger_held_out_error_overrides_the_recommendation_from_segments(fits
 
 
 def test_a_fit_by_innovations_receives_the_same_recommendation(fits, drives):
-    assert by_innovations(fits["innovations"])
-    assert not by_innovations(fits["simulation"])
+    assert is_fit_by_innovations(fits["innovations"])
+    assert not is_fit_by_innovations(fits["simulation"])
     assert advised(fits, drives, "innovations", wrong(fits["simulation"])).code == "cost.held-out-smaller"
 
 
@@ -105,5 +105,5 @@ def test_the_error_sums_all_channels_in_units_of_their_noise():
         figures = [ChannelMetrics("r", f"imu[{k}]", e, 0.9, 0.9, "", 2.0) for k, e in enumerate(errors)]
         return Validation(tuple(figures), (), (), (), note("validation.basis"))
 
-    assert more_error(validation(2.0, 2.0), validation(2.0, 4.0)) == pytest.approx(1.5)
-    assert more_error(validation(), validation(1.0)) == 0.0
+    assert relative_error_change(validation(2.0, 2.0), validation(2.0, 4.0)) == pytest.approx(1.5)
+    assert relative_error_change(validation(), validation(1.0)) == 0.0

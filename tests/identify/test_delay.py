@@ -11,17 +11,17 @@ from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.edit import override
 
-DELAY = "model.drivetrain.delay_s"
-FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", DELAY)
+DELAY_PATH = "model.drivetrain.delay_s"
+FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", DELAY_PATH)
 SIGMAS = 3.5
 small = load("small")
 
 
 def fit_delay(delay_s, start_s, seed):
-    truth = override(small, [f"{DELAY}={delay_s}"])
+    truth = override(small, [f"{DELAY_PATH}={delay_s}"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
-    fit = identify(run, small, FREE, options=FitOptions(start={DELAY: start_s}))
-    k = fit.names.index(DELAY)
+    fit = identify(run, small, FREE, options=FitOptions(start={DELAY_PATH: start_s}))
+    k = fit.names.index(DELAY_PATH)
     return fit, fit.estimate[k], fit.sd[k], fit.bound[k]
 
 
@@ -47,7 +47,7 @@ def test_a_delay_of_zero_is_identified_as_zero():
     assert bound in (-1, 0)
 
 
-LAG = "model.drivetrain.lag_s"
+LAG_PATH = "model.drivetrain.lag_s"
 SEEDS = range(300, 320)  # these values were not used to develop the search
 
 
@@ -57,10 +57,10 @@ def test_delay_and_lag_of_the_motors_are_identified_together():
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         delay_s, lag_s = rng.uniform(0.0, 0.06), rng.uniform(0.02, 0.12)
-        truth = override(small, [f"{DELAY}={delay_s}", f"{LAG}={lag_s}"])
+        truth = override(small, [f"{DELAY_PATH}={delay_s}", f"{LAG_PATH}={lag_s}"])
         run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
-        fit = identify(run, small, (*FREE, LAG), options=FitOptions(diagnose=False))
-        at = [fit.names.index(path) for path in (DELAY, LAG)]
+        fit = identify(run, small, (*FREE, LAG_PATH), options=FitOptions(diagnose=False))
+        at = [fit.names.index(path) for path in (DELAY_PATH, LAG_PATH)]
         assert fit.converged
         far += [(fit.estimate[at] - [delay_s, lag_s]) / fit.sd[at]]
         assert np.all(fit.sd[at] < [1e-3, 3e-3])
@@ -69,16 +69,16 @@ def test_delay_and_lag_of_the_motors_are_identified_together():
 
 
 def test_an_unmodelled_delay_is_reported_until_the_delay_is_a_free_parameter():
-    truth = override(small, [f"{DELAY}=0.04"])
+    truth = override(small, [f"{DELAY_PATH}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)
     late = [reason for reason in fit.reasons if reason.code == "residual.missing-free"]
-    assert ("term.delay", f"--free +{DELAY}") in [
+    assert ("term.delay", f"--free +{DELAY_PATH}") in [
         (reason.figures["what"].code, reason.fix) for reason in late
     ]
-    freed = identify(run, small, [f"+{DELAY}"])
-    assert freed.names == (*fit.names, DELAY)
-    assert freed.value(DELAY) == pytest.approx(0.04, abs=1e-3)
+    freed = identify(run, small, [f"+{DELAY_PATH}"])
+    assert freed.names == (*fit.names, DELAY_PATH)
+    assert freed.value(DELAY_PATH) == pytest.approx(0.04, abs=1e-3)
     assert not any(reason.figures.get("term") == "delay" for reason in freed.reasons)
 
 
@@ -87,6 +87,6 @@ def test_the_reported_number_of_evaluations_is_correct(monkeypatch):
     monkeypatch.setattr(
         Residuals, "evaluate", lambda self, theta: evaluations.append(1) or evaluate(self, theta)
     )
-    truth = override(small, [f"{DELAY}=0.04"])
+    truth = override(small, [f"{DELAY_PATH}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, 7, hold_s=0.5), 7)
     assert identify(run, small, FREE, options=FitOptions(diagnose=False)).evaluations == len(evaluations) > 0

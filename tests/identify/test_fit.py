@@ -77,8 +77,8 @@ def test_gains_of_an_absent_command_are_null_and_reported_once(fits):
     fit = fits[0]
     null = [row["name"] for row in fit.rows() if row["estimate"] is None]
     assert null == [f"model.actuator_matrix[{i},1]" for i in range(3)]
-    assert len(fit.never) == 1
-    assert fit.never[0].code == "identifiability.never-sideways"
+    assert len(fit.always_unobservable) == 1
+    assert fit.always_unobservable[0].code == "identifiability.never-sideways"
     assert fit.unobservable == ()
 
 
@@ -130,13 +130,13 @@ def test_biases_and_initial_speed_are_estimated_with_the_parameters(case, case_r
     run = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
     fit = identify(run, case)
     truth = [0.3, -0.2, 0.05, 1.5, 0.2, -1.0]
-    assert fit.own_names[:3] == (
+    assert fit.run_entry_names[:3] == (
         "sensors.imu.accel_bias[0]",
         "sensors.imu.accel_bias[1]",
         "sensors.imu.gyro_bias",
     )
-    assert np.max(np.abs((fit.own[0] - truth) / fit.own_sd[0])) < 4.5
-    assert fit.blocks.sensors.imu.gyro_bias == fit.own[0, 2]
+    assert np.max(np.abs((fit.run_entries[0] - truth) / fit.run_entry_sd[0])) < 4.5
+    assert fit.blocks.sensors.imu.gyro_bias == fit.run_entries[0, 2]
 
 
 def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, off):
@@ -149,7 +149,7 @@ def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, off
     both, single = identify([a, b], case), identify(a, case)
     assert np.max(np.abs(off(both, case))) < 4.5
     assert np.nanmedian(both.sd / single.sd) == pytest.approx(np.sqrt(0.5), rel=0.2)
-    np.testing.assert_allclose(both.own[:, 2], [0.0, 0.1], atol=5e-3)
+    np.testing.assert_allclose(both.run_entries[:, 2], [0.0, 0.1], atol=5e-3)
 
 
 def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, case_run, off):

@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.rest import begins_at_rest
-from baqueano.identify.selection.held_out import pieces_of, turning_points
+from baqueano.identify.selection.held_out import independent_motion_count, turning_points
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
@@ -136,5 +136,5 @@ def test_each_independent_step_counts_for_at_most_two_thirds_of_a_segment():
     """Of K independent steps, 2 (K − 2)/3 are turning points, without those of small amplitude; 4 sd are 29."""
     u = random_steps([1.0, 0.0, 0.0], 600.0, 10.0, 0, hold_s=2.0)
     steps = Run("steps", None, np.arange(len(u)) * 100_000_000, u)
-    assert 0.5 * 300 < pieces_of([steps], 0) < 200 + 29
-    assert pieces_of([steps], 2) == 0.0
+    assert 0.5 * 300 < independent_motion_count([steps], 0) < 200 + 29
+    assert independent_motion_count([steps], 2) == 0.0

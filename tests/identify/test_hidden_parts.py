@@ -8,8 +8,8 @@ from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, robot_values, run_of_vehicle
 from baqueano.study.identification.trials import as_sent, robot
 
-DELAY, LAG = "model.drivetrain.delay_s", "model.drivetrain.lag_s"
-FREE = [f"+{DELAY}"]
+DELAY_PATH, LAG_PATH = "model.drivetrain.delay_s", "model.drivetrain.lag_s"
+FREE = [f"+{DELAY_PATH}"]
 LOW_PASS = "sensors.imu.low_pass_hz"
 SECONDS, SEED, HZ = 10.0, 5, 44.0
 
@@ -46,16 +46,18 @@ def test_an_undeclared_low_pass_gives_a_warning_and_a_remedy(logs):
     assert fit.verdict == "WARN"
     assert f"--free +{LOW_PASS}" in [reason.fix for reason in fit.reasons]
     assert ("delay.sum", "imu") in [(note.code, note.subject) for note in fit.notes]
-    assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # the fit mistook the filter for a delay
-    assert off(fit, q, DELAY) < 4.0  # and the error bar includes this
+    assert (
+        fit.value(DELAY_PATH) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ
+    )  # the fit mistook the filter for a delay
+    assert off(fit, q, DELAY_PATH) < 4.0  # and the error bar includes this
 
 
 def test_a_declared_low_pass_does_not_bias_the_delay_of_the_motors(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file.with_values({LOW_PASS: HZ}), FREE)
     assert not {"residual.missing-free", "delay.sum"} & {finding.code for finding in fit.findings}
-    assert off(fit, q, DELAY) < 3.0
-    assert off(fit, q, LAG) < 3.0
+    assert off(fit, q, DELAY_PATH) < 3.0
+    assert off(fit, q, LAG_PATH) < 3.0
 
 
 def test_the_chip_setting_determines_the_lag_and_delay_of_its_filter(logs):
@@ -65,9 +67,9 @@ def test_the_chip_setting_determines_the_lag_and_delay_of_its_filter(logs):
         identify(runs["chip"], f, FREE, options=FitOptions(diagnose=False))
         for f in (file, file.with_values({"robot.imu_filter": 3}))
     )
-    assert plain.value(DELAY) - q.delay_s[0] > 0.003
-    assert abs(set_up.value(DELAY) - q.delay_s[0]) < 5e-4
-    assert abs(set_up.value(LAG) - q.lag_s[0]) < 5e-4
+    assert plain.value(DELAY_PATH) - q.delay_s[0] > 0.003
+    assert abs(set_up.value(DELAY_PATH) - q.delay_s[0]) < 5e-4
+    assert abs(set_up.value(LAG_PATH) - q.lag_s[0]) < 5e-4
 
 
 def test_only_the_sum_of_tilt_and_bias_is_identified_by_default(logs):
@@ -85,7 +87,7 @@ def test_a_low_pass_can_be_fitted(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], options=FitOptions(diagnose=False))
     assert abs(fit.value(LOW_PASS) - HZ) < 4.0 * fit.sd[fit.names.index(LOW_PASS)]
-    assert off(fit, q, DELAY) < 3.0
+    assert off(fit, q, DELAY_PATH) < 3.0
 
 
 def test_unlogged_duty_steps_are_added_to_the_model(logs):
@@ -93,7 +95,7 @@ def test_unlogged_duty_steps_are_added_to_the_model(logs):
     fit = identify(runs["asked"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
     assert [note.figures["steps"] for note in fit.notes if note.code == "fit.duty-step"] == [255]
-    assert off(fit, q, DELAY) < 4.0
+    assert off(fit, q, DELAY_PATH) < 4.0
 
 
 def test_no_duty_step_is_added_if_the_log_contains_quantised_commands(logs):

@@ -9,7 +9,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.covariance.scale_uncertainty import scale_stds, std_of_tolerance, zero_std
+from baqueano.identify.covariance.scale_uncertainty import scale_stds, std_of_gyro_bias, std_of_tolerance
 from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
@@ -58,7 +58,7 @@ def test_a_car_is_identified_from_its_commands_and_imu(fitted):
 
 def test_parameters_that_no_imu_can_identify_are_reported(fitted):
     _, _, fit = fitted
-    assert "identifiability.gyro-scale" in [reason.code for reason in fit.never]
+    assert "identifiability.gyro-scale" in [reason.code for reason in fit.always_unobservable]
     assert "fit.envelope" in [note.code for note in fit.notes]
 
 
@@ -121,11 +121,11 @@ def test_the_error_of_the_gyro_bias_equals_its_measurement_error():
     from baqueano.vehicle_file import Provenance
 
     file, path = load("car"), "sensors.imu.gyro_bias"
-    assert zero_std(file, "imu") == pytest.approx(
+    assert std_of_gyro_bias(file, "imu") == pytest.approx(
         np.radians(20.0) / np.sqrt(3.0)
     )  # the value of a data sheet
     measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
-    assert zero_std(measured_file, "imu") == pytest.approx(0.001)
+    assert std_of_gyro_bias(measured_file, "imu") == pytest.approx(0.001)
 
 
 def test_a_fit_started_at_its_estimate_returns_the_same_estimate():

@@ -32,9 +32,9 @@ def fit():
 
 
 def test_a_gyro_bias_from_the_run_is_less_certain_than_the_file(fit):
-    k, imu = fit.own_names.index(PATH), fit.file.sensors.imu
-    assert fit.own_sd[0, k] > 5.0 * imu.gyro_bias_std
-    assert abs(fit.own[0, k]) > 10.0 * imu.gyro_bias_std
+    k, imu = fit.run_entry_names.index(PATH), fit.file.sensors.imu
+    assert fit.run_entry_sd[0, k] > 5.0 * imu.gyro_bias_std
+    assert abs(fit.run_entries[0, k]) > 10.0 * imu.gyro_bias_std
 
 
 def test_a_more_certain_bias_in_the_file_is_not_replaced(fit):
@@ -48,8 +48,8 @@ def test_a_more_certain_bias_in_the_file_is_not_replaced(fit):
 
 def test_a_bias_that_contradicts_the_file_is_written_with_its_error():
     fit = fitted(bias=0.35)
-    k = fit.own_names.index(PATH)
+    k = fit.run_entry_names.index(PATH)
     fitted_file = fit.vehicle_file
-    assert fitted_file.value(PATH) == pytest.approx(fit.own[0, k], rel=1e-4)
-    assert fitted_file.sensors.imu.gyro_bias_std == pytest.approx(fit.own_sd[0, k], rel=1e-2)
+    assert fitted_file.value(PATH) == pytest.approx(fit.run_entries[0, k], rel=1e-4)
+    assert fitted_file.sensors.imu.gyro_bias_std == pytest.approx(fit.run_entry_sd[0, k], rel=1e-2)
     assert ("bias.contradicts-file", PATH) in [(note.code, note.subject) for note in fit.notes]

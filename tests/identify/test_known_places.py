@@ -105,8 +105,8 @@ def test_a_camera_identifies_wheels_gyro_and_the_camera_clock():
         assert fit.verdict == "USABLE", fit.reasons
         worst, errors = off(truth, fit)
         assert worst < SIGMAS, errors
-        clock = fit.own_names.index("clock.truth")
-        assert abs(fit.own[0, clock] - late_s) < SIGMAS * fit.own_sd[0, clock] < 0.005
+        clock = fit.run_entry_names.index("clock.truth")
+        assert abs(fit.run_entries[0, clock] - late_s) < SIGMAS * fit.run_entry_sd[0, clock] < 0.005
 
 
 def with_mark_at(run, ahead, left, turned_rad):
@@ -179,8 +179,8 @@ def test_an_imu_clock_offset_of_whole_ticks_is_identified():
         run = replace(run, sensors={"imu": channel._replace(t_ns=channel.t_ns - late_ns)})
         fit = identify(run, small, USUAL, options=FitOptions(clocks=("imu",)))
         assert fit.converged
-        clock = fit.own_names.index("clock.imu")
-        assert abs(fit.own[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.own_sd[0, clock] < 1e-3
+        clock = fit.run_entry_names.index("clock.imu")
+        assert abs(fit.run_entries[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.run_entry_sd[0, clock] < 1e-3
         assert off(small, fit)[0] < SIGMAS
 
 

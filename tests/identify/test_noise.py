@@ -15,7 +15,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise, random_steps
 from baqueano.identify.noise.covariances import positive_definite, unfitted_covariance
-from baqueano.identify.noise.most_likely import log_det_and_square, minimise_by_steps, predict
+from baqueano.identify.noise.process_noise import coordinate_search, log_det_and_square, predict
 from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
@@ -138,7 +138,7 @@ def test_log_determinant_and_distance_equal_numpy(seed, m):
 
 
 def test_the_search_follows_a_narrow_valley_to_its_minimum():
-    q = minimise_by_steps(
+    q = coordinate_search(
         lambda x: float(np.sum((x - [1.0, -2.0]) ** 2)), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
     np.testing.assert_allclose(q, [1.0, -2.0], atol=0.25)

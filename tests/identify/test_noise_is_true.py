@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import filter_noise
-from baqueano.identify.noise.most_likely import minimise_by_steps
+from baqueano.identify.noise.process_noise import coordinate_search
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S
@@ -68,7 +68,7 @@ def test_the_noise_table_shows_the_values_written_to_the_file(measured):
 
 def test_the_search_reaches_the_minimum_along_a_narrow_ridge():
     """On a ridge no change of a single parameter improves the cost."""
-    estimate = minimise_by_steps(
+    estimate = coordinate_search(
         lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
     np.testing.assert_allclose(estimate, [3.0, -3.0], atol=0.2)

@@ -7,36 +7,38 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.estimation.least_squares import Evaluation, Solution
-from baqueano.identify.estimation.prediction_error import FloorNoise, MaximumLikelihood
-from baqueano.identify.result.objective_choice import LeftOutBlocks, choose_objective
+from baqueano.identify.estimation.prediction_error import FilterNoise, MaximumLikelihood
+from baqueano.identify.result.objective_choice import LeaveOneOutComparison, choose_objective
 from tests.codes import of_code
 
 QUIET = np.ones(1)
 
 
-def likely(ratio, autocorrelated=False, floor=(0.04, 0.0)):
+def likelihood_fit(ratio, autocorrelated=False, floor=(0.04, 0.0)):
     none = np.zeros((1, 1))
     info = Information(none, none, none, autocorrelated, np.zeros(1), 100)
     solution = Solution(np.zeros(1), Evaluation(0.0, none[0], none), True, 0.0, 1, np.zeros(1))
-    noise = FloorNoise(np.array(floor), np.zeros(1))
+    noise = FilterNoise(np.array(floor), np.zeros(1))
     return MaximumLikelihood(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
 
 
 def both(*shifts, more=-1.0, scatter=1.0, n=31):
     """Return n omitted blocks with `more` as mean difference, and two fits this many standard errors apart."""
     blocks = more + scatter * np.linspace(-1.0, 1.0, n)
-    return LeftOutBlocks(blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))])
+    return LeaveOneOutComparison(
+        blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))]
+    )
 
 
 def test_the_simulation_cost_is_chosen_without_floor_noise():
-    choice = choose_objective(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
+    choice = choose_objective(likelihood_fit(3.0), (0, 2), both(0.1, 0.2), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
     assert choice.reason.code == "cost.floor-still"
     assert (choice.reason.figures["ratio"], choice.reason.figures["chance"]) == (3.0, "0.22")
 
 
 def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
-    choice = choose_objective(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
+    choice = choose_objective(likelihood_fit(400.0), (0, 2), both(0.1, 1.5), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
     figures = choice.reason.figures
     assert (figures["floor"], figures["chance"], figures["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
@@ -45,31 +47,31 @@ def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
 
 
 def test_an_insignificantly_larger_error_does_not_change_the_choice():
-    choice = choose_objective(likely(400.0), (0, 2), both(0.1, more=0.05), QUIET)
+    choice = choose_objective(likelihood_fit(400.0), (0, 2), both(0.1, more=0.05), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", True, False)
 
 
 @pytest.mark.parametrize("floor", [both(0.1, more=1.0), both(0.1, 5.0), both(0.1, more=np.nan)])
 def test_a_larger_error_and_different_estimates_indicate_a_missing_model_term(floor):
-    choice = choose_objective(likely(400.0), (0, 2), floor, QUIET)
+    choice = choose_objective(likelihood_fit(400.0), (0, 2), floor, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)
     assert choice.reason.code == "cost.neither"
 
 
 def test_autocorrelation_or_excess_sensor_noise_is_not_attributed_to_the_floor():
-    assert not choose_objective(likely(400.0, autocorrelated=True), (0, 2), both(0.1), QUIET).explains
-    assert not choose_objective(likely(400.0), (0, 2), both(0.1), 4.0 * QUIET).explains
+    assert not choose_objective(likelihood_fit(400.0, autocorrelated=True), (0, 2), both(0.1), QUIET).explains
+    assert not choose_objective(likelihood_fit(400.0), (0, 2), both(0.1), 4.0 * QUIET).explains
 
 
 def test_the_simulation_cost_is_chosen_for_a_short_run():
-    choice = choose_objective(likely(400.0), (0, 2), None, QUIET)
+    choice = choose_objective(likelihood_fit(400.0), (0, 2), None, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
 
 
 def test_the_allowed_difference_of_two_fits_grows_with_parameter_count():
     assert both(0.0).limit == pytest.approx(2.750, abs=1e-3)  # of Student's t with 30 degrees
     assert both(*np.zeros(20)).limit > 3.5
-    assert both().furthest == (0.0, "")
+    assert both().largest_change == (0.0, "")
 
 
 def test_an_unknown_cost_is_refused_by_name():

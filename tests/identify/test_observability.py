@@ -128,9 +128,12 @@ def test_never_observable_parameters_are_reported_once_without_a_warning(case, c
     fit = identify(case_run(0, 30.0), case)
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
-    assert len(fit.never) == 1
-    assert fit.never[0].code == "identifiability.never-sideways"
-    assert fit.never[0].figures["names"] == "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]"
+    assert len(fit.always_unobservable) == 1
+    assert fit.always_unobservable[0].code == "identifiability.never-sideways"
+    assert (
+        fit.always_unobservable[0].figures["names"]
+        == "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]"
+    )
 
 
 def test_full_commands_do_not_separate_dead_zone_from_gain(small):

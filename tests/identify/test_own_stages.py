@@ -47,7 +47,7 @@ def test_separate_stages_give_the_same_result_as_the_fit(small, run):
     fit = identify(run, small, FREE)
     data = dataset([run], small)
     parameters = parameters_of(data, FREE)
-    problem = Residuals.of(parameters)
+    problem = Residuals.from_parameters(parameters)
     by_hand = conclude(data, parameters, *solve(problem, parameters))
     np.testing.assert_array_equal(by_hand.estimate, fit.estimate)
     np.testing.assert_array_equal(by_hand.cov, fit.cov)

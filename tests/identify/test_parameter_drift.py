@@ -36,7 +36,7 @@ def worn_history(case):
 
 
 def test_a_parameter_step_is_detected_between_the_right_runs(worn_history):
-    (drift,) = worn_history.moved
+    (drift,) = worn_history.changes
     assert drift.name == "model.friction.linear[0]"
     assert drift.how == "step"
     assert drift.between == ("run 4", "run 5")
@@ -73,7 +73,7 @@ def test_a_vehicle_that_does_not_age_shows_no_drift():
         history = parameter_history(
             runs[first : first + RUNS], file, free=FREE, options=FitOptions(biases=False)
         )
-        alarms += bool(history.moved)
+        alarms += bool(history.changes)
     assert alarms <= 1
 
 
@@ -84,7 +84,7 @@ def test_slow_wear_is_a_drift(case):
         return {"model.friction.linear": (linear * [1.0 + 0.05 * k, 1.0, 1.0]).tolist()}
 
     history = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
-    (drift,) = history.moved
+    (drift,) = history.changes
     assert (drift.name, drift.how) == ("model.friction.linear[0]", "drift")
     assert drift.between == ("run 0", "run 7")
     assert (drift.after - drift.before) / drift.before == pytest.approx(0.35, abs=0.05)

@@ -12,8 +12,13 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.design.signals import random_steps
 from baqueano.identify.estimation import prediction_error as prediction
-from baqueano.identify.estimation.prediction_error import FloorNoise, Prediction, maximum_likelihood, tail
-from baqueano.identify.parameters.setup import Shape
+from baqueano.identify.estimation.prediction_error import (
+    FilterNoise,
+    Prediction,
+    chi_square_tail,
+    maximum_likelihood,
+)
+from baqueano.identify.parameters.setup import ThetaShape
 from baqueano.identify.residuals import innovations as prediction_kernel
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals
@@ -66,7 +71,7 @@ def cart_run(file, seed, ticks=60):
 def of_cart(file, *runs, start=(0,)):
     """Return a Prediction of the cart with a newly traced kernel, so that no cached kernel hides a patch."""
     blocks = FittedBlocks(file.vehicle, file.sensors)
-    shape = Shape(FREE, (), start, (False,))
+    shape = ThetaShape(FREE, (), start, (False,))
     records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
     problem = Residuals(blocks, shape, records)
     problem = problem.weight(np.array([0.1]))
@@ -205,7 +210,7 @@ def test_floor_noise_and_sensor_noise_are_identified(cart):
     assert abs(v - 0.04) < 4.0 * sd < 0.04
     assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)
     assert likely.noise.floor[1:] == pytest.approx([0.0, 0.0])  # the odometer does not measure them
-    assert likely.chance < 1e-6
+    assert likely.p_value < 1e-6
     white = np.concatenate(prediction.innovations(prediction.x(likely.theta, likely.noise)))
     assert np.std(white) == pytest.approx(1.0, abs=0.1)
 
@@ -231,11 +236,14 @@ def test_pose_covariance_grows_with_distance_and_innovations_are_white():
     run = simulate(file, random_steps(file.command.limit, 60.0, 20.0, 3), 3)
     sample_fraction = (record_of(run, file.sensors._asdict()).sensors["camera"].sample_fraction is not None,)
     problem = Residuals(
-        blocks, Shape(FREE, (), (0,), sample_fraction), [record_of(run, file.sensors._asdict())], "python"
+        blocks,
+        ThetaShape(FREE, (), (0,), sample_fraction),
+        [record_of(run, file.sensors._asdict())],
+        "python",
     )
     problem = problem.weight(np.full(3, 0.01))
     prediction = Prediction(problem, blocks)
-    moving = FloorNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
+    moving = FilterNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
     e = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
     present = problem.has[0] > 0.0
     assert np.std(e[present[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
@@ -257,8 +265,8 @@ def test_a_kinematic_vehicle_cannot_use_the_innovations_cost():
 
 def test_the_tail_probability_equals_the_chi_square_tables():
     for degrees, ratio in ((1, 10.828), (2, 13.816), (3, 16.266)):
-        assert tail(ratio, degrees) == pytest.approx(1e-3, rel=1e-3)
-        assert tail(0.0, degrees) == 1.0
+        assert chi_square_tail(ratio, degrees) == pytest.approx(1e-3, rel=1e-3)
+        assert chi_square_tail(0.0, degrees) == 1.0
 
 
 def test_the_constants_of_the_robust_cost_are_correct_for_normal_errors():

@@ -24,7 +24,7 @@ def test_the_gyro_bias_is_measured_while_the_car_is_at_rest():
     car, run = drive_rest(rest_s=6.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     file = fit.vehicle_file
-    assert "sensors.imu.gyro_bias" not in fit.own_names
+    assert "sensors.imu.gyro_bias" not in fit.run_entry_names
     sd = file.provenance["sensors.imu.gyro_bias"].sd
     assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * sd  # fails once in 150,000 seeds
     assert 0.0 < sd < 0.01

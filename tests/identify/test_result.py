@@ -71,7 +71,7 @@ def test_the_file_receives_values_provenance_and_covariance(fit, case):
     assert np.isnan(file.provenance["model.actuator_matrix"].sd[1][1])
     assert file.parameter_cov is not None
     assert len(file.parameter_cov.names) == 12
-    assert file.value("sensors.imu.gyro_bias") == pytest.approx(fit.own[0, 2], abs=1e-4)
+    assert file.value("sensors.imu.gyro_bias") == pytest.approx(fit.run_entries[0, 2], abs=1e-4)
 
 
 @pytest.mark.parametrize(

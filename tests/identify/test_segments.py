@@ -97,7 +97,7 @@ def test_a_segmented_fit_is_correct_with_slightly_larger_errors(case, case_run, 
     assert np.all(pieces.sd < 4.0 * whole.sd)
     assert pieces.channels[0].t_s.shape == whole.channels[0].t_s.shape
     assert pieces.runs == whole.runs
-    assert pieces.own.shape == (1, 3)  # biases; the starts are of no interest
+    assert pieces.run_entries.shape == (1, 3)  # biases; the starts are of no interest
 
 
 @pytest.mark.parametrize(("seed", "segment_s"), [(1, 5.0), (4, 5.0), (6, 2.0), (6, 10.0)])
@@ -124,9 +124,9 @@ def test_a_parameter_may_have_a_different_value_in_each_run(case, case_run):
     fit = identify(
         runs, case, ["model.friction.linear[0]"], options=FitOptions(per_run=["sensors.imu.gyro_scale"])
     )
-    k = fit.own_names.index("sensors.imu.gyro_scale")
-    assert np.max(np.abs(fit.own[:, k] - scales) / fit.own_sd[:, k]) < 4.0
-    assert np.all(fit.own_sd[:, k] < 0.01)
+    k = fit.run_entry_names.index("sensors.imu.gyro_scale")
+    assert np.max(np.abs(fit.run_entries[:, k] - scales) / fit.run_entry_sd[:, k]) < 4.0
+    assert np.all(fit.run_entry_sd[:, k] < 0.01)
 
 
 @pytest.fixture(scope="module")
@@ -154,11 +154,11 @@ def test_a_camera_identifies_the_gyro_scale_and_the_camera_clock(filmed_run, sma
         use=("imu", "truth"),
         options=FitOptions(clocks=("truth",), segment_s=2.0),
     )
-    k, c = fit.names.index("sensors.imu.gyro_scale"), fit.own_names.index("clock.truth")
+    k, c = fit.names.index("sensors.imu.gyro_scale"), fit.run_entry_names.index("clock.truth")
     assert abs(fit.estimate[k] - 1.04) < 4.0 * fit.sd[k] + 1e-3
     assert fit.sd[k] < 0.005
-    assert abs(fit.own[0, c] - 0.040) < 0.005
-    assert fit.own_sd[0, c] < 0.005
+    assert abs(fit.run_entries[0, c] - 0.040) < 0.005
+    assert fit.run_entry_sd[0, c] < 0.005
 
 
 def test_a_free_clock_of_an_unused_sensor_is_refused(case, case_run):

@@ -90,9 +90,9 @@ def test_radii_track_and_slip_of_an_unknown_vehicle_are_identified(fit):
 
 
 def test_the_camera_delay_of_40_ms_is_identified(fit):
-    clock = fit.own_names.index("clock.truth")
-    assert np.max(np.abs(fit.own[:, clock] + LATE_S) / fit.own_sd[:, clock]) < 4.0
-    assert np.max(fit.own_sd[:, clock]) < 0.05
+    clock = fit.run_entry_names.index("clock.truth")
+    assert np.max(np.abs(fit.run_entries[:, clock] + LATE_S) / fit.run_entry_sd[:, clock]) < 4.0
+    assert np.max(fit.run_entry_sd[:, clock]) < 0.05
 
 
 def test_the_error_bars_include_the_autocorrelated_floor_disturbance():

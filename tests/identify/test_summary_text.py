@@ -52,7 +52,7 @@ def lines_of(
     with_report: bool = False,
 ) -> list[str]:  # fmt: skip
     """Return the lines of codes without a template, which are printed unchanged."""
-    fields = {"reasons": reasons, "unobservable": unobservable, "never": never, "notes": notes}
+    fields = {"reasons": reasons, "unobservable": unobservable, "always_unobservable": never, "notes": notes}
     by_field = {name: tuple(map(note, codes)) for name, codes in fields.items()}
     return verdict_lines(SimpleNamespace(verdict=verdict, **by_field), with_report)
 
@@ -106,4 +106,7 @@ def test_the_verdict_of_a_short_run_fits_a_screen(case_run, case):
     lines = verdict_lines(fit)
     assert len(lines) <= MOST
     assert fit.table().endswith("\n".join(lines))
-    assert len(fit.reasons) + len(fit.unobservable) + len(fit.never) + len(fit.notes) >= len(lines) - 2
+    assert (
+        len(fit.reasons) + len(fit.unobservable) + len(fit.always_unobservable) + len(fit.notes)
+        >= len(lines) - 2
+    )

@@ -16,7 +16,7 @@ from baqueano.compare.corridor_ahead import corridor_ahead
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
+from baqueano.identify.hand_turn_calibration import calibrate_by_hand_turns, is_turned_by_hand
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import load
@@ -54,7 +54,7 @@ def small():
 def test_the_true_gyro_scale_lies_within_a_narrow_interval(small):
     inside, wide, usable = 0, [], 0
     for seed in range(200):
-        calibration = by_hand(by_hand_log((2, -2) if seed % 2 else (2, 2, -2), seed), small)
+        calibration = calibrate_by_hand_turns(by_hand_log((2, -2) if seed % 2 else (2, 2, -2), seed), small)
         row = calibration.rows()[0]
         inside += row["low"] < SCALE < row["high"]
         assert row["name"] == NAME
@@ -66,21 +66,22 @@ def test_the_true_gyro_scale_lies_within_a_narrow_interval(small):
 
 
 def test_the_gyro_bias_is_measured_in_the_rests(small):
-    row = by_hand(by_hand_log(), small).rows()[1]
+    row = calibrate_by_hand_turns(by_hand_log(), small).rows()[1]
     assert row["name"] == "sensors.imu.gyro_bias"
     assert row["value"] == pytest.approx(BIAS, abs=0.002)
     assert "at rest, 3 times" in row["text"]
 
 
 def test_a_pause_within_a_turn_is_not_a_rest_on_the_mark(small):
-    calibration = by_hand(by_hand_log((2,), pause=True), small)
+    calibration = calibrate_by_hand_turns(by_hand_log((2,), pause=True), small)
     assert calibration.value(NAME) == pytest.approx(SCALE, abs=0.012)
     assert "2 turns by hand, between 2 rests on a mark" in calibration.table()
 
 
 def test_a_larger_placement_error_widens_the_interval(small):
     sure, careless = (
-        by_hand(by_hand_log((2, -2, 2, -2, 2, -2), 4, hand_deg), small).rows()[0] for hand_deg in (1.0, 5.0)
+        calibrate_by_hand_turns(by_hand_log((2, -2, 2, -2, 2, -2), 4, hand_deg), small).rows()[0]
+        for hand_deg in (1.0, 5.0)
     )
     assert careless["high"] - careless["low"] > 1.5 * (sure["high"] - sure["low"])
     assert careless["low"] < SCALE < careless["high"]
@@ -88,19 +89,19 @@ def test_a_larger_placement_error_widens_the_interval(small):
 
 def test_half_a_turn_is_refused(small):
     with pytest.raises(UsageError, check=of_code("turns.not-whole")):
-        by_hand(by_hand_log((1.5,)), small)
+        calibrate_by_hand_turns(by_hand_log((1.5,)), small)
 
 
 def test_an_ambiguous_number_of_turns_must_be_given_by_the_user(small):
     run = by_hand_log((12,))
     with pytest.raises(UsageError, check=of_code("turns.ambiguous")):
-        by_hand(run, small)
-    assert by_hand(run, small, 12).value(NAME) == pytest.approx(SCALE, abs=0.003)
+        calibrate_by_hand_turns(run, small)
+    assert calibrate_by_hand_turns(run, small, 12).value(NAME) == pytest.approx(SCALE, abs=0.003)
 
 
 def test_a_run_without_a_turn_is_refused_with_a_remedy(small):
     with pytest.raises(UsageError, check=of_code("turns.few-rests", rests=1)):
-        by_hand(by_hand_log(()), small)
+        calibrate_by_hand_turns(by_hand_log(()), small)
 
 
 def test_a_gap_or_a_saturated_gyro_is_refused(small):
@@ -109,21 +110,23 @@ def test_a_gap_or_a_saturated_gyro_is_refused(small):
     has = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
     silent = Channel(t_ns[has], t_ns[has], z[has])
     with pytest.raises(UsageError, check=of_code("turns.silent")):
-        by_hand(replace(run, sensors={"imu": silent}), small)
+        calibrate_by_hand_turns(replace(run, sensors={"imu": silent}), small)
     z = z.copy()
     z[500, 2] = 17.46
     with pytest.raises(UsageError, check=of_code("turns.end-of-range")):
-        by_hand(replace(run, sensors={"imu": Channel(t_ns, t_ns, z)}), small)
+        calibrate_by_hand_turns(replace(run, sensors={"imu": Channel(t_ns, t_ns, z)}), small)
 
 
 def test_a_noise_free_gyro_is_accepted(small):
-    assert by_hand(by_hand_log(noise=0.0), small).value(NAME) == pytest.approx(SCALE, abs=0.012)
+    assert calibrate_by_hand_turns(by_hand_log(noise=0.0), small).value(NAME) == pytest.approx(
+        SCALE, abs=0.012
+    )
 
 
 def test_a_run_with_commands_is_not_classified_as_turned_by_hand():
     run = by_hand_log()
-    assert turned_by_hand(run)
-    assert not turned_by_hand(replace(run, applied=0.3 + run.applied))
+    assert is_turned_by_hand(run)
+    assert not is_turned_by_hand(replace(run, applied=0.3 + run.applied))
 
 
 def test_a_fit_of_a_run_turned_by_hand_is_refused(small):
@@ -146,7 +149,7 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
 
 
 def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
-    calibration = by_hand(by_hand_log((2, -2)), small)
+    calibration = calibrate_by_hand_turns(by_hand_log((2, -2)), small)
     after = calibration.updated_file(small)
     assert after.value(f"{NAME}_std") == pytest.approx(
         calibration.numbers[0].sd / calibration.numbers[0].value

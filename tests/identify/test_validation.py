@@ -152,7 +152,7 @@ def test_a_model_without_parameters_of_single_runs_can_be_validated(backend, sec
         runs.append(Run(f"run {seed}", None, t_ns, u, sensors={"wheels": wheels}))
     free = ["model.velocity_matrix[0,0]", "model.velocity_matrix[2,2]"]
     fit = identify(runs[0], file, free, options=FitOptions(backend=backend))
-    assert fit.own_names == ()
+    assert fit.run_entry_names == ()
     validation = validate(fit, runs[1])
     assert [f.channel for f in validation.figures] == ["wheels[0]", "wheels[1]"]
     assert min(f.explained for f in validation.figures) > 0.9

@@ -18,7 +18,7 @@ from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import forecast
-from baqueano.identify.noise.at_rest import at_rest
+from baqueano.identify.noise.at_rest import measure_at_rest
 from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
 from baqueano.identify.result.calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
@@ -74,7 +74,7 @@ def results():
         "history": history(fit),
         "examined route": bq.routes.examine(circle(0.3, 0.2), small),
         "controllers": compared_controllers(0.5),
-        "at rest": at_rest(bq.simulate(small, np.zeros((1000, 3)))),
+        "at rest": measure_at_rest(bq.simulate(small, np.zeros((1000, 3)))),
         "closure": Closure("imu", 1, 6.3, 1.003, 0.004, {"sensors.imu.gyro_scale": 1.003}, {}, None),
     }
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_truth
-from baqueano.identify.data.hand_measurements import with_tape
+from baqueano.identify.data.hand_measurements import with_hand_measurements
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.rest import with_gyro_at_rest
+from baqueano.identify.data.rest import with_gyro_bias_at_rest
 from baqueano.identify.diagnostics import clean
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters, has_offset
-from baqueano.identify.parameters.setup import Parameters, unknowns
+from baqueano.identify.parameters.setup import Parameters, parameters_for_fit
 from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.run import Channel, Run
@@ -103,9 +103,9 @@ def dataset(
     runs, note = list(runs), None
     check_command_count(vehicle_file, runs)
     if options.biases and has_offset(vehicle_file.vehicle):
-        vehicle_file, note = with_gyro_at_rest(vehicle_file, runs)
+        vehicle_file, note = with_gyro_bias_at_rest(vehicle_file, runs)
     blocks, runs, channels = sensors_of(vehicle_file, runs, use)
-    runs, blocks = with_tape(runs, blocks, options.measured)
+    runs, blocks = with_hand_measurements(runs, blocks, options.measured)
     runs, findings = clean(runs, vehicle_file, blocks.sensors._asdict())
     return Dataset(vehicle_file, blocks, tuple(runs), channels, findings, note)
 
@@ -144,7 +144,9 @@ def parameters_of(
     ['model.mass_kg']
     """
     parameters = free_parameters(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
-    return unknowns(data.blocks, parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options)
+    return parameters_for_fit(
+        data.blocks, parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options
+    )
 
 
 def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> None:

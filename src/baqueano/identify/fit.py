@@ -22,16 +22,21 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import imu_only
-from baqueano.identify.covariance.scale_uncertainty import covariance_of_zeros
+from baqueano.identify.covariance.scale_uncertainty import gyro_bias_covariance
 from baqueano.identify.data.record import first_rows
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.estimation.delay import DUTY_STEP_PATH, best_search_of_all, bounds_of, duty_step
+from baqueano.identify.estimation.delay import (
+    DUTY_STEP_PATH,
+    duty_step_count,
+    search_with_free_delay,
+    with_bound_flags,
+)
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability.identifiable import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
-from baqueano.identify.parameters.setup import Parameters, given_sigma
+from baqueano.identify.parameters.setup import Parameters, sigma_from_option
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.noise_level import min_sigma, sigma_of_rare_channels
 from baqueano.identify.residuals.simulation import Residuals
@@ -110,9 +115,9 @@ def identify(
         return imu_only.fit_imu_only(runs, vehicle_file, free, use, **settings)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
-    problem = residuals.of(parameters, options.backend)
+    problem = residuals.from_parameters(parameters, options.backend)
     task, end = solve(problem, parameters, options, solver=solver, progress=progress, again=data.is_usable)
-    steps = None if end.stopped else duty_step(parameters.blocks, end.problem, end.solution.theta)
+    steps = None if end.stopped else duty_step_count(parameters.blocks, end.problem, end.solution.theta)
     if steps is None:
         return conclude(data, parameters, task, end, options)
     stepped_file = vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps})
@@ -166,17 +171,17 @@ def solve(
     --------
     >>> small, u = bq.load("small"), bq.excitation("prbs", [1.0, 0.0, 1.0], 10.0, 100.0)
     >>> parameters = parameters_of(dataset([bq.simulate(small, u)], small), ["model.mass_kg"])
-    >>> end = solve(Residuals.of(parameters), parameters)[1]
+    >>> end = solve(Residuals.from_parameters(parameters), parameters)[1]
     >>> bool(abs(end.solution.theta[0] - small.vehicle.mass_kg) < 0.01)
     True
     """
     sensors = parameters.blocks.sensors
     task = Task(
-        problem, parameters.first, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.has),
-        None if options.sigma is None else given_sigma(options.sigma, sensors),
+        problem, parameters.start, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.has),
+        None if options.sigma is None else sigma_from_option(options.sigma, sensors),
         options.speed_noise, progress, sigma_of_rare_channels(sensors, problem.has), again, solver,
     )  # fmt: skip
-    return best_search_of_all(task, _begin(task, parameters))
+    return search_with_free_delay(task, _start_theta(task, parameters))
 
 
 def conclude(
@@ -212,37 +217,37 @@ def conclude(
     >>> small, u = bq.load("small"), bq.excitation("prbs", [1.0, 0.0, 1.0], 10.0, 100.0)
     >>> data = dataset([bq.simulate(small, u)], small)
     >>> parameters = parameters_of(data, ["model.mass_kg"])
-    >>> str(conclude(data, parameters, *solve(Residuals.of(parameters), parameters)).verdict)
+    >>> str(conclude(data, parameters, *solve(Residuals.from_parameters(parameters), parameters)).verdict)
     'USABLE'
     """
     result, identifiability, info = fix_unidentifiable(task, result, parameters.free)
     full_task = task._replace(low=parameters.low, high=parameters.high, problem=result.problem)
-    result = bounds_of(full_task, result)
+    result = with_bound_flags(full_task, result)
     end = FinishedFit(
         data.vehicle_file, parameters.blocks, full_task, list(parameters.requested), list(parameters.frozen), result,
         identifiability, info, data.note, data.findings, options.diagnose,
     )  # fmt: skip
     if options.biases and has_offset(data.vehicle_file.vehicle):
-        zero_cov = covariance_of_zeros(
+        zero_cov = gyro_bias_covariance(
             result.problem, result.solution.theta, identifiability.mask, info.bread, data.vehicle_file
         )
         end = end._replace(systematic=zero_cov)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 
-def _begin(task: Task, parameters: Parameters) -> np.ndarray:
+def _start_theta(task: Task, parameters: Parameters) -> np.ndarray:
     """Return θ (p,) at the start of the search.
 
     Without a compiler each row takes long, so return the result of a rough search over the first part of each run.
     """
     if task.problem.scan.backend == "c":
-        return task.first
+        return task.start
     records = task.problem.records
     row_counts = [max(MIN_FIRST_ROWS, len(record.dt_s) // FIRST_SEARCH_PART) for record in records]
     if all(len(record.dt_s) <= n for record, n in zip(records, row_counts, strict=True)):
-        return task.first
+        return task.start
     first_records = [first_rows(record, n) for record, n in zip(records, row_counts, strict=True)]
     short_problem = type(task.problem)(
         parameters.blocks, task.problem.shape, first_records, task.problem.scan.backend
     )
-    return search(task._replace(problem=short_problem), task.first, rough=True).solution.theta
+    return search(task._replace(problem=short_problem), task.start, rough=True).solution.theta

@@ -25,24 +25,28 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import jackknife, with_jackknife
 from baqueano.identify.covariance.information import Information, information
-from baqueano.identify.covariance.scale_uncertainty import scale_stds, with_systematic_errors, zero_std
+from baqueano.identify.covariance.scale_uncertainty import (
+    scale_stds,
+    std_of_gyro_bias,
+    with_systematic_errors,
+)
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
-from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
+from baqueano.identify.estimation.delay import search_with_free_delay, with_bound_flags
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability.identifiable import FinishedFit, Identifiability, fix_unidentifiable
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
-    DELAY,
-    Free,
+    DELAY_PATH,
+    FreeParameter,
     default_free,
     free_parameter,
     free_parameters,
     has_offset,
     requested_paths,
 )
-from baqueano.identify.parameters.setup import unknowns
+from baqueano.identify.parameters.setup import parameters_for_fit
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_gyro_aided
 from baqueano.identify.residuals.noise_level import min_sigma, robust_sigma
 from baqueano.identify.result.assemble import fit_of
@@ -87,19 +91,19 @@ def fit_imu_only(
     if not can_be_gyro_aided(data.blocks):
         kind = type(data.vehicle_file.vehicle).__name__
         raise UsageError(fault("imu-only.no-dynamics", vehicle=data.vehicle_file.name, kind=kind))
-    zero_rad_s = zero_std(data.vehicle_file, imu) if has_offset(data.vehicle_file.vehicle) else 0.0
+    zero_rad_s = std_of_gyro_bias(data.vehicle_file, imu) if has_offset(data.vehicle_file.vehicle) else 0.0
     requested = _requested_parameters(data.blocks, free, options, imu)
-    parameters = unknowns(
+    parameters = parameters_for_fit(
         data.blocks, requested, data.runs, data.channels, data.vehicle_file.rate_hz, options
     )
     blocks = parameters.blocks
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
     floor = min_sigma(blocks.sensors, problem.z, problem.has)
-    begin = parameters.first, parameters.low, parameters.high
+    begin = parameters.start, parameters.low, parameters.high
     task = Task(problem, *begin, floor, None, by_speed=True, progress=progress, minimise=solver)
-    bounded_task, result = _settle(task)
+    bounded_task, result = _search_yaw_rate_and_delay(task)
     result, identifiability, info = fix_unidentifiable(bounded_task, result, parameters.free)
-    result = bounds_of(task, result)
+    result = with_bound_flags(task, result)
     info = _with_all_errors(result, identifiability, info, (scales, zero_rad_s))
     residuals = result.problem.misfits(result.solution.theta)
     result = result._replace(sigma=robust_sigma(residuals, result.problem.has, floor))
@@ -114,19 +118,19 @@ def fit_imu_only(
     return _with_notes(fit, imu, scales)
 
 
-def _settle(task: Task) -> tuple[Task, Search]:
+def _search_yaw_rate_and_delay(task: Task) -> tuple[Task, Search]:
     """Search for the yaw rate of the gyro and the delay in turn, at most MAX_ROUNDS times.
 
     Return the task and the search.
     """
-    bounded_task, end = best_search_of_all(task, task.first)
+    bounded_task, end = search_with_free_delay(task, task.start)
     for _ in range(MAX_ROUNDS):
-        end = _follow_gyro(bounded_task, end)
+        end = _search_gyro_aided(bounded_task, end)
         task, bounded_task = (part._replace(problem=end.problem) for part in (task, bounded_task))
-        if end.stopped or DELAY not in task.problem.shape.shared:
+        if end.stopped or DELAY_PATH not in task.problem.shape.shared:
             break
         previous_theta, count = end.solution.theta, end.evaluations
-        bounded_task, end = best_search_of_all(task, previous_theta)
+        bounded_task, end = search_with_free_delay(task, previous_theta)
         count += end.evaluations
         end = end._replace(evaluations=count)
         if _is_settled(previous_theta, end):
@@ -134,13 +138,13 @@ def _settle(task: Task) -> tuple[Task, Search]:
     return bounded_task, end
 
 
-def _follow_gyro(task: Task, end: Search) -> Search:
+def _search_gyro_aided(task: Task, end: Search) -> Search:
     """Repeat the search, aided by the yaw rate from gyro and model, until θ is constant, at most MAX_ROUNDS times."""
     problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
     for _ in range(MAX_ROUNDS):
         previous_theta = end.solution.theta
-        problem = problem.following(previous_theta)
+        problem = problem.with_yaw_rate_at(previous_theta)
         end = search(task._replace(problem=problem), previous_theta, None, end)
         count += end.evaluations
         if end.stopped or _is_settled(previous_theta, end):
@@ -167,7 +171,9 @@ def _with_all_errors(
     assert isinstance(problem, GyroAidedResiduals)
     cov = jackknife(problem, theta, identifiable, info.bread)
     info = info if cov is None else with_jackknife(info, identifiable, cov)
-    return with_systematic_errors(info, lambda *columns: problem.slope(theta, *columns), *unknown_columns)
+    return with_systematic_errors(
+        info, lambda *columns: problem.gradient_of_changed_channel(theta, *columns), *unknown_columns
+    )
 
 
 def gyro_leads(
@@ -221,12 +227,12 @@ def _imu_name(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> str:
 
 def _requested_parameters(
     blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str
-) -> list[Free]:
+) -> list[FreeParameter]:
     """Return the requested free parameters, and the position of the IMU along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER_ARM}"
     is_fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if has_offset(blocks.model):
-        free = requested_paths(free, lambda: [*default_free(blocks), DELAY])
+        free = requested_paths(free, lambda: [*default_free(blocks), DELAY_PATH])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
     requested = free_parameters(blocks, free, options.fixed, bounds)
     if not is_fixed and lever not in [parameter.path for parameter in requested]:
@@ -252,4 +258,6 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
         ),
     )
     fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
-    return replace(fit, never=(*fit.never, *scale_notes), notes=(*fit.notes, fitted_to))
+    return replace(
+        fit, always_unobservable=(*fit.always_unobservable, *scale_notes), notes=(*fit.notes, fitted_to)
+    )

@@ -42,7 +42,7 @@ def prefetch(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
     return end
 
 
-def in_cache(n: int, operations: int) -> Iterator[slice]:
+def cache_slices(n: int, operations: int) -> Iterator[slice]:
     """Return slices of n rows that fit in the processor's cache, for a product of `operations` per row.
 
     NumPy's library uses its own threads for larger products; these wait for each other and keep a core busy.
@@ -63,7 +63,7 @@ def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.
     three times slower with few columns.
     """
     out = np.zeros((x.shape[1], y.shape[1]))
-    for rows in in_cache(len(x), out.size):
+    for rows in cache_slices(len(x), out.size):
         out += (x[rows].copy() if weight is None else x[rows] * weight[rows, None]).T @ y[rows]
     return out
 

@@ -91,14 +91,14 @@ class ParameterHistory(Result):
     smoothed: np.ndarray  # (K, p) from all runs
     smoothed_sd: np.ndarray  # (K, p)
     walk: np.ndarray  # (p,) q: standard deviation of a parameter's change from run to run
-    moved: tuple[ParameterChange, ...]
+    changes: tuple[ParameterChange, ...]
     refused: tuple[str, ...]  # runs whose fit was refused
     last: "Fit"  # of the last run that could be fitted
 
     @property
     def verdict(self) -> Verdict:
         """Return WARN if a parameter moved or a run was refused, else USABLE."""
-        return Verdict.WARN if self.moved or self.refused else Verdict.USABLE
+        return Verdict.WARN if self.changes or self.refused else Verdict.USABLE
 
     @property
     def vehicle_file(self) -> "VehicleFile":
@@ -143,10 +143,10 @@ class ParameterHistory(Result):
         return "\n".join([*lines, *self._sentences()])
 
     def _sentences(self) -> list[str]:
-        out = [f"- {text(change.message)}" for change in self.moved]
+        out = [f"- {text(change.message)}" for change in self.changes]
         out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
         constant = _("no parameter changed beyond its error bars over {runs} runs", runs=len(self.runs))
-        summary = _("{moved} parameters changed", moved=len(self.moved)) if self.moved else constant
+        summary = _("{moved} parameters changed", moved=len(self.changes)) if self.changes else constant
         return [*out, f"{_(self.verdict)}: {summary}"]
 
 
@@ -164,7 +164,7 @@ class Drift:
     def rows(self) -> list["TableRow"]:
         """Return one flat row per parameter that changed."""
         keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
-        out = [change._asdict() for change in self.followed.moved]
+        out = [change._asdict() for change in self.followed.changes]
         return [
             {key: row[key] for key in keys} | {"from_run": row["between"][0], "to_run": row["between"][1]}
             for row in out
@@ -224,7 +224,7 @@ def track_parameters(
     for k, fit in enumerate(fits):
         if fit.runs[0] not in refused:
             single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
-    walk = np.array([_likeliest_walk(single[:, i], single_sd[:, i]) for i in range(p)])
+    walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
     filtered, cov, smoothed = _smooth(single, covs, walk)
     changes = [
         change
@@ -287,7 +287,7 @@ def _columns(
     return np.where(is_known, x, np.nan), np.where(is_known, std, np.nan)
 
 
-def _likeliest_walk(estimate: np.ndarray, std: np.ndarray) -> float:
+def _most_likely_walk(estimate: np.ndarray, std: np.ndarray) -> float:
     """Return q of one parameter under (1), from a grid of multiples of its median error; 0 if not significant."""
     is_measured = np.isfinite(estimate) & np.isfinite(std)
     y, s = estimate[is_measured], std[is_measured]
@@ -325,7 +325,7 @@ def _change(
         residuals = np.concatenate([y[:k] - before, y[k:] - after])
         steps.append((z, before, v_before, after, v_after, float(np.sum(weight * residuals**2)), k))
     best_step = max(steps, key=lambda step: abs(step[0]))
-    if not abs(best_step[0]) > _limit(ALPHA / (test_count * len(steps))):
+    if not abs(best_step[0]) > _critical_value(ALPHA / (test_count * len(steps))):
         return None
     line, line_cost = _fit_line(np.arange(len(measured_runs), dtype=float), y, weight)
     if len(measured_runs) > MIN_RUNS and line_cost < best_step[5]:
@@ -367,7 +367,7 @@ def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
     return float(np.sqrt(max(0.5 * excess, 0.0)))
 
 
-def _limit(alpha: float) -> float:
+def _critical_value(alpha: float) -> float:
     """Return the limit that |z| of a standard normal variable exceeds with the probability `alpha`."""
     from statistics import NormalDist
 

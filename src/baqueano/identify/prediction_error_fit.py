@@ -21,12 +21,12 @@ from baqueano.identify.data.segments import Evaluation, dense, eliminate
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability.identifiable import FinishedFit
-from baqueano.identify.parameters.free import FLOOR, free_parameter, value
+from baqueano.identify.parameters.free import PROCESS_NOISE_PATH, free_parameter, value
 from baqueano.identify.residuals.noise_level import sigma_of_file
-from baqueano.identify.result.assemble import fit_of, only_autocorrelated, verdict_basis
+from baqueano.identify.result.assemble import fit_of, is_only_autocorrelated, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.result.objective_choice import (
-    LeftOutBlocks,
+    LeaveOneOutComparison,
     ObjectiveChoice,
     choose_objective,
     leave_one_out,
@@ -38,7 +38,7 @@ class PredictionErrorFit(NamedTuple):
     """The second search, and the choice between its result and the result of the first search."""
 
     end: FinishedFit
-    likely: MaximumLikelihood
+    likelihood_fit: MaximumLikelihood
     choice: ObjectiveChoice
     axes: tuple[int, ...]
     info: Information  # about the identifiable θ, then the noise
@@ -54,7 +54,7 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
     can_have_floor = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
     )
-    if first.search.stopped or not can_have_floor or not only_autocorrelated(basis):
+    if first.search.stopped or not can_have_floor or not is_only_autocorrelated(basis):
         return fit_of(first, basis)
     second = search_prediction_error(first)
     if not second.end.search.solution.converged:
@@ -74,8 +74,8 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     if first.search.stopped:
         return fit_of(first)
     second = search_prediction_error(first)
-    fit, floor = fit_of(second.end), second.likely.noise.floor
-    paths = [f"{FLOOR}[{axis}]" for axis in second.axes]
+    fit, floor = fit_of(second.end), second.likelihood_fit.noise.floor
+    paths = [f"{PROCESS_NOISE_PATH}[{axis}]" for axis in second.axes]
     free = [free_parameter(first.blocks, path, {}) for path in paths]
     std = np.sqrt(floor)
     cov = _covariance(second, fit)
@@ -97,7 +97,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Return the covariance (p + k, p + k) of the parameters of `fit` and of the standard deviations of the process
     noise. Unknown entries are NaN.
     """
-    p, floor, count = len(fit.names), second.likely.noise.floor, len(second.end.identifiability.mask)
+    p, floor, count = len(fit.names), second.likelihood_fit.noise.floor, len(second.end.identifiability.mask)
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
     entries = np.r_[
@@ -127,7 +127,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     choice = choose_objective(
         likely, prediction.axes, _compare_objectives(first, prediction, likely), _noise_ratios(first, likely)
     )
-    with_noise, info = _informations(likely, first)
+    with_noise, info = _information_matrices(likely, first)
     optimum, evaluation, p = likely.solution, likely.solution.evaluation, problem.size
     evaluation = Evaluation(evaluation.cost, evaluation.gradient[:p], dense(evaluation.hessian)[:p, :p])
     solution = Solution(
@@ -139,7 +139,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     )
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
-    blocks, findings = put(first.blocks, FLOOR, std), first.findings
+    blocks, findings = put(first.blocks, PROCESS_NOISE_PATH, std), first.findings
     if choice.contradicted:
         findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
     second = first._replace(
@@ -155,7 +155,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
 
 def _compare_objectives(
     first: FinishedFit, prediction: Prediction, likely: MaximumLikelihood
-) -> LeftOutBlocks | None:
+) -> LeaveOneOutComparison | None:
     """Return the comparison of both results on left-out blocks, or None with too few blocks."""
     problem, ends = first.task.problem, first.search.solution
     mask = first.identifiability.mask
@@ -172,7 +172,7 @@ def _is_inside_bounds(likely: MaximumLikelihood) -> np.ndarray:
     return likely.solution.bound[len(likely.theta) :] == 0
 
 
-def _informations(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
+def _information_matrices(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
     """Return two information matrices: of (identifiable θ, noise parameters), and of the identifiable θ only. The
     initial states of the segments are eliminated from both. The second also eliminates the noise parameters, because
     they are also estimated.
@@ -202,7 +202,7 @@ def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
 
 def _sensors(second: PredictionErrorFit) -> Diagnostic:
     """Return a note with the noise of the sensors without the process noise."""
-    problem, noise = second.end.task.problem, second.likely.noise
+    problem, noise = second.end.task.problem, second.likelihood_fit.noise
     sigma = problem.sigma * np.exp(noise.sensors)
     ends = np.cumsum(problem.sizes)[:-1]
     by_sensor = zip(problem.names, np.split(sigma, ends), strict=True)

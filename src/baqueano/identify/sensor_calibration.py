@@ -18,7 +18,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import batch_covariance, regress, student_quantile
+from baqueano.identify.covariance.clusters import batch_covariance, huber_regression, student_quantile
 from baqueano.identify.result.calibration import GRID_S, MAX_OFFSET_S, CalibratedNumber, Calibration
 from baqueano.messages.language import translate as _
 from baqueano.signals import seconds
@@ -31,7 +31,7 @@ WINDOW_S, STEP_S, GAP_S = 2.0, 0.1, 0.25  # of windows: length, step, and the lo
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
 
 
-class TruthSignal(NamedTuple):
+class IntegratedSignal(NamedTuple):
     """A channel and its integral, linear between samples."""
 
     t_s: np.ndarray  # (M,)
@@ -42,7 +42,7 @@ class TruthSignal(NamedTuple):
         """Return z at the times `t_s`."""
         return np.interp(t_s, self.t_s, self.z)
 
-    def until(self, t_s: np.ndarray) -> np.ndarray:
+    def integral_until(self, t_s: np.ndarray) -> np.ndarray:
         """Return ∫ z dt from the first time to the times `t_s`."""
         k = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
         h = t_s - self.t_s[k]
@@ -107,7 +107,7 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
 
 def channel_of(
     run: "Run", vehicle_file: "VehicleFile", field: str, entry: int
-) -> tuple[str, TruthSignal] | None:
+) -> tuple[str, IntegratedSignal] | None:
     """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
     IMU that repeat the previous sample in all entries are excluded: they come from the driver, not the chip."""
     for name, block in vehicle_file.sensors._asdict().items():
@@ -120,7 +120,7 @@ def channel_of(
             is_finite[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
         t_s, z = seconds(channel.t_ns[is_finite], run.t_ns[0]), channel.z[is_finite, entry]
         sums = np.concatenate([[0.0], np.cumsum(0.5 * (z[1:] + z[:-1]) * np.diff(t_s))])
-        return name, TruthSignal(t_s, z, sums)
+        return name, IntegratedSignal(t_s, z, sums)
     return None
 
 
@@ -147,7 +147,7 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
     return seconds(run.truth.t_ns[is_finite], run.t_ns[0]), eta
 
 
-def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSignal) -> Windows:
+def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: IntegratedSignal) -> Windows:
     """Return all windows without a long gap in truth or sensor at any offset. Raise UsageError for too few."""
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
@@ -163,7 +163,7 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSig
         )
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
-    silent = _silences(t_s, 0.0) + _silences(signal.t_s, MAX_OFFSET_S)
+    silent = _gaps(t_s, 0.0) + _gaps(signal.t_s, MAX_OFFSET_S)
     is_valid = (t_s[b] - t_s[a] < 1.5 * WINDOW_S) & (t_s[b] <= end)
     for first, last in silent:
         is_valid &= (t_s[b] <= first) | (t_s[a] >= last)
@@ -177,19 +177,19 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSig
     return Windows(t_s, eta, a, b, batch)
 
 
-def _silences(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
+def _gaps(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
     long = np.flatnonzero(np.diff(t_s) > GAP_S)
     return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long]
 
 
-def _turn_equations(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations:
+def _turn_equations(w: Windows, gyro: IntegratedSignal, offset_s: float) -> Equations:
     """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
-    jacobian = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
+    jacobian = np.stack([w.of(gyro.integral_until(t)), w.of(w.t_s)], axis=1)
     return w.of(w.eta[:, 2]), jacobian, np.stack([w.of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1)
 
 
-def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
+def _motion_equations(w: Windows, odometer: IntegratedSignal, offset_s: float) -> Equations:
     """Return (2): y (2N,), derivatives (2N, 4) by (k_x, k_y, l_x, l_y), and their change per second of offset."""
     c, s = np.cos(w.eta[:, 2]), np.sin(w.eta[:, 2])
 
@@ -220,13 +220,13 @@ def _best_regression(
         offset_s = float(grid[np.argmin([_residual_std(*equations(o)[:2]) for o in grid])])
     for _round in range(20 if is_offset_free else 0):
         y, jacobian, change = equations(offset_s)
-        x, weights = regress(jacobian, y)
-        step = regress(np.column_stack([jacobian, change @ x]), y)[0][-1]
+        x, weights = huber_regression(jacobian, y)
+        step = huber_regression(np.column_stack([jacobian, change @ x]), y)[0][-1]
         offset_s = float(np.clip(offset_s + np.clip(step, -GRID_S, GRID_S), -MAX_OFFSET_S, MAX_OFFSET_S))
         if abs(step) < 1e-6:
             break
     y, jacobian, change = equations(offset_s)
-    x, weights = regress(jacobian, y)
+    x, weights = huber_regression(jacobian, y)
     J = np.column_stack([jacobian, change @ x]) if is_offset_free else jacobian
     residuals = y - jacobian @ x
     batch = np.repeat(w.batch, len(y) // len(w.batch))
@@ -236,7 +236,7 @@ def _best_regression(
 
 
 def _residual_std(y: np.ndarray, jacobian: np.ndarray) -> float:
-    x, _ = regress(jacobian, y, iterations=3)
+    x, _ = huber_regression(jacobian, y, iterations=3)
     return float(np.mean(np.abs(y - jacobian @ x)))
 
 

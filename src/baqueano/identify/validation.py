@@ -30,12 +30,12 @@ from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import FLOOR
+from baqueano.identify.parameters.free import PROCESS_NOISE_PATH
 from baqueano.identify.parameters.setup import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
-from baqueano.identify.result.verdict import percent, times
-from baqueano.identify.selection.held_out import BLOCK_S, SHORT_BLOCK_S, pieces_of
-from baqueano.identify.selection.held_out import MIN_SIGNS as ENOUGH_PIECES
+from baqueano.identify.result.verdict import percent_text, ratio_text
+from baqueano.identify.selection.held_out import BLOCK_S, SHORT_BLOCK_S, independent_motion_count
+from baqueano.identify.selection.held_out import MIN_SIGNS as MIN_INDEPENDENT_MOTIONS
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
@@ -50,8 +50,9 @@ MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the 
 FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a correct model
 CLIP_RATIO = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
 MIN_BLOCK_READINGS = 10  # least number of readings in a block that is used
-# Of 30 drives of SHORT_BLOCK_S * ENOUGH_PIECES, 7 had too few segments of motion. Drives of this duration had enough.
-ADVISED_S = 1.5 * SHORT_BLOCK_S * ENOUGH_PIECES
+# Of 30 drives of SHORT_BLOCK_S * MIN_INDEPENDENT_MOTIONS, 7 had too few independent motions. Drives of this duration
+# had enough.
+ADVISED_S = 1.5 * SHORT_BLOCK_S * MIN_INDEPENDENT_MOTIONS
 MIN_BLOCKS = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_BLOCK_S
 
 
@@ -110,9 +111,11 @@ class Validation(Result):
             f"{_('own runs'):>10}"
         ]
         for f in self.figures:
-            ratio_text = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
+            ratios = (
+                f"{ratio_text(f.times):>9} {percent_text(f.explained):>10} {percent_text(f.on_own_runs):>10}"
+            )
             lines.append(
-                f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {ratio_text}"
+                f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {ratios}"
             )
         return "\n".join(
             [*lines, *(_("note: {note}", note=text(message)) for message in self.outside), self.sentence]
@@ -139,7 +142,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=runs_of_fit[0]))
     use = _channels_used(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
-    run_parameters = [name for name in fit.own_names if is_requested(name)]
+    run_parameters = [name for name in fit.run_entry_names if is_requested(name)]
     clocks = [name.removeprefix("clock.") for name in run_parameters if name.startswith("clock.")]
     per_run = [
         name
@@ -155,7 +158,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
         channels += identify(
             run, vehicle_file, (), use=use, options=replace(options, at_rest=run_at_rest)
         ).channels
-    metrics, messages = [], _too_few(fit, runs)
+    metrics, messages = [], _too_few_reasons(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
             run_parameters = [
@@ -172,15 +175,15 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     )
 
 
-def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
+def _too_few_reasons(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
     """Return the reasons why no test of the model is possible, for each command that moved in the fit."""
     reasons = []
     for k in fit.envelope.moved_commands:
-        count, name = pieces_of(runs, k), fit.envelope.names[k]
+        count, name = independent_motion_count(runs, k), fit.envelope.names[k]
         if not count:
             reasons.append(note("validation.still", Severity.UNKNOWN, subject=name, needed_s=ADVISED_S))
-        elif count < ENOUGH_PIECES:
-            details = {"pieces": count, "least": ENOUGH_PIECES, "needed_s": ADVISED_S}
+        elif count < MIN_INDEPENDENT_MOTIONS:
+            details = {"pieces": count, "least": MIN_INDEPENDENT_MOTIONS, "needed_s": ADVISED_S}
             reasons.append(note("validation.too-few", Severity.UNKNOWN, subject=name, **details))
     return reasons
 
@@ -197,7 +200,7 @@ def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic
         start_note = note("validation.some-from-velocity", count=at_rest.count(False), of=len(at_rest))
     else:
         start_note = note("validation.from-velocity")
-    count = min((pieces_of(runs, k) for k in fit.envelope.moved_commands), default=0.0)
+    count = min((independent_motion_count(runs, k) for k in fit.envelope.moved_commands), default=0.0)
     span = shortest if shortest == longest else f"{shortest} … {longest}"
     return note("validation.basis", span_s=span, start=start_note, pieces=count)
 
@@ -333,9 +336,9 @@ def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelErro
 COMPARED = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too-short")
 
 
-def by_innovations(fit: Fit) -> bool:
+def is_fit_by_innovations(fit: Fit) -> bool:
     """Return True if the fit minimised the innovations: then its parameters include the process noise."""
-    return any(name.startswith(FLOOR) for name in fit.names)
+    return any(name.startswith(PROCESS_NOISE_PATH) for name in fit.names)
 
 
 def with_cost_advice(
@@ -350,18 +353,18 @@ def with_cost_advice(
     at = next((k for k, message in enumerate(fit.notes) if message.code in COMPARED), None)
     if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
         return fit
-    other = refit("simulation" if by_innovations(fit) else "innovations")
-    if other.verdict == Verdict.REFUSED or by_innovations(other) == by_innovations(fit):
+    other = refit("simulation" if is_fit_by_innovations(fit) else "innovations")
+    if other.verdict == Verdict.REFUSED or is_fit_by_innovations(other) == is_fit_by_innovations(fit):
         return replace(fit, notes=fit.notes[:at] + fit.notes[at + 1 :])
     both = [validation, validate(other, runs)]
-    simulation, innovations = reversed(both) if by_innovations(fit) else both
-    advice = _advice(100.0 * more_error(simulation, innovations))
-    if advice.code == "cost.held-out-smaller" and not by_innovations(fit):
+    simulation, innovations = reversed(both) if is_fit_by_innovations(fit) else both
+    advice = _advice(100.0 * relative_error_change(simulation, innovations))
+    if advice.code == "cost.held-out-smaller" and not is_fit_by_innovations(fit):
         advice = note("cost.try-innovations", fix="--cost innovations", cause=advice)
     return replace(fit, notes=(*fit.notes[:at], advice, *fit.notes[at + 1 :]))
 
 
-def by_other_cost(
+def refit_with_cost(
     runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **how: Any
 ) -> Callable[[str], Fit]:
     """Return a function that fits the runs with a given cost, without diagnostics.
@@ -373,7 +376,7 @@ def by_other_cost(
     )
 
 
-def more_error(simulation: Validation, innovations: Validation) -> float:
+def relative_error_change(simulation: Validation, innovations: Validation) -> float:
     """Return D, the relative change of the squared error if the innovations replace the simulation error.  (6)"""
     squares = {(f.run, f.channel): f.error**2 for f in innovations.figures}
     pairs = [

@@ -248,9 +248,9 @@ def _history_card(result: ParameterHistory) -> Card:
     rows = [
         {"parameter": change.name.removeprefix("model."), "before": change.before, "after": change.after,
          "unit": shown_unit(change.unit)}
-        for change in result.moved
+        for change in result.changes
     ]  # fmt: skip
-    sentences = texts([change.message for change in result.moved]) or [
+    sentences = texts([change.message for change in result.changes]) or [
         _("No parameter changed beyond its error bars.")
     ]
     return Card(title, result.verdict, rows, sentences[:SENTENCES])

@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict, most_severe_first
 from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
-from baqueano.identify.result.verdict import percent
+from baqueano.identify.result.verdict import percent_text
 from baqueano.messages import texts, with_full_stop
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
@@ -50,7 +50,7 @@ def page_of_fit(
             Headline(
                 _("noise of {channel}", channel=label(c)) + (f", {c.run}" if len(fit.runs) > 1 else ""),
                 f"{number(c.sigma):.3g}",
-                _("the model explains {part}", part=percent(c.explained)),
+                _("the model explains {part}", part=percent_text(c.explained)),
             )
             for c in _headline_channels(_worst_channels(fit.channels))
         ],
@@ -73,7 +73,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
 
     `truth` (p,) is drawn beside the estimates. With `reasons`, the reasons of the verdict are also listed.
     """
-    messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
+    messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.always_unobservable, *fit.notes)
     messages = "\n".join(f"• {message}" for message in texts(most_severe_first(messages)))
     rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
@@ -205,7 +205,7 @@ def _runs_section(fit: Fit) -> list[Section]:
     names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
     for run in fit.runs:
         rows_ = {
-            label(c): f"{number(c.sigma):.3g}, {percent(c.explained)}"
+            label(c): f"{number(c.sigma):.3g}, {percent_text(c.explained)}"
             for c in _channels_of(fit.channels, run)
         }
         rows.append({"run": run} | {name: rows_.get(name) for name in names})

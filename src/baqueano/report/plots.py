@@ -16,7 +16,7 @@ from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
-from baqueano.identify.noise.at_rest import AtRest
+from baqueano.identify.noise.at_rest import RestMeasurement
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.identify.result.calibration import Calibration
@@ -157,8 +157,8 @@ def _noise_drawings(result: Noise) -> dict[str, Draw]:
     return {"deviations": lambda: plot_deviations(result)}
 
 
-@drawings_of.register(AtRest)
-def _rest_drawings(result: AtRest) -> dict[str, Draw]:
+@drawings_of.register(RestMeasurement)
+def _rest_drawings(result: RestMeasurement) -> dict[str, Draw]:
     return {sensor: partial(allan_curves, channels) for sensor, channels in by_sensor(result).items()}
 
 

@@ -147,10 +147,10 @@ def command(
     fit = result.fit if choose else result
     validation = _validate_fit(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
     if validation is not None and not choose:
-        from baqueano.identify.validation import by_other_cost, with_cost_advice
+        from baqueano.identify.validation import refit_with_cost, with_cost_advice
 
         with show_activity(note("cli.judging", runs=len(validation_runs))):
-            refit = by_other_cost(fit_runs, vehicle_file, **settings_of_fit)
+            refit = refit_with_cost(fit_runs, vehicle_file, **settings_of_fit)
             fit = result = with_cost_advice(fit, validation_runs, validation, refit)
     drive_forecast = _forecast_drive(fit, fit_runs, lap, how["route"])
     if as_json or report.page is None:

@@ -286,12 +286,12 @@ def calibrate(
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.errors import AnswerNo
+    from baqueano.identify.hand_turn_calibration import calibrate_by_hand_turns, is_turned_by_hand
     from baqueano.identify.sensor_calibration import calibrate
-    from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 
     vehicle_file, recorded_run = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
-    if turns is not None or turned_by_hand(recorded_run):
-        calibration = by_hand(recorded_run, vehicle_file, turns)
+    if turns is not None or is_turned_by_hand(recorded_run):
+        calibration = calibrate_by_hand_turns(recorded_run, vehicle_file, turns)
     else:
         with show_activity(note("cli.comparing")):
             calibration = calibrate(recorded_run, vehicle_file)
@@ -355,11 +355,11 @@ def noise(
     run: str, from_s: float, to_s: float | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     update: bool, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.noise.at_rest import at_rest
+    from baqueano.identify.noise.at_rest import measure_at_rest
 
     recorded_run = options.find_runs((run,), folder)[0]
     with show_activity(note("cli.averaging")):
-        rest_result = at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
+        rest_result = measure_at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
     answer(rest_result, as_json)
     if report:
         from baqueano.report.pages.at_rest import page_of_rest

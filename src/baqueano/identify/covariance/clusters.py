@@ -66,19 +66,19 @@ def _exact_student_quantile(probability: float, freedom: int) -> float:
     return float(np.sqrt(freedom) * np.tan(low))
 
 
-def covariance_of_moves(moves: np.ndarray, fitted: int | None = None) -> np.ndarray:
-    """Return the covariance (p, p) of an estimate from its `moves` (n, p), one for each independent block.
+def covariance_of_changes(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
+    """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block.
 
-    A move is A⁻¹ s_b if the number of `fitted` parameters is given (1), else the change without the block (2).
+    A move is A⁻¹ s_b if the number of `parameter_count` parameters is given (1), else the change without the block (2).
     """
-    n = len(moves)
-    if fitted is not None:
-        return moves.T @ moves * (n / (n - fitted))
-    deviations = moves - np.mean(moves, axis=0)
+    n = len(changes)
+    if parameter_count is not None:
+        return changes.T @ changes * (n / (n - parameter_count))
+    deviations = changes - np.mean(changes, axis=0)
     return (n - 1) / n * deviations.T @ deviations
 
 
-def widening(variance: np.ndarray, least: np.ndarray) -> np.ndarray:
+def inflation_factors(variance: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Return the factors (k,) of standard errors that raise each `variance` (k,) to `least` (k,) if it is below."""
     return np.sqrt(np.maximum(least / np.maximum(variance, 1e-300), 1.0))
 
@@ -100,11 +100,13 @@ def batch_covariance(
         return np.full((p, p), np.inf)
     scores = np.zeros((len(numbers), p))
     np.add.at(scores, index, (weights * residuals)[:, None] * J)
-    moves = (vectors / values) @ vectors.T @ scores.T
-    return covariance_of_moves(moves.T, p) / np.outer(scale, scale)
+    changes = (vectors / values) @ vectors.T @ scores.T
+    return covariance_of_changes(changes.T, p) / np.outer(scale, scale)
 
 
-def regress(jacobian: np.ndarray, y: np.ndarray, iterations: int = 10) -> tuple[np.ndarray, np.ndarray]:
+def huber_regression(
+    jacobian: np.ndarray, y: np.ndarray, iterations: int = 10
+) -> tuple[np.ndarray, np.ndarray]:
     """Return Huber's regression of y (N,) on `jacobian` (N, p): the estimate (p,) and the weights (N,)."""
     weights = np.ones(len(y))
     x = np.zeros(jacobian.shape[1])
@@ -132,7 +134,7 @@ def jackknife(
     split. If `alike`, also return None if one block has more than MAX_BLOCK_SHARE of the information on a direction
     (one segment: MAX_SEGMENT_SHARE).
     """
-    if not len(identifiable) or (by_segment and not _is_cut(problem)):
+    if not len(identifiable) or (by_segment and not _has_split_runs(problem)):
         return None
     A = bread[np.ix_(identifiable, identifiable)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
@@ -141,26 +143,26 @@ def jackknife(
     position[identifiable] = np.arange(len(identifiable))
     block_s = np.inf if by_segment else block_duration_s(problem)
     min_count, max_share = (MIN_SEGMENTS, MAX_SEGMENT_SHARE) if by_segment else (MIN_BLOCKS, MAX_BLOCK_SHARE)
-    moves, shared_entries = [], np.flatnonzero(identifiable < problem.layout.shared_count)
+    changes, shared_entries = [], np.flatnonzero(identifiable < problem.layout.shared_count)
     for (r, d, index), record in zip(segment_derivatives(problem, theta), problem.records, strict=True):
         is_identifiable = position[index] >= 0
         positions = position[index[is_identifiable]]
-        g, A_b = _block_sums(r, d, edges_of(record, block_s, len(r)))
+        g, A_b = _block_sums(r, d, block_edges(record, block_s, len(r)))
         g = g[:, is_identifiable] / root[positions]
         A_b = A_b[:, is_identifiable][:, :, is_identifiable] / np.outer(root[positions], root[positions])
         # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g; C is the part of A⁻¹ for these
         remainder = (1.0 + MIN_REMAINDER) * np.eye(len(positions)) - A_b @ inverse[
             np.ix_(positions, positions)
         ]
-        moves.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[positions] / root)
+        changes.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[positions] / root)
         cross_cov = inverse[np.ix_(positions, shared_entries)]
         shared_cov = inverse[np.ix_(shared_entries, shared_entries)]
         if alike and _is_dominated_by_one_block(A_b, remainder, cross_cov, shared_cov, max_share):
             return None
-    all_moves = np.concatenate(moves)
-    if len(all_moves) < min_count or not np.isfinite(all_moves).all():
+    all_changes = np.concatenate(changes)
+    if len(all_changes) < min_count or not np.isfinite(all_changes).all():
         return None
-    return covariance_of_moves(all_moves)
+    return covariance_of_changes(all_changes)
 
 
 def block_duration_s(problem: Residuals) -> float:
@@ -168,7 +170,7 @@ def block_duration_s(problem: Residuals) -> float:
     return max(BLOCK_S, _total_s(problem) / MAX_BLOCKS)
 
 
-def edges_of(record: FitRecord, block_s: float, n: int) -> list[int]:
+def block_edges(record: FitRecord, block_s: float, n: int) -> list[int]:
     """Return the rows at which the blocks of a segment begin, and its number of rows `n` as the last entry."""
     ends = np.cumsum(record.dt_s[record.lead :])
     first = record.lead + np.flatnonzero(np.diff(ends // block_s, prepend=-1.0))
@@ -183,7 +185,7 @@ def segment_derivatives(
     If runs are split, the initial states are eliminated, and ∂r is NaN in a segment in which the model diverged.
     """
     for r, d, index in problem.sensitivities(theta):
-        if not _is_cut(problem):
+        if not _has_split_runs(problem):
             yield r, d, index
             continue
         start = index >= problem.layout.first_start
@@ -193,7 +195,7 @@ def segment_derivatives(
             yield r, np.full_like(d[..., ~start], np.nan), index[~start]
 
 
-def _is_cut(problem: Residuals) -> bool:
+def _has_split_runs(problem: Residuals) -> bool:
     """Return True if any run is split into segments."""
     return len(problem.records) > max(problem.layout.runs) + 1
 
@@ -247,7 +249,7 @@ def with_larger_errors(
     if not disagreement > 1.0 + SIGNIFICANT_SIGMA * np.sqrt(2.0 / (n * k)):
         return cov
     factors = np.ones(len(cov))
-    factors[:k] = widening(np.diagonal(shared_cov), np.diagonal(block_cov))
+    factors[:k] = inflation_factors(np.diagonal(shared_cov), np.diagonal(block_cov))
     return cov * np.outer(factors, factors)
 
 
@@ -260,7 +262,7 @@ def with_jackknife(info: "Information", identifiable: np.ndarray, cov: np.ndarra
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     inverse = np.linalg.inv(A / np.outer(root, root))
     sandwich = inverse @ (meat[index] / np.outer(root, root)) @ inverse
-    D = widening(np.diagonal(cov) * root**2, np.maximum(np.diagonal(sandwich), np.diagonal(inverse)))
+    D = inflation_factors(np.diagonal(cov) * root**2, np.maximum(np.diagonal(sandwich), np.diagonal(inverse)))
     product = A @ (cov * np.outer(D, D)) @ A
     meat[index] = 0.5 * (product + product.T)
     return info._replace(meat=meat)

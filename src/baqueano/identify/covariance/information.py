@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, covariance_of_moves, widening
+from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, covariance_of_changes, inflation_factors
 from baqueano.identify.parallel import gram, inner, parallel_map
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import HUBER, Residuals
@@ -103,17 +103,17 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     scale = np.where(scale > 0.0, scale, 1.0)
     A = info.bread[index] / np.outer(scale, scale)
     B = info.meat[index] / np.outer(scale, scale)
-    factor = np.linalg.solve(A, _root(B))
+    factor = np.linalg.solve(A, _square_root(B))
     cov = factor @ factor.T  # A⁻¹ B A⁻¹
     cov = cov * (info.sample_count / max(1, info.sample_count - len(identifiable)))
     if info.scores is not None:
         moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T).T
-        factors = widening(np.diagonal(cov), np.diagonal(covariance_of_moves(moves, info.shared)))
+        factors = inflation_factors(np.diagonal(cov), np.diagonal(covariance_of_changes(moves, info.shared)))
         cov = cov * np.outer(factors, factors)
     return cov / np.outer(scale, scale)
 
 
-def inverse(A: np.ndarray) -> np.ndarray:
+def pseudo_inverse(A: np.ndarray) -> np.ndarray:
     """Return the pseudo-inverse (p, p) of A, from scaled entries; it is 0 in directions without information."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     return np.linalg.pinv(A / np.outer(root, root), rcond=1e-12, hermitian=True) / np.outer(root, root)
@@ -170,7 +170,7 @@ def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s:
     return 0.5 * (B + B.T)
 
 
-def _root(B: np.ndarray) -> np.ndarray:
+def _square_root(B: np.ndarray) -> np.ndarray:
     """Return F (k, k) with F Fᵀ = B + ε I, where ε is small.
 
     If B has negative eigenvalues because of rounding, ε replaces all eigenvalues below ε.
@@ -183,7 +183,7 @@ def _root(B: np.ndarray) -> np.ndarray:
         return vectors * np.sqrt(np.maximum(values, jitter))
 
 
-def own_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
+def marginal_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
     """Return the smallest eigenvalue of the normalised information on the entries `index`, with the `others`
     eliminated. Return 0 if one of the entries `index` does not have information.
     """
@@ -200,7 +200,7 @@ def own_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> flo
     return float(np.linalg.eigvalsh(remaining)[0])
 
 
-def own_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.ndarray:
+def marginal_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.ndarray:
     """Return the standard errors (q,) of the entries `index` of θ, if these and the entries in the mask `is_free` (p,)
     are estimated together. A (p, p) is the information. An entry without information has an infinite error."""
     entries = np.flatnonzero((is_free | np.isin(np.arange(len(is_free)), index)) & (np.diagonal(A) > 0.0))

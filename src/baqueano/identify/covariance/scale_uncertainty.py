@@ -22,7 +22,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import segment_derivatives
-from baqueano.identify.covariance.information import Information, inverse
+from baqueano.identify.covariance.information import Information, pseudo_inverse
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.symbolic import get
 
@@ -107,19 +107,19 @@ def _measured_relative_std(vehicle_file: "VehicleFile", path: str, entry: int) -
     return relative if np.isfinite(relative) else None
 
 
-def zero_std(vehicle_file: "VehicleFile", imu: str) -> float:
+def std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float:
     """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
-    std_rad_s = _measured_zero_std(vehicle_file, imu)
+    std_rad_s = _measured_std_of_gyro_bias(vehicle_file, imu)
     return std_of_tolerance(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
 
 
-def _measured_zero_std(vehicle_file: "VehicleFile", imu: str) -> float | None:
+def _measured_std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float | None:
     origin = vehicle_file.provenance.get(f"sensors.{imu}.gyro_bias")
     std_rad_s = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
     return std_rad_s if np.isfinite(std_rad_s) else None
 
 
-def covariance_of_zeros(
+def gyro_bias_covariance(
     problem: Residuals,
     theta: np.ndarray,
     identifiable: np.ndarray,
@@ -149,13 +149,17 @@ def covariance_of_zeros(
         A = bread[np.ix_(positions, positions)]
         if not (np.isfinite(g).all() and np.isfinite(A).all()):
             continue  # a model that diverged
-        v, measured_std = inverse(A) @ g[positions], _measured_zero_std(vehicle_file, name)
-        std = _gyro_zero_std(score, power - float(g[positions] @ v)) if measured_std is None else measured_std
+        v, measured_std = pseudo_inverse(A) @ g[positions], _measured_std_of_gyro_bias(vehicle_file, name)
+        std = (
+            _unmeasured_std_of_gyro_bias(score, power - float(g[positions] @ v))
+            if measured_std is None
+            else measured_std
+        )
         cov[np.ix_(positions, positions)] += std**2 * np.outer(v, v)
     return cov
 
 
-def _gyro_zero_std(score: float, power: float) -> float:
+def _unmeasured_std_of_gyro_bias(score: float, power: float) -> float:
     """Return the standard deviation σ [rad/s] of a zero that was not measured.  (4)"""
     sheet_std = std_of_tolerance(ZERO_RATE_RAD_S)
     return min(sheet_std, float(np.hypot(score / power, power**-0.5))) if power > sheet_std**-2 else sheet_std
@@ -165,12 +169,12 @@ def with_systematic_errors(
     info: Information,
     gradient: Callable[[int, float, float], np.ndarray],
     scales: np.ndarray,
-    zero_rad_s: float,
+    gyro_bias_rad_s: float,
 ) -> Information:
     """Return `info` with the effect of errors in the scales and in the zero of the gyro.  (2)
 
-    `scales` (m,) and `zero_rad_s` [rad/s] are standard deviations. `gradient(c, scale, shift)` returns the gradient
-    (p,) of the cost if channel c is divided by `scale` and `shift` is added to it.
+    `scales` (m,) and `gyro_bias_rad_s` [rad/s] are standard deviations. `gradient(c, scale, shift)` returns the
+    gradient (p,) of the cost if channel c is divided by `scale` and `shift` is added to it.
     """
     meat = info.meat.copy()
     for c in np.flatnonzero(scales > 0.0):
@@ -178,9 +182,9 @@ def with_systematic_errors(
             2.0 * RELATIVE_STEP
         )
         meat += scales[c] ** 2 * np.outer(g, g)
-    if zero_rad_s > 0.0:
+    if gyro_bias_rad_s > 0.0:
         g = (gradient(GYRO_CHANNEL, 1.0, RELATIVE_STEP) - gradient(GYRO_CHANNEL, 1.0, -RELATIVE_STEP)) / (
             2.0 * RELATIVE_STEP
         )
-        meat += zero_rad_s**2 * np.outer(g, g)
+        meat += gyro_bias_rad_s**2 * np.outer(g, g)
     return info._replace(meat=meat)

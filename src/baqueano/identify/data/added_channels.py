@@ -91,7 +91,7 @@ def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: Fitt
     return records_with_voltage
 
 
-def at_voltage(blocks: FittedBlocks, row: np.ndarray, is_logged: bool) -> FittedBlocks:
+def with_battery_voltage(blocks: FittedBlocks, row: np.ndarray, is_logged: bool) -> FittedBlocks:
     """Return the blocks with `battery_v` from the end of the row if `is_logged`, else unchanged."""
     return put(blocks, "model.drivetrain.battery_v", row[-1]) if is_logged else blocks
 

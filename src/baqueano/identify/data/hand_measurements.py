@@ -1,7 +1,7 @@
 """Read measurements made by hand: the distance from the start by tape, and the angle that the vehicle turned.
 
     d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (1)
-    σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN_VEHICLES,   d_0 without noise                                          (2)
+    σ² = σ_hand² + Σ_i (d_i − d_0)² / SAMPLED_VEHICLES,   d_0 without noise                                          (2)
 
     "12.4 s: 2.31 m"               2.31 m from the start of the run, 12.4 s after the first tick
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
@@ -10,7 +10,7 @@
 A measurement describes the pose at its time. The run begins at x = y = ψ = 0 and is not split into segments.
 Measurements determine the scales of the speed and of the gyro, which the sensors on board do not show. An angle is
 used as a direction, so the model must predict it within half a turn. Process noise moves the vehicle away from its
-simulation, by the spread of DRAWN_VEHICLES vehicles with the `process_noise_std` of the file (2). If this value is 0,
+simulation, by the spread of SAMPLED_VEHICLES vehicles with the `process_noise_std` of the file (2). If this value is 0,
 a tape measurement after a minute has the weight of an error of only 1 cm: measure early.
 """
 
@@ -32,7 +32,7 @@ from baqueano.symbolic import scan
 LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # accuracy of a tape and a line of chalk
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
-DRAWN_VEHICLES = 24  # simulated vehicles; with these, the error of σ is 15 %
+SAMPLED_VEHICLES = 24  # simulated vehicles; with these, the error of σ is 15 %
 SMOOTHING_M = 1e-3  # keeps the root of (1) smooth at the mark
 LINE_PATTERN = re.compile(
     r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
@@ -52,7 +52,7 @@ class HandMeasurement(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tape:
+class TapeDistance:
     """Sensor block of a distance: z = (√(x² + y²),) [m], from the start of the run."""
 
     std: float = LENGTH_STD_M
@@ -69,7 +69,7 @@ class Tape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BackOnMark:
+class MarkPosition:
     """Sensor block of a position: z = (x, y) [m]."""
 
     std: float = LENGTH_STD_M
@@ -102,12 +102,12 @@ class TurnAngle:
         return np.array([np.cos(motion.eta[2]), np.sin(motion.eta[2])])
 
 
-KINDS: dict[str, type] = {"tape": Tape, "back_on_mark": BackOnMark, "turned": TurnAngle}
+KINDS: dict[str, type] = {"tape": TapeDistance, "back_on_mark": MarkPosition, "turned": TurnAngle}
 
 EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
 
 
-def with_tape(
+def with_hand_measurements(
     runs: Sequence[Run], blocks: FittedBlocks, measured: Sequence[str]
 ) -> tuple[list[Run], FittedBlocks]:
     """Return the runs with one channel for each hand measurement, and the blocks with a sensor for each channel.
@@ -148,12 +148,12 @@ def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
 
     kernel = scan(step, vehicle.init(), np.zeros(n + 3))
     rng, ends = np.random.default_rng(0), []
-    for noise in (np.zeros((tick_count, 3)), *rng.standard_normal((DRAWN_VEHICLES, tick_count, 3))):
+    for noise in (np.zeros((tick_count, 3)), *rng.standard_normal((SAMPLED_VEHICLES, tick_count, 3))):
         eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([columns, noise])))[1])[-1]
         ends.append(KINDS[measurement.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
     deviations = np.array(ends[1:]) - ends[0]
     per_entry = 1 if measurement.kind == "turned" else len(measurement.z)  # both entries describe one angle
-    return float(np.sqrt(np.sum(deviations**2) / (DRAWN_VEHICLES * per_entry)))
+    return float(np.sqrt(np.sum(deviations**2) / (SAMPLED_VEHICLES * per_entry)))
 
 
 def read_line(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:

@@ -165,7 +165,7 @@ def _measurements(
         )
     m, row_count = block.size, int(ends[-1]) + 1
     z, has = np.zeros((row_count, m)), np.zeros((row_count, m))
-    is_sound = _sound_mask(name, block, channel, notes)
+    is_sound = _valid_mask(name, block, channel, notes)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(max_offset_s * 1e9))
     first_ns = run.t_ns[0] - round(MAX_EARLY_FRACTION * float(np.median(np.diff(run.t_ns))))
     is_inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (max_offset_s > 0.0))
@@ -201,10 +201,10 @@ def _sample_fraction(
     return sample_fraction
 
 
-def _sound_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
+def _valid_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
     """Return a mask (M, m), True where an entry is finite and not at the end of the range."""
     is_sound = np.isfinite(channel.z)
-    limit = range_of(block)
+    limit = sensor_range(block)
     if limit is not None:
         at_limit = is_sound & (np.abs(channel.z) >= limit)
         if at_limit.any():
@@ -221,7 +221,7 @@ def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:
     return not is_sensor or bool(np.isin(z[np.isfinite(z)], run.sensors[sensor].z[:, entry]).all())
 
 
-def range_of(block: Tree) -> np.ndarray | None:
+def sensor_range(block: Tree) -> np.ndarray | None:
     """Return the largest magnitude (m,) of a reading inside the range of an IMU, or None for other sensors."""
     if not has_field(block, "accel_limit"):
         return None

@@ -33,7 +33,7 @@ FIRST_READINGS = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
 REST_NOISE_FACTOR = 2.0  # times w, or the noise in the file: a gyro with more scatter is being turned by hand
 
 
-def with_gyro_at_rest(
+def with_gyro_bias_at_rest(
     vehicle_file: "VehicleFile", runs: Sequence[Run]
 ) -> tuple["VehicleFile", Diagnostic | None]:
     """Return the file with the bias of the first gyro that was at rest in the runs, and a message.
@@ -52,7 +52,7 @@ def with_gyro_at_rest(
         message = note(
             "bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=std, runs=", ".join(runs_at_rest)
         )
-        return _rest_file(vehicle_file, name, bias, std, runs_at_rest), message
+        return _file_with_gyro_bias(vehicle_file, name, bias, std, runs_at_rest), message
     return vehicle_file, None
 
 
@@ -68,10 +68,12 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
         finite = np.isfinite(channel.z)
         step = np.diff(np.where(finite, channel.z, 0.0), axis=0) * (finite[1:] & finite[:-1])
         white_std = np.sqrt(0.5 * np.mean(step**2, axis=0))
-        if not has_field(sensor, "gyro_bias") and shows_speed(sensor).any():
-            first_speeds = np.abs(channel.z[:FIRST_READINGS, shows_speed(sensor)])
+        if not has_field(sensor, "gyro_bias") and speed_channels(sensor).any():
+            first_speeds = np.abs(channel.z[:FIRST_READINGS, speed_channels(sensor)])
             # NaN is not treated as moving
-            return not np.any(first_speeds > ZERO_SPEED_FACTOR * white_std[shows_speed(sensor)] + TOLERANCE)
+            return not np.any(
+                first_speeds > ZERO_SPEED_FACTOR * white_std[speed_channels(sensor)] + TOLERANCE
+            )
         readings_before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         is_quiet = (
             is_quiet
@@ -81,7 +83,7 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
     return is_quiet
 
 
-def shows_speed(sensor: "Tree") -> np.ndarray:
+def speed_channels(sensor: "Tree") -> np.ndarray:
     """Return a mask (m,) of the channels that depend on ν and not on ν̇."""
     zeros, no_force = np.zeros(3), np.zeros(2)
     z_at_rest, z_moving = (
@@ -114,7 +116,7 @@ def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     return np.zeros(0) if is_turned or len(residuals) < MIN_REST_S * sensor.rate_hz else residuals
 
 
-def _rest_file(
+def _file_with_gyro_bias(
     vehicle_file: "VehicleFile", name: str, bias: float, std: float, run_names: list[str]
 ) -> "VehicleFile":
     from baqueano.vehicle_file import Provenance

@@ -111,7 +111,7 @@ def eliminate(
     """
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
     for entries in blocks:
-        gain = bread[:first, entries] @ _inverse(bread[entries, entries])  # A_s A_ss⁻¹
+        gain = bread[:first, entries] @ _pseudo_inverse(bread[entries, entries])  # A_s A_ss⁻¹
         A -= gain @ bread[entries, :first]
         cross = gain @ meat[entries, :first]
         B += gain @ meat[entries, entries] @ gain.T - cross - cross.T
@@ -126,13 +126,13 @@ def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -
     start_derivatives, other_derivatives = d[..., start], d[..., ~start]
     weighted_derivatives = start_derivatives * w[..., None]
     axes = (0, 1), (0, 1)
-    projection = _inverse(np.tensordot(weighted_derivatives, start_derivatives, axes)) @ np.tensordot(
+    projection = _pseudo_inverse(np.tensordot(weighted_derivatives, start_derivatives, axes)) @ np.tensordot(
         weighted_derivatives, other_derivatives, axes
     )
     return other_derivatives - start_derivatives @ projection
 
 
-def _inverse(A: np.ndarray) -> np.ndarray:
+def _pseudo_inverse(A: np.ndarray) -> np.ndarray:
     """Return the pseudo-inverse of a small information matrix; it is 0 in directions without information."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     values, vectors = np.linalg.eigh(A / np.outer(root, root))
@@ -141,16 +141,18 @@ def _inverse(A: np.ndarray) -> np.ndarray:
     return (columns / values[positive]) @ columns.T / np.outer(root, root)
 
 
-MIN_OWN_ENTRIES = 48  # number of entries of segments above which (3) is faster than one solve of full size
+MIN_SEGMENT_ENTRIES = (
+    48  # number of entries of segments above which (3) is faster than one solve of full size
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrowLayout:
     """Indices of the parts of a `BlockArrow` in a vector (p,)."""
 
-    common: np.ndarray  # (s,) entries of x
-    own: np.ndarray  # (K, q) entries of y_k
-    is_own: np.ndarray  # (p,) bool
+    shared: np.ndarray  # (s,) entries of x
+    segment_entries: np.ndarray  # (K, q) entries of y_k
+    is_segment_entry: np.ndarray  # (p,) bool
     index_in_part: np.ndarray  # (p,) index of an entry in x, or in its y_k
 
 
@@ -158,45 +160,52 @@ def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | Non
     """Return the parts of θ, and of `extra_count` shared entries after it, or None if few entries belong to
     segments."""
     count, o, q = len(layout.runs), layout.run_entry_count, layout.start_size
-    own_entries = layout.first_start + np.arange(count * q).reshape(count, q)
+    segment_entries = layout.first_start + np.arange(count * q).reshape(count, q)
     if layout.runs == tuple(range(count)):  # runs of one segment: entries of the run belong to it
-        own_entries = np.hstack([layout.shared_count + np.arange(count * o).reshape(count, o), own_entries])
-    if count < 2 or own_entries.size < MIN_OWN_ENTRIES:
+        segment_entries = np.hstack(
+            [layout.shared_count + np.arange(count * o).reshape(count, o), segment_entries]
+        )
+    if count < 2 or segment_entries.size < MIN_SEGMENT_ENTRIES:
         return None
-    is_own = np.zeros(layout.size + extra_count, bool)
-    is_own[own_entries] = True
-    common, index_in_part = np.flatnonzero(~is_own), np.zeros(len(is_own), int)
-    index_in_part[common] = np.arange(len(common))
-    index_in_part[own_entries] = np.arange(own_entries.shape[1])
-    return ArrowLayout(common, own_entries, is_own, index_in_part)
+    is_segment_entry = np.zeros(layout.size + extra_count, bool)
+    is_segment_entry[segment_entries] = True
+    shared, index_in_part = np.flatnonzero(~is_segment_entry), np.zeros(len(is_segment_entry), int)
+    index_in_part[shared] = np.arange(len(shared))
+    index_in_part[segment_entries] = np.arange(segment_entries.shape[1])
+    return ArrowLayout(shared, segment_entries, is_segment_entry, index_in_part)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockArrow:
     """Matrix of (3): a corner S of the shared entries x, and for each segment a border B_k and a block W_k."""
 
-    places: ArrowLayout
+    layout: ArrowLayout
     corner: np.ndarray  # S (s, s)
     border: np.ndarray  # B (K, s, q)
     blocks: np.ndarray  # W (K, q, q)
 
     @classmethod
-    def from_diagonal(cls, places: ArrowLayout, d: np.ndarray) -> "BlockArrow":
+    def from_diagonal(cls, layout: ArrowLayout, d: np.ndarray) -> "BlockArrow":
         """Return the diagonal matrix of d (p,)."""
-        x, y = d[places.common], d[places.own]
+        x, y = d[layout.shared], d[layout.segment_entries]
         s, (count, q) = len(x), y.shape
-        return cls(places, np.diag(x), np.zeros((count, s, q)), y[:, :, None] * np.eye(q))
+        return cls(layout, np.diag(x), np.zeros((count, s, q)), y[:, :, None] * np.eye(q))
 
     def add(self, indices: np.ndarray, parts: np.ndarray) -> None:
         """Add the matrices `parts` (K, n, n) of the segments at the rows `indices` (K, n)."""
         # in the same order in each segment
-        is_own, part_index = self.places.is_own[indices[0]], self.places.index_in_part[indices]
-        common, own_index = part_index[:, ~is_own], part_index[:, is_own]
+        is_segment_entry, part_index = (
+            self.layout.is_segment_entry[indices[0]],
+            self.layout.index_in_part[indices],
+        )
+        shared, segment_index = part_index[:, ~is_segment_entry], part_index[:, is_segment_entry]
         k = np.arange(len(parts))[:, None, None]
-        row_parts, column_parts = parts[:, ~is_own], parts[:, is_own]
-        np.add.at(self.corner, (common[:, :, None], common[:, None, :]), row_parts[:, :, ~is_own])
-        self.border[k, common[:, :, None], own_index[:, None, :]] += row_parts[:, :, is_own]
-        self.blocks[k, own_index[:, :, None], own_index[:, None, :]] += column_parts[:, :, is_own]
+        row_parts, column_parts = parts[:, ~is_segment_entry], parts[:, is_segment_entry]
+        np.add.at(self.corner, (shared[:, :, None], shared[:, None, :]), row_parts[:, :, ~is_segment_entry])
+        self.border[k, shared[:, :, None], segment_index[:, None, :]] += row_parts[:, :, is_segment_entry]
+        self.blocks[k, segment_index[:, :, None], segment_index[:, None, :]] += column_parts[
+            :, :, is_segment_entry
+        ]
 
     @property
     def is_finite(self) -> bool:
@@ -233,20 +242,20 @@ class BlockArrow:
 
     def dense(self) -> np.ndarray:
         """Return the matrix as a dense array (p, p)."""
-        common, own = self.places.common, self.places.own
-        H = np.zeros((len(self.places.index_in_part), len(self.places.index_in_part)))
-        H[np.ix_(common, common)] = self.corner
-        for k, index in enumerate(own):
-            H[np.ix_(common, index)], H[np.ix_(index, common)] = self.border[k], self.border[k].T
+        shared, segment_entries = self.layout.shared, self.layout.segment_entries
+        H = np.zeros((len(self.layout.index_in_part), len(self.layout.index_in_part)))
+        H[np.ix_(shared, shared)] = self.corner
+        for k, index in enumerate(segment_entries):
+            H[np.ix_(shared, index)], H[np.ix_(index, shared)] = self.border[k], self.border[k].T
             H[np.ix_(index, index)] = self.blocks[k]
         return H
 
     def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return v[self.places.common], v[self.places.own]
+        return v[self.layout.shared], v[self.layout.segment_entries]
 
     def _join(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        out = np.zeros(len(self.places.index_in_part))
-        out[self.places.common], out[self.places.own] = x, y
+        out = np.zeros(len(self.layout.index_in_part))
+        out[self.layout.shared], out[self.layout.segment_entries] = x, y
         return out
 
 
@@ -258,9 +267,9 @@ class Evaluation(NamedTuple):
     hessian: np.ndarray | BlockArrow  # (p, p)
 
 
-def diagonal_matrix(diagonal: np.ndarray, places: ArrowLayout | None) -> np.ndarray | BlockArrow:
+def diagonal_matrix(diagonal: np.ndarray, layout: ArrowLayout | None) -> np.ndarray | BlockArrow:
     """Return diag(diagonal) (p, p), to which parts can be added."""
-    return np.diag(diagonal) if places is None else BlockArrow.from_diagonal(places, diagonal)
+    return np.diag(diagonal) if layout is None else BlockArrow.from_diagonal(layout, diagonal)
 
 
 def add(H: np.ndarray | BlockArrow, indices: Sequence[np.ndarray], parts: Sequence[np.ndarray]) -> None:
@@ -272,7 +281,7 @@ def add(H: np.ndarray | BlockArrow, indices: Sequence[np.ndarray], parts: Sequen
         H[np.ix_(index, index)] += part
 
 
-def rows_times(H: np.ndarray | BlockArrow, index: np.ndarray, v: np.ndarray) -> np.ndarray:
+def row_product(H: np.ndarray | BlockArrow, index: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return the rows `index` (n,) of H times v (p,)."""
     return (H @ v)[index] if isinstance(H, BlockArrow) else H[index] @ v
 

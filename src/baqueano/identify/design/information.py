@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
-    Free,
+    FreeParameter,
     default_free,
     entries,
     free_parameter,
@@ -141,7 +141,7 @@ def mean_error(relative_std: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(relative_std))))
 
 
-def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
+def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[FreeParameter]) -> float:
     """Return the size of a parameter that is 0: the largest value in its matrix row, or among the frictions of its
     axis (at 1 m/s or 1 rad/s). If this is 0, return the largest value of its field, or 1 if that is also 0.
     """
@@ -154,7 +154,7 @@ def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[Free]
     row_sizes = [
         abs(value(blocks, candidate.path))
         for candidate in same_axis
-        if (candidate.from_duration.role == "gain") == (parameter.from_duration.role == "gain")
+        if (candidate.definition.role == "gain") == (parameter.definition.role == "gain")
     ]
     matrix_sizes = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
     return max(row_sizes, default=0.0) or max(matrix_sizes) or 1.0

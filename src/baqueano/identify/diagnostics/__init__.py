@@ -99,10 +99,10 @@ def diagnose(
         codes = {message.code for message in messages}
         messages += [
             message
-            for message in channel_map.check_channels(problem, end.task.first)
+            for message in channel_map.check_channels(problem, end.task.start)
             if message.code not in codes
         ]
-        return earlier_messages + channel_map.with_mount(end, messages), {}
+        return earlier_messages + channel_map.with_mount_findings(end, messages), {}
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
     messages += gain_changes.check_gain_changes(
@@ -111,7 +111,9 @@ def diagnose(
     findings_of_residuals, error_by_path = residual_checks.check_residuals(
         end.blocks, problem, theta, identifiable, std
     )
-    return earlier_messages + channel_map.with_mount(end, messages + findings_of_residuals), error_by_path
+    return earlier_messages + channel_map.with_mount_findings(
+        end, messages + findings_of_residuals
+    ), error_by_path
 
 
 def inflate_covariance(

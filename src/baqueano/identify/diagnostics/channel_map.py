@@ -104,7 +104,7 @@ MOUNTS = (
 )  # fmt: skip
 
 
-def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnostic]:
+def with_mount_findings(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnostic]:
     """Return the `messages` on a finished search.
 
     If another mount of an IMU explains the data better, the first message names this mount. It replaces the other
@@ -130,7 +130,7 @@ def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnosti
 def _has_wrong_axes(task: Task, name: str) -> bool:
     """Return True if a channel of the IMU does not follow its prediction, or follows the prediction of another
     channel more closely."""
-    table = relations(*sensor_samples(task.problem, task.first, name))
+    table = relations(*sensor_samples(task.problem, task.start, name))
     is_related = any(r.is_clear() for row in table for r in row)
     return is_related and not all(
         row[i].is_clear() and row[i].slope > 0.0 and row[i].gain == max(r.gain for r in row)
@@ -146,8 +146,8 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     channels = slice(first_channel, first_channel + 3)
     n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
     start_thetas = [
-        task.first,
-        np.where(np.isfinite(end.search.solution.theta), end.search.solution.theta, task.first),
+        task.start,
+        np.where(np.isfinite(end.search.solution.theta), end.search.solution.theta, task.start),
     ]
     as_in_file = min(
         (_search_from(task, blocks, records, theta) for theta in start_thetas),

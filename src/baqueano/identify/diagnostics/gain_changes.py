@@ -125,7 +125,7 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
     )
     if path is None:
         return []
-    file_gains, scale, findings = np.asarray(get(blocks, path), float), _inertia(model), []
+    file_gains, scale, findings = np.asarray(get(blocks, path), float), _mass_and_inertia(model), []
     for j in range(file_gains.shape[1]):
         paths = [f"{path}[{i},{j}]" for i in range(3)]
         main_axis = int(np.argmax(np.abs(file_gains[:, j]) / scale))
@@ -135,8 +135,8 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
             np.array([estimates.get(p, (file_gains[i, j], 0.0))[0] for i, p in enumerate(paths)]) / scale
         )
         sizes, file_sizes = (
-            _size(fitted_gains, file_gains, scale),
-            _size(file_gains[:, j] / scale, file_gains, scale),
+            _comparable_magnitudes(fitted_gains, file_gains, scale),
+            _comparable_magnitudes(file_gains[:, j] / scale, file_gains, scale),
         )
         second_axis = int(np.argmax(np.where(np.arange(3) == main_axis, 0.0, sizes)))
         if (
@@ -161,7 +161,7 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
     return findings
 
 
-def _size(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _comparable_magnitudes(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Return the comparable magnitudes (3,) of the accelerations `fitted` (3,) of a command.
 
     The turning entry is multiplied by the ratio of linear to turning gain in the file.
@@ -172,7 +172,7 @@ def _size(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.n
     return np.abs(fitted) * np.array([1.0, 1.0, ratio])
 
 
-def _inertia(model: Tree) -> np.ndarray:
+def _mass_and_inertia(model: Tree) -> np.ndarray:
     """Return (m, m, I) (3,), or ones for a kinematic model."""
     if has_field(model, "mass_kg"):
         return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])

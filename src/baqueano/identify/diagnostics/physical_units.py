@@ -22,8 +22,8 @@ from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.diagnostics import channel_map
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import Free, value
-from baqueano.identify.parameters.setup import first_theta
+from baqueano.identify.parameters.free import FreeParameter, value
+from baqueano.identify.parameters.setup import start_theta
 from baqueano.runs.diagnostics.physical_limits import LIMIT_OF_KIND, MAX_YAW_RATE_RAD_S
 from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
@@ -83,7 +83,7 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     """
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
-    by_file, _, _ = first_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())
+    by_file, _, _ = start_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())
     first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = channel_map.measurements(problem), channel_map.predictions(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in first_channel.items() if has_field(sensors[name], "track_m")]
@@ -107,7 +107,7 @@ def _keeps_turning_gains(end: "FinishedFit") -> bool:
     Return False if the file contains such values, but none of them is identifiable.
     """
     theta, mask = end.search.solution.theta, end.identifiability.mask
-    turning = [(k, value(end.blocks, free.path)) for k, free in enumerate(end.free) if _turns(free)]
+    turning = [(k, value(end.blocks, free.path)) for k, free in enumerate(end.free) if _affects_turning(free)]
     ratios = [theta[k] / x_0 for k, x_0 in turning if x_0 and mask[k]]
     identifiable = bool(ratios) or not any(x_0 for _, x_0 in turning)
     return (
@@ -117,9 +117,9 @@ def _keeps_turning_gains(end: "FinishedFit") -> bool:
     )
 
 
-def _turns(parameter: Free) -> bool:
+def _affects_turning(parameter: FreeParameter) -> bool:
     """Return True for a gain or a measure of the vehicle on which its turning depends."""
-    is_gain = parameter.of.role in ("gain", "known") and parameter.path.startswith("model.")
+    is_gain = parameter.definition.role in ("gain", "known") and parameter.path.startswith("model.")
     return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
 

@@ -34,7 +34,7 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     fitted_motion,
     term_columns,
 )
-from baqueano.identify.parameters.free import DELAY
+from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
 
@@ -145,10 +145,10 @@ def _missing_terms(
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
         k, is_delay = fit.most_biased(test), code == "delay"
-        if is_delay and DELAY in fit.paths:
+        if is_delay and DELAY_PATH in fit.paths:
             continue  # the delay is already in the model, so this effect is not a delay
         if k is not None:
-            path = f"sensors.{term_note.subject}.low_pass_hz" if is_filter else DELAY
+            path = f"sensors.{term_note.subject}.low_pass_hz" if is_filter else DELAY_PATH
             message = note(
                 "residual.missing-free" if is_delay or is_filter else "residual.missing", Severity.WARNING,
                 f"--free +{path}" if is_delay or is_filter else "", fit.paths[k], term=code, what=term_note,
@@ -160,7 +160,7 @@ def _missing_terms(
 
 def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_SignificantResult]:
     results: list[_SignificantResult] = []
-    parts = list(_masks(fit.residuals, motion))
+    parts = list(_part_masks(fit.residuals, motion))
     for (part, _), tests in zip(
         parts, score_test_parts(fit.residuals, [mask for _, mask in parts]), strict=True
     ):
@@ -175,7 +175,9 @@ def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_Si
     return sorted(results, key=lambda result: -result.z)
 
 
-def _masks(residuals: FitResiduals, motion: FittedMotion | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
+def _part_masks(
+    residuals: FitResiduals, motion: FittedMotion | None
+) -> Iterator[tuple[Diagnostic, np.ndarray]]:
     n = len(residuals.run)
     for fraction in (0.25, 1 / 3, 0.5, 2 / 3, 0.75):
         yield note("part.first", percent=100.0 * fraction), np.arange(n) < fraction * n

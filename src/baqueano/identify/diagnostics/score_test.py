@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.information import inverse
-from baqueano.identify.parallel import in_cache
+from baqueano.identify.covariance.information import pseudo_inverse
+from baqueano.identify.parallel import cache_slices
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 MAX_BLOCKS = 60
@@ -66,7 +66,7 @@ class ScoreTest(NamedTuple):
     shift: np.ndarray  # (k,) Δθ (3)
 
 
-class _Sums(NamedTuple):
+class _ScoreSums(NamedTuple):
     """Sums over the rows for K columns D, for (1) to (3)."""
 
     energy: np.ndarray  # (K,) D w D
@@ -119,7 +119,7 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
         nuisances,
         run,
         first,
-        inverse(products[:-1]),
+        pseudo_inverse(products[:-1]),
         weighted_rows,
         power,
     )
@@ -128,7 +128,7 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return x y for x (a, n) and y (n,) or (n, b), computed in parts of the n measurements that fit in the cache."""
     out = np.zeros((len(x), *y.shape[1:]))
-    for rows in in_cache(len(y), out.size):
+    for rows in cache_slices(len(y), out.size):
         out += x[:, rows] @ y[rows]
     return out
 
@@ -152,7 +152,9 @@ def _nuisance_derivatives(
     columns = slice(rows.start * m, rows.stop * m)
     d = flat[index, columns].copy()
     weighted_slopes = d * w[columns]
-    nuisance = NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse(_product(weighted_slopes, d.T)))
+    nuisance = NuisanceDerivatives(
+        rows, columns, d, weighted_slopes, pseudo_inverse(_product(weighted_slopes, d.T))
+    )
     other_rows = flat[other_entries.start : other_entries.stop, columns]
     _subtract(other_rows, _product(other_rows, weighted_slopes.T) @ nuisance.inverse, d)
     return [nuisance]
@@ -160,7 +162,7 @@ def _nuisance_derivatives(
 
 def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
     """Subtract `projection` (K, q) times `d` (q, n) from D (K, n), in place."""
-    for columns in in_cache(D.shape[1], projection.size):
+    for columns in cache_slices(D.shape[1], projection.size):
         D[:, columns] -= projection @ d[:, columns]
 
 
@@ -176,15 +178,15 @@ def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
     return _score_tests(fit, sums, lambda k: D[k])
 
 
-def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
+def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
     """Return the sums for the columns D (K, N m)."""
     energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
-        for rows in in_cache(D.shape[1], products.size):
+        for rows in cache_slices(D.shape[1], products.size):
             columns = D.T[rows]
             energy += fit.w[rows] @ (columns * columns)
             products += fit.weighted[:, rows] @ columns
-        return _Sums(
+        return _ScoreSums(
             energy,
             products[-1],
             products[:-1].T,
@@ -210,7 +212,7 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
         )
         for slopes in fit.nuisances
     ]
-    sums = _Sums(
+    sums = _ScoreSums(
         np.einsum("pkk->pk", A).ravel(),
         _product(part_masks.astype(float), scores).ravel(),
         A.reshape(-1, k),
@@ -242,7 +244,7 @@ def _sums_by_part(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks:
 
 
 def _score_tests(
-    fit: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
+    fit: FitResiduals, sums: _ScoreSums, column: Callable[[np.ndarray], np.ndarray]
 ) -> list[ScoreTest]:
     """Return the test of each effect.
 

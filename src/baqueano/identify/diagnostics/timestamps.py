@@ -23,7 +23,7 @@ from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 
 MIN_PAUSE_S, PAUSE_STEPS = 1.0, 20.0
-MIN_PIECE_S = 2.0
+MIN_SEGMENT_S = 2.0
 SETTLE_S = 0.5  # after a pause, for motors and delays to settle
 MAX_RATE_FACTOR = 20.0  # factor on the rate beyond which the clock is in another unit
 SHORT_STEP_RATIO, LARGE_SHARE = 0.2, 0.2  # of a burst
@@ -65,13 +65,15 @@ def _check_unit(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
         if log is None:
             return None
         times = {
-            k: _scale(getattr(log, k), first, rate_ratio) for k in log._fields if k in ("t_ns", "arrival_ns")
+            k: _scale_times(getattr(log, k), first, rate_ratio)
+            for k in log._fields
+            if k in ("t_ns", "arrival_ns")
         }
         return log._replace(**times)
 
     # The search uses the time scale of the file, so that it converges; the verdict is REFUSED in any case.
     sensors = {name: scale_log(channel) for name, channel in run.sensors.items()}
-    t_ns = _scale(run.t_ns, first, rate_ratio)
+    t_ns = _scale_times(run.t_ns, first, rate_ratio)
     if np.any(np.diff(t_ns) <= 0):
         return run, [message]
     rescaled = replace(
@@ -80,7 +82,7 @@ def _check_unit(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     return rescaled, [message]
 
 
-def _scale(t_ns: np.ndarray, first: int, rate_ratio: float) -> np.ndarray:
+def _scale_times(t_ns: np.ndarray, first: int, rate_ratio: float) -> np.ndarray:
     return first + np.rint((t_ns - first) / rate_ratio).astype(np.int64)
 
 
@@ -113,7 +115,10 @@ def _spread_all_bursts(run: Run) -> tuple[Run, list[Diagnostic]]:
         if np.all(np.diff(t_ns) > 0):
             shift_s = float(np.quantile(np.abs(t_ns - run.t_ns), 0.95)) / NANOSECONDS
             sensors = {
-                name: c._replace(t_ns=_shift(c.t_ns, run.t_ns, t_ns), arrival_ns=_shift(c.arrival_ns, run.t_ns, t_ns))
+                name: c._replace(
+                    t_ns=_move_to_ticks(c.t_ns, run.t_ns, t_ns),
+                    arrival_ns=_move_to_ticks(c.arrival_ns, run.t_ns, t_ns),
+                )
                 for name, c in run.sensors.items()
             }  # fmt: skip
             run = replace(run, t_ns=t_ns, sensors=sensors)
@@ -132,7 +137,7 @@ def _burst_note(subject: str, moved_s: float) -> Diagnostic:
     return note("time.bursts", Severity.WARNING, subject=subject, moved_ms=1e3 * moved_s)
 
 
-def _shift(timestamps: np.ndarray, old_ticks: np.ndarray, new_ticks: np.ndarray) -> np.ndarray:
+def _move_to_ticks(timestamps: np.ndarray, old_ticks: np.ndarray, new_ticks: np.ndarray) -> np.ndarray:
     """Return `timestamps`, which refer to the ticks `old_ticks`, moved to the ticks `new_ticks`."""
     origin = int(old_ticks[0])
     shift = np.interp(
@@ -181,7 +186,7 @@ def _severity(loss: np.ndarray) -> Severity:
 def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
     """Return the segments of the run between pauses, and a message if the run was split.
 
-    Segments below MIN_PIECE_S are dropped. If all are too short, the whole run is returned with an error message.
+    Segments below MIN_SEGMENT_S are dropped. If all are too short, the whole run is returned with an error message.
     """
     steps_s = np.diff(run.t_ns) / NANOSECONDS
     pause_s = max(MIN_PAUSE_S, PAUSE_STEPS * float(np.median(steps_s)))
@@ -190,9 +195,9 @@ def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
         return [run], []
     edges, segments = [0, *(cuts + 1).tolist(), len(run.t_ns)], []
     for a, b in pairwise(edges):
-        if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= MIN_PIECE_S:
+        if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= MIN_SEGMENT_S:
             segments.append(_segment(run, a, b))
-    figures = {"jumps": len(cuts), "most_s": float(steps_s.max()), "least_s": MIN_PIECE_S}
+    figures = {"jumps": len(cuts), "most_s": float(steps_s.max()), "least_s": MIN_SEGMENT_S}
     if not segments:
         return [run], [note("time.jump-throughout", Severity.ERROR, **figures)]
     return segments, [note("time.jump", Severity.INFO, pieces=len(segments), **figures)]

@@ -70,7 +70,7 @@ def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
     t, magnitude = np.cumsum(record.dt_s), np.abs(w)
     fading = w * (t / t[-1] - 0.5)[:, None]
     return np.concatenate(
-        [np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading, _since_turn(w, t)], axis=1
+        [np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading, _decay_since_sign_change(w, t)], axis=1
     )
 
 
@@ -80,7 +80,7 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
     x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
     along, about = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
     corners = (*along, x * w) if axis == 0 else (*about, w * np.abs(w))
-    flips = _since_turn(v, np.cumsum(record.dt_s))
+    flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
     return np.concatenate(
         [np.tanh(v / SIGN_WIDTH), v * magnitude, v * v * v, magnitude, flips, *corners], axis=1
     )
@@ -94,7 +94,7 @@ def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
     return u
 
 
-def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
+def _decay_since_sign_change(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Return sign x e^(−s/0.2 s) (N, c), where s is the time since the last change of sign; it is 0 before the first
     change.
     """

@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.data.added_channels import VOLTAGE_KEY, at_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_battery_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.diagnostics.unmodelled_forces import (
     COMMAND_TERMS,
@@ -32,8 +32,8 @@ from baqueano.identify.diagnostics.unmodelled_forces import (
     motion_features,
 )
 from baqueano.identify.parallel import parallel_map, prefetch
-from baqueano.identify.parameters.free import DELAY, substitute
-from baqueano.identify.parameters.setup import Shape, example, initial_state, read_sensors
+from baqueano.identify.parameters.free import DELAY_PATH, substitute
+from baqueano.identify.parameters.setup import ThetaShape, example, initial_state, read_sensors
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
@@ -175,11 +175,11 @@ def _rows(record: FitRecord, *columns: np.ndarray) -> np.ndarray:
     return np.concatenate([record.dt_s[:, None], record.u, *columns, *voltage], axis=1)
 
 
-def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Kernels:
+def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Kernels:
     return Kernels(_motion_scan(blocks, shape, backend), _push_scan(blocks, shape, backend))
 
 
-def _motion_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _motion_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     n, paths = blocks.model.commands, (*shape.shared, *shape.per_run)
     begin = initial_state(blocks, shape)
 
@@ -187,7 +187,7 @@ def _motion_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return MotionState(*begin(theta))
 
     def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
+        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         vehicle, motion = blocks_at.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
         readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, row[0])
         return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
@@ -195,7 +195,7 @@ def _motion_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     return scan(step, start, np.zeros(1 + n + shape.has_voltage), example(blocks, shape), backend=backend)
 
 
-def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return the scan from ε (K,) of all forces to the readings divided by σ. The forces are sorted by axis; the
     last force of each axis acts sideways.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.per_run), sum(s.size for s in blocks.sensors)
@@ -211,7 +211,7 @@ def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
             yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
 
     def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, state.theta), row, shape.has_voltage)
+        blocks_at = with_battery_voltage(substitute(blocks, paths, state.theta), row, shape.has_voltage)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
@@ -243,7 +243,7 @@ def _reading_terms(
             terms.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), sensor_dot))
         if has_field(block, "lever_arm_m"):
             terms += _mount_terms(name, h, motions, span)
-        if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
+        if not getattr(block, "has_low_pass", True) and DELAY_PATH in problem.shape.shared:
             filtered = np.zeros_like(h)
             filtered[:, span] = LOW_PASS_S * h_dot[:, span]
             curvature = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2

@@ -23,7 +23,7 @@ from baqueano.identify.covariance.information import information
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import ROUGH_DECREMENT, Search, Task, best_search, search
-from baqueano.identify.parameters.free import DELAY
+from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.vehicles.drivetrain import mix, quantise
 
@@ -39,20 +39,20 @@ TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 MIN_COST_GAIN = 25.0
 
 
-def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
+def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     """Return the task whose bounds contain only one tick of delay, and the best search.
 
     Without a free delay, `task` is returned unchanged.
     """
     shared_names = task.problem.shape.shared
-    if DELAY not in shared_names:
+    if DELAY_PATH not in shared_names:
         return task, best_search(task, begin)
-    i = shared_names.index(DELAY)
+    i = shared_names.index(DELAY_PATH)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
-    signal, evaluation_count = task.problem.signal(), 0
+    signal, evaluation_count = task.problem.signal_std(), 0
     # if the first search is not sound, the second one also uses other starts
     for first in (_rough_search, best_search):
-        end, scan_count = _scan(task, begin, i, max(GRID_STEP_S, tick_s), first)
+        end, scan_count = _search_delay_grid(task, begin, i, max(GRID_STEP_S, tick_s), first)
         end, approach_count = _refine(task, end, i, max(GRID_STEP_S, tick_s), tick_s)
         bounded_task, end, walk_count = _walk_ticks(task, end, i, tick_s)
         evaluation_count += scan_count + approach_count + walk_count
@@ -61,7 +61,7 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     return bounded_task, end._replace(evaluations=evaluation_count)
 
 
-def bounds_of(task: Task, end: Search) -> Search:
+def with_bound_flags(task: Task, end: Search) -> Search:
     """Return `end` with its `bound` computed from the bounds of `task`.
 
     So a delay at the edge of a tick is not marked.
@@ -72,7 +72,7 @@ def bounds_of(task: Task, end: Search) -> Search:
     return end._replace(solution=end.solution._replace(bound=bound))
 
 
-def _scan(
+def _search_delay_grid(
     task: Task, begin: np.ndarray, i: int, step_s: float, search_first: Callable[..., Search]
 ) -> tuple[Search, int]:
     """Return the best search of the grid, and the number of evaluations. Each point starts at the end of the
@@ -88,14 +88,16 @@ def _scan(
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle.solution
         for delay_s in side:
-            last = _fitted_at(
+            last = _solution_at_delay(
                 lighter_task, last.theta, i, delay_s, COST_TOLERANCE * best_solution.evaluation.cost
             )
             evaluation_count += last.evaluations
             best_solution = last if _expected_cost(last) < _expected_cost(best_solution) else best_solution
     if best_solution is middle.solution:
         return middle, evaluation_count
-    end = _fixed_at(task, middle._replace(solution=best_solution), i, float(best_solution.theta[i]))
+    end = _search_at_fixed_delay(
+        task, middle._replace(solution=best_solution), i, float(best_solution.theta[i])
+    )
     return end, evaluation_count + end.evaluations
 
 
@@ -107,19 +109,19 @@ def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tu
         step_s, middle = 0.5 * step_s, best
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
-                trial = _fixed_at(task, middle, i, delay_s)
+                trial = _search_at_fixed_delay(task, middle, i, delay_s)
                 evaluation_count += trial.evaluations
                 best = _better_search(task, best, trial)
     centre_s, fine_s = best.solution.theta[i], FINE_TICKS * tick_s
     task = task._replace(problem=best.problem)
-    middle = solution = _fitted_at(task, best.solution.theta, i, centre_s)
+    middle = solution = _solution_at_delay(task, best.solution.theta, i, centre_s)
     evaluation_count += middle.evaluations
     for side in (fine_s, -fine_s):
         last = middle
         for n in range(1, 1 + round(step_s / fine_s)):
             if best.stopped or not task.low[i] <= centre_s + n * side <= task.high[i]:
                 break
-            last = _fitted_at(
+            last = _solution_at_delay(
                 task, last.theta, i, centre_s + n * side, COST_TOLERANCE * solution.evaluation.cost
             )
             evaluation_count += last.evaluations
@@ -150,7 +152,7 @@ def _search_both_sides(
     return best_solution, evaluation_count
 
 
-def _fitted_at(
+def _solution_at_delay(
     task: Task, theta: np.ndarray, i: int, delay_s: float, tolerance: float = ROUGH_DECREMENT
 ) -> Solution:
     """Return the solution of least cost at this delay, with the present σ. `tolerance` is the tolerance of the
@@ -172,15 +174,15 @@ def _fit(
     )  # fmt: skip
 
 
-def _fixed_at(task: Task, nearest: Search, i: int, delay_s: float) -> Search:
+def _search_at_fixed_delay(task: Task, nearest: Search, i: int, delay_s: float) -> Search:
     """Return the search with this fixed delay, started at the end of `nearest`."""
-    is_fixed = np.arange(len(task.first)) == i
+    is_fixed = np.arange(len(task.start)) == i
     return search(task, _with_value(nearest.solution.theta, i, delay_s), is_fixed, nearest, rough=True)
 
 
 def _better_search(task: Task, first: Search, second: Search) -> Search:
     counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
-    return second if second.badness(counts) < first.badness(counts) else first
+    return second if second.log_sigma_sum(counts) < first.log_sigma_sum(counts) else first
 
 
 def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
@@ -235,7 +237,7 @@ def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
     return changed
 
 
-def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
+def duty_step_count(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
     """Return the number of steps to which a timer rounds the duties, or None if no steps are visible.  (5)
 
     Also return None if the file contains the steps, or if the commands are not the duties of two wheels.

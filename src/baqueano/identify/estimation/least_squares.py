@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano.identify.data.segments import BlockArrow, Evaluation, dense, rows_times
+from baqueano.identify.data.segments import BlockArrow, Evaluation, dense, row_product
 
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MAX_EVALUATIONS = 80  # evaluations
@@ -136,7 +136,7 @@ def minimise(
             and count < most
             and not kinks_tested
         ):
-            at_kinks, trial_count = _at_kinks(evaluate, current, theta, scale, movable)
+            at_kinks, trial_count = _kink_mask(evaluate, current, theta, scale, movable)
             may_move, count, kinks_tested = may_move & ~at_kinks, count + trial_count, True
             if at_kinks.any():
                 damping, growth, idle_count = DAMPING, 2.0, 0
@@ -163,7 +163,7 @@ def minimise(
                 idle_count = 3
 
 
-def _at_kinks(
+def _kink_mask(
     evaluate: Callable[[np.ndarray], Evaluation],
     current: Evaluation,
     theta: np.ndarray,
@@ -252,7 +252,7 @@ def _bounded_step(
             break
         g = overstep * current.gradient[index]
         if len(index) < len(theta):
-            g += rows_times(current.hessian, index, np.where(is_free, 0.0, s))
+            g += row_product(current.hessian, index, np.where(is_free, 0.0, s))
         s[index] = -_step(current.hessian, damping, scale, index, g)
         is_crossing = is_free & ((theta + s < low) | (theta + s > high))
         if not is_crossing.any():

@@ -45,7 +45,7 @@ MAX_EVALUATIONS, EVALUATIONS_AT_ONCE = 60, 15
 R = TypeVar("R")
 
 
-class FloorNoise(NamedTuple):
+class FilterNoise(NamedTuple):
     """Process noise and sensor noise of the filter."""
 
     floor: np.ndarray  # (k,) v of each axis, per second
@@ -62,16 +62,16 @@ class MaximumLikelihood(NamedTuple):
 
     solution: Solution  # in x
     theta: np.ndarray  # (p,)
-    noise: FloorNoise
+    noise: FilterNoise
     floor_std: np.ndarray  # (k,) standard errors of v
     info: Information  # about x
     ratio: float  # (4): likelihood ratio to v = 0
     evaluations: int
 
     @property
-    def chance(self) -> float:
+    def p_value(self) -> float:
         """Return an upper limit of the p-value of the ratio (4), under the hypothesis v = 0."""
-        return tail(self.ratio, len(self.noise.floor))
+        return chi_square_tail(self.ratio, len(self.noise.floor))
 
 
 class InnovationDerivatives(NamedTuple):
@@ -95,15 +95,15 @@ class Prediction:
         self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
         self.kernel = cached_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
 
-    def x(self, theta: np.ndarray, noise: FloorNoise | None = None) -> np.ndarray:
+    def x(self, theta: np.ndarray, noise: FilterNoise | None = None) -> np.ndarray:
         """Return x = (θ, v, ½ log q). Without `noise`, v is 0 and σ is that of the simulation."""
-        noise = noise or FloorNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
+        noise = noise or FilterNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
         return np.concatenate([theta, noise.vector])
 
-    def split_vector(self, x: np.ndarray) -> tuple[np.ndarray, FloorNoise]:
+    def split_vector(self, x: np.ndarray) -> tuple[np.ndarray, FilterNoise]:
         """Return θ (p,) and the noise that x contains."""
         floor, sensors = np.split(x[self.size :], [len(self.axes)])
-        return x[: self.size], FloorNoise(floor, sensors)
+        return x[: self.size], FilterNoise(floor, sensors)
 
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """Return J, its gradient and its Hessian with respect to x.  (1), (2)"""
@@ -216,7 +216,7 @@ def maximum_likelihood(
     )
 
 
-def tail(ratio: float, degrees: int) -> float:
+def chi_square_tail(ratio: float, degrees: int) -> float:
     """Return the probability that χ² with 1, 2 or 3 degrees of freedom exceeds `ratio`."""
     half = max(ratio, 0.0) / 2.0
     if degrees == 2:

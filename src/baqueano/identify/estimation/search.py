@@ -36,7 +36,7 @@ class Task(NamedTuple):
     """A search: its residuals, bounds and noise."""
 
     problem: Residuals
-    first: np.ndarray  # (p,) θ at the start
+    start: np.ndarray  # (p,) θ at the start
     low: np.ndarray  # (p,)
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
@@ -70,7 +70,7 @@ class Search(NamedTuple):
         )
         return self.solution.converged and not is_unexplained.any()
 
-    def badness(self, counts: np.ndarray) -> float:
+    def log_sigma_sum(self, counts: np.ndarray) -> float:
         """Return Σ counts log σ, the value by which searches are compared. It is infinite if the model diverged."""
         log_sigma = float(counts @ np.log(self.sigma))
         return log_sigma if np.isfinite(log_sigma) and np.isfinite(self.solution.evaluation.cost) else np.inf
@@ -79,23 +79,24 @@ class Search(NamedTuple):
 def best_search(task: Task, begin: np.ndarray) -> Search:
     """Return the search from `begin` (p,). If its result is not plausible, return the best of several searches."""
     best_end = search(task, begin)
-    signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
+    signal, counts = task.problem.signal_std(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     is_gain = np.array(
         [path.partition("[")[0].endswith(GAIN_NAMES) for path in task.problem.shape.shared], dtype=bool
     )
     for factor in RESTART_FACTORS if is_gain.any() and task.again else ():
         if best_end.stopped or best_end.is_sound(signal):
             break
-        theta = task.first.copy()
+        theta = task.start.copy()
         theta[: len(is_gain)] = np.where(is_gain, 0.0, factor * theta[: len(is_gain)])
         second_end = search(task, np.clip(theta, task.low, task.high), rough=True)
         if (
             not second_end.stopped
-            and second_end.badness(counts) - best_end.badness(counts) < DROPPED_LOG_SIGMA * counts.sum()
+            and second_end.log_sigma_sum(counts) - best_end.log_sigma_sum(counts)
+            < DROPPED_LOG_SIGMA * counts.sum()
         ):
             refined = search(task, second_end.solution.theta, None, second_end)
             second_end = refined._replace(evaluations=refined.evaluations + second_end.evaluations)
-        gain = (best_end.badness(counts) - second_end.badness(counts)) / counts.sum()
+        gain = (best_end.log_sigma_sum(counts) - second_end.log_sigma_sum(counts)) / counts.sum()
         evaluations = best_end.evaluations + second_end.evaluations
         best_end = (second_end if gain > EQUAL_LOG_SIGMA else best_end)._replace(
             evaluations=evaluations, stopped=second_end.stopped
@@ -170,7 +171,7 @@ def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndar
     if not all(np.isfinite(r).all() for r in residuals):
         sigma = robust_sigma(problem.z, problem.has, task.floor)
     elif task.by_speed:
-        sigma, profile = problem.spread_and_profile(residuals, theta, task.floor)
+        sigma, profile = problem.sigma_and_profile(residuals, theta, task.floor)
     else:
         sigma = robust_sigma(residuals, informative_rows(residuals, problem.has, problem.z), task.floor)
     if task.prior_sigma is not None:

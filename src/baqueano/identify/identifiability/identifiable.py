@@ -25,7 +25,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.segments import eliminate_starts
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parallel import parallel_map
-from baqueano.identify.parameters.free import DELAY, Free
+from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicles.freedoms import AXIS_NAMES
@@ -49,27 +49,27 @@ class Identifiability(NamedTuple):
     mask: np.ndarray  # (p,) bool: entries of θ that the data determine
     weak: np.ndarray  # (p,) bool: identifiable, but with a large error
     collinear: dict[int, tuple[int, ...]]  # a fixed entry → the entries that it is collinear with
-    near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or fixed entry → the entries with which it is confused
+    correlated: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or fixed entry → the entries with which it is confused
 
 
 def identifiability_of(
     info: Information,
-    energy: np.ndarray,
+    signal_energy: np.ndarray,
     theta: np.ndarray,
-    shared: Sequence[Free],
+    shared: Sequence[FreeParameter],
     fixed: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Identifiability:
     """Return the identifiability of the entries of θ (p,).
 
-    The first entries belong to `shared`, the parameters of the vehicle. `energy` (m,) belongs to the channels.
+    The first entries belong to `shared`, the parameters of the vehicle. `signal_energy` (m,) belongs to the channels.
     `fixed` (p,) is a mask of entries that are already fixed; `span` (p,) is the distance between the bounds.
     """
-    is_by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
+    is_by_hand = [k < len(shared) and shared[k].definition.measured_by != "" for k in range(len(theta))]
     is_identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
-    signal = _signal_scale(info.information_by_channel, energy)
+    signal = _signal_scale(info.information_by_channel, signal_energy)
     while is_identifiable.any():
-        direction = _unseen_direction(info.bread, is_identifiable)
+        direction = _unobservable_direction(info.bread, is_identifiable)
         if direction is None:
             break
         loading = np.abs(direction) / np.max(np.abs(direction))
@@ -83,7 +83,7 @@ def identifiability_of(
         is_identifiable[removed] = False
     is_of_vehicle = np.arange(len(theta)) < len(shared)
     signal = signal if span is None else np.minimum(signal, span)
-    is_scale = np.array([k < len(shared) and shared[k].of.role == "scale" for k in range(len(theta))])
+    is_scale = np.array([k < len(shared) and shared[k].definition.role == "scale" for k in range(len(theta))])
     signal = np.where(is_scale, np.minimum(signal, SCALE_STD / BLIND_RATIO), signal)
     is_weak = np.zeros(len(theta), bool)
     while is_identifiable.any():
@@ -121,7 +121,7 @@ def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tupl
     return tuple(int(i) for i in index[v >= MEMBER_LOADING * v.max()] if i != k)
 
 
-def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | None:
+def _unobservable_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | None:
     """Return v (p,) with C v ≈ 0 among the entries `identifiable`, or None.  (1)"""
     index, values, vectors = _directions(A, identifiable)
     if values[0] > SINGULAR_EIGENVALUE * values[-1]:
@@ -131,15 +131,15 @@ def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | N
     return v
 
 
-def _signal_scale(by_channel: np.ndarray, energy: np.ndarray) -> np.ndarray:
+def _signal_scale(by_channel: np.ndarray, signal_energy: np.ndarray) -> np.ndarray:
     """Return s (p,), the change of each parameter that is as large as a signal.  (2)"""
     strongest = np.argmax(by_channel, axis=0)
     info = by_channel[strongest, np.arange(by_channel.shape[1])]
-    return np.sqrt(np.maximum(energy[strongest] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))
+    return np.sqrt(np.maximum(signal_energy[strongest] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))
 
 
 def fix_unidentifiable(
-    task: Task, end: Search, free: Sequence[Free]
+    task: Task, end: Search, free: Sequence[FreeParameter]
 ) -> tuple[Search, Identifiability, Information]:
     """Repeat the search until all unidentifiable entries of θ are fixed at their start. Return the search, the
     identifiability, and the information. `free` are the first entries of θ."""
@@ -161,20 +161,20 @@ def fix_unidentifiable(
                 information_by_channel=info.information_by_channel * (task.prior_sigma == 0.0)[:, None]
             )
         span = (task.high - task.low)[:count]
-        span[[k for k, parameter in enumerate(free) if parameter.path == DELAY]] = np.inf
+        span[[k for k, parameter in enumerate(free) if parameter.path == DELAY_PATH]] = np.inf
         identifiability = identifiability_of(
-            info, energy(problem, theta), theta[:count], free, is_fixed, span
+            info, signal_energy(problem, theta), theta[:count], free, is_fixed, span
         )
         collinear |= identifiability.collinear
         if np.array_equal(~identifiability.mask, is_fixed):
             return end, identifiability._replace(collinear=collinear), info
         is_fixed = ~identifiability.mask
         is_held_fixed = np.concatenate([is_fixed, np.zeros(problem.size - count, bool)])
-        second_search = search(task, np.where(is_held_fixed, task.first, theta), is_held_fixed, end)
+        second_search = search(task, np.where(is_held_fixed, task.start, theta), is_held_fixed, end)
         end = second_search._replace(evaluations=end.evaluations + second_search.evaluations)
 
 
-def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
+def signal_energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     """Return the energy (m,) of the prediction of each channel about its mean, in standard deviations of the noise.
 
     The mean is taken over all rows, or over each segment if a parameter of the segment or run can explain it.
@@ -212,7 +212,7 @@ class FinishedFit(NamedTuple):
     vehicle_file: "VehicleFile"
     blocks: FittedBlocks
     task: Task
-    requested: list[Free]  # (p,) all requested parameters
+    requested: list[FreeParameter]  # (p,) all requested parameters
     frozen: list[int]  # those whose command never moved; they are not in θ
     search: Search
     identifiability: Identifiability
@@ -230,11 +230,11 @@ class FinishedFit(NamedTuple):
         return [k for k in range(len(self.requested)) if k not in self.frozen]
 
     @property
-    def free(self) -> list[Free]:
+    def free(self) -> list[FreeParameter]:
         """Return the entries of `requested` that are in θ."""
         return [self.requested[k] for k in self.in_theta]
 
-    def confused_with(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
+    def confused_with(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
         """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
         `identifiability`."""
         return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]
@@ -244,7 +244,7 @@ MAX_NAMES = 4  # names in one message
 WARNING = Severity.WARNING
 
 
-def weak_reason(parameter: Free, confused: Sequence[Free]) -> Diagnostic:
+def weak_reason(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> Diagnostic:
     """Return the reason for the large error of a parameter, and the motion that would reduce it."""
     if confused:
         names = _names(confused)
@@ -266,7 +266,10 @@ def weak_reason(parameter: Free, confused: Sequence[Free]) -> Diagnostic:
 
 
 def unobservable_reason(
-    parameter: Free, collinear: Sequence[Free], value: float, confused: Sequence[Free] = ()
+    parameter: FreeParameter,
+    collinear: Sequence[FreeParameter],
+    value: float,
+    confused: Sequence[FreeParameter] = (),
 ) -> Diagnostic:
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
     if collinear:
@@ -275,10 +278,10 @@ def unobservable_reason(
             subject=parameter.path,
             others=_names(collinear),
             at=value,
-            how=_by_hand(parameter),
+            how=_hand_measurement_note(parameter),
             apart=_separation((parameter, *collinear)),
         )
-    if parameter.of.role == "scale":
+    if parameter.definition.role == "scale":
         return note(
             "identifiability.scale", subject=parameter.path, at=value, needs=_needed_motion(parameter)
         )
@@ -295,7 +298,7 @@ def unobservable_reason(
     return note("identifiability.not", subject=parameter.path, at=value, why=reason, needs=needs)
 
 
-def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Diagnostic:
+def missing_command(parameters: Sequence[FreeParameter], command: str, never: bool) -> Diagnostic:
     """Return the reason why the fit does not determine the column of `command` in the gain matrix, T or V."""
     names = _names(parameters)
     if never and command == "u_y":
@@ -304,14 +307,14 @@ def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Di
     return note(code, subject=parameters[0].path, names=names, command=command)
 
 
-def _names(parameters: Sequence[Free]) -> str:
+def _names(parameters: Sequence[FreeParameter]) -> str:
     """Return the short names as text, at most MAX_NAMES."""
     return ", ".join(
         [parameter.short for parameter in parameters[:MAX_NAMES]] + ["…"] * (len(parameters) > MAX_NAMES)
     )
 
 
-def _motion_note(parameters: Sequence[Free]) -> Diagnostic | str:
+def _motion_note(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
     """Return a note on the limited motion that does not separate the `parameters`, or ""."""
     axes = {parameter.axis for parameter in parameters if parameter.axis is not None}
     if axes == {1}:
@@ -319,22 +322,22 @@ def _motion_note(parameters: Sequence[Free]) -> Diagnostic | str:
     frictions = {
         parameter.path.partition("[")[0]
         for parameter in parameters
-        if parameter.axis is not None and parameter.of.role != "gain"
+        if parameter.axis is not None and parameter.definition.role != "gain"
     }
     if len(axes) == 1 and len(frictions) > 1:
         return note("identifiability.few-speeds") if axes == {0} else note("identifiability.few-turn-rates")
     return ""
 
 
-def _by_hand(parameter: Free) -> Diagnostic:
+def _hand_measurement_note(parameter: FreeParameter) -> Diagnostic:
     return (
-        note("identifiability.by-hand", by=parameter.of.measured_by)
-        if parameter.of.measured_by
+        note("identifiability.by-hand", by=parameter.definition.measured_by)
+        if parameter.definition.measured_by
         else note("identifiability.fix-one")
     )
 
 
-def _separation(parameters: Sequence[Free]) -> Diagnostic | str:
+def _separation(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
     """Return a note with one or two motions that separate the `parameters`, or ""."""
     motions = [*dict.fromkeys(parameter.shown_by for parameter in parameters if parameter.shown_by)][:2]
     if len(motions) == 2:
@@ -342,10 +345,10 @@ def _separation(parameters: Sequence[Free]) -> Diagnostic | str:
     return note("identifiability.apart", motion=motions[0]) if motions else ""
 
 
-def _needed_motion(parameter: Free) -> Diagnostic:
+def _needed_motion(parameter: FreeParameter) -> Diagnostic:
     if parameter.shown_by:
         return note("identifiability.needs", motion=parameter.shown_by)
-    if parameter.of.role == "gain" and parameter.of.shape == (3, 3):
+    if parameter.definition.role == "gain" and parameter.definition.shape == (3, 3):
         row, column = (AXIS_NAMES[i] for i in parameter.entry)
         return note("identifiability.needs-command", command=column, motion=row)
     return note("identifiability.needs-run")

@@ -34,7 +34,7 @@ UPPER_QUANTILE, MIN_SHARE = 0.975, 1e-3  # quantile of φ; least φ, so that a f
 FORWARD, YAW, FORWARD_DOT = 0, 2, 6  # of ν; of (η, ν, ν̇)
 
 
-class Series(NamedTuple):
+class TimeSeries(NamedTuple):
     """A quantity of one run over time."""
 
     t_s: np.ndarray  # (N,)
@@ -44,10 +44,10 @@ class Series(NamedTuple):
         """Return the quantity at the times `t_s` (K,), by linear interpolation."""
         return np.interp(t_s, *self)
 
-    def integral(self) -> "Series":
+    def integral(self) -> "TimeSeries":
         """Return the integral from the first time on."""
         steps = 0.5 * (self.x[1:] + self.x[:-1]) * np.diff(self.t_s)
-        return Series(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
+        return TimeSeries(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
@@ -63,7 +63,7 @@ def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, i
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
     """Return the upper end of the 95 % interval of φ over all runs, in [MIN_SHARE, 1], or 1 with too few data.  (2)"""
-    sums = np.concatenate([np.zeros((0, 2)), *(sums_of(*each) for each in _series(ekf, fit, inertial))])
+    sums = np.concatenate([np.zeros((0, 2)), *(block_sums(*each) for each in _series(ekf, fit, inertial))])
     if len(sums) < MIN_BLOCKS or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
     pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
@@ -72,13 +72,13 @@ def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> fl
     return float(np.clip(np.quantile(share, UPPER_QUANTILE), MIN_SHARE, 1.0))
 
 
-def sums_of(speed: Series, acceleration: Series, rate: Series) -> np.ndarray:
+def block_sums(speed: TimeSeries, acceleration: TimeSeries, rate: TimeSeries) -> np.ndarray:
     """Return Σ w A B and Σ w (B² − 6 q/τ²) for each block (K, 2), over all τ; `rate` is the yaw rate.  (1), (2)"""
     begin, end = (
         cut(each.t_s[k] for each in (speed, acceleration, rate)) for cut, k in ((max, 0), (min, -1))
     )
     velocity, psi = acceleration.integral(), rate.integral()
-    regressors = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
+    regressors = [TimeSeries(psi.t_s, np.cos(psi.x)), TimeSeries(psi.t_s, np.sin(psi.x))]
     regressors += [series.integral() for series in regressors]
     white_variance = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
     min_window_s = MIN_WINDOW_SAMPLES * float(np.median(np.diff(speed.t_s)))
@@ -97,7 +97,9 @@ def sums_of(speed: Series, acceleration: Series, rate: Series) -> np.ndarray:
     return sums
 
 
-def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
+def _series(
+    ekf: AugmentedEkf, fit: "Fit", inertial: set[str]
+) -> Iterator[tuple[TimeSeries, TimeSeries, TimeSeries]]:
     """Yield for each run the residuals of the wheels' speed and of the forward accelerometer, and the gyro's yaw
     rate."""
     accelerometer = forward_accelerometer(ekf, inertial)
@@ -130,6 +132,6 @@ def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple
             ),
             (gyro_channels[0].t_s, z @ gyro.inverse[YAW]),
         )
-        series = [Series(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in pairs]
+        series = [TimeSeries(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in pairs]
         if min(len(signal.t_s) for signal in series) >= 2 * MIN_WINDOW_SAMPLES:
             yield series[0], series[1], series[2]

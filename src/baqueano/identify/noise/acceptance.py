@@ -26,7 +26,7 @@ from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
 from baqueano.identify.noise.filter_noise import ROBUST_SIGMA
-from baqueano.identify.noise.most_likely import example_of, ticks_of
+from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, Motion, Slot, Tick, seconds, sensor_slots
@@ -82,7 +82,7 @@ class Acceptance(NamedTuple):
     disagrees: bool  # True if the noise still disagrees after the new estimate, or on simulated drives
 
 
-def accept(
+def accept_or_refit(
     ekf: AugmentedEkf,
     refit: Callable[[], AugmentedEkf],
     validation_runs: Sequence[Run],
@@ -111,11 +111,11 @@ def accept(
         figures |= {"nis": _figures(disagreeing), "again": _figures(new_squares)}
         if remaining := [square for square in new_squares if square.disagrees]:
             return ekf, Acceptance(
-                note("noise.still-off", Severity.WARNING, **figures, **_by_belief(remaining)), True
+                note("noise.still-off", Severity.WARNING, **figures, **_by_consistency(remaining)), True
             )
     nees = nees_of(ekf, validation_runs[0], kernel)
     if disagreeing_states := [square for square in nees if square.disagrees]:
-        figures = {"nees": _figures(nees), **_by_belief(disagreeing_states)}
+        figures = {"nees": _figures(nees), **_by_consistency(disagreeing_states)}
         return ekf, Acceptance(note("noise.nees-off", Severity.WARNING, **figures), True)
     if nees and not disagreeing:
         code, figures = "noise.holds-simulated", figures | {"nees": _figures(nees)}
@@ -172,7 +172,7 @@ def _filter_scan(ekf: AugmentedEkf, backend: str) -> Scan:
         assert S is not None
         return belief, (y**2 / np.diagonal(S), estimate.eta, estimate.nu, estimate.cov)
 
-    return scan(step, ekf.init(), example_of(ekf), backend=backend)
+    return scan(step, ekf.init(), example_filter_tick(ekf), backend=backend)
 
 
 def _normalised_square(
@@ -185,7 +185,7 @@ def _normalised_square(
     return NormalisedSquare(name, mean**2, low**2, high**2, close_factor)
 
 
-def _by_belief(squares: Sequence[NormalisedSquare]) -> JsonObject:
+def _by_consistency(squares: Sequence[NormalisedSquare]) -> JsonObject:
     """Return the channels or states for which the filter is overconfident, and those for which it is conservative."""
     overconfident, cautious = (
         [square.name for square in squares if square.verdict == belief]

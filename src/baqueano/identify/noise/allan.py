@@ -28,7 +28,7 @@ ROUNDS = 20  # of the weights of (2)
 FLICKER = 2.0 * np.log(2.0) / np.pi
 
 
-class Allan(NamedTuple):
+class AllanDeviation(NamedTuple):
     """Averaging times, the Allan deviation, and its 95 % interval."""
 
     tau_s: np.ndarray  # (K,)
@@ -50,7 +50,7 @@ class Coefficients(NamedTuple):
         return self.value > 2.0 * self.std
 
 
-def averages(sample_count: int) -> np.ndarray:
+def averaging_counts(sample_count: int) -> np.ndarray:
     """Return the numbers of samples n of (1): octaves with at least one degree of freedom."""
     n = 2 ** np.arange(int(np.log2(max(2, sample_count))) + 1)
     return n[(2 * n <= sample_count) & (degrees_of_freedom(sample_count, n) >= MIN_FREEDOM)]
@@ -63,7 +63,7 @@ def degrees_of_freedom(sample_count: int, n: np.ndarray) -> np.ndarray:
     return (3.0 * (N - 1.0) / (2.0 * n) - 2.0 * (N - 2.0) / N) * 4.0 * n**2 / (4.0 * n**2 + 5.0)
 
 
-def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
+def allan_deviation(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> AllanDeviation:
     """Return the Allan deviation of a signal y (N,), sampled `rate_hz` times per second.
 
     Averages are over `n` (K,) samples, by default octaves.  (1) Raise UsageError for fewer than MIN_SAMPLES samples,
@@ -71,7 +71,7 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
     samples.
 
     >>> white = np.random.default_rng(0).normal(0.0, 0.1, 10_000)  # 0.1 at 100 Hz: 0.01 per √Hz
-    >>> coefficients(allan(white, 100.0)).value.round(3)
+    >>> coefficients(allan_deviation(white, 100.0)).value.round(3)
     array([0.01, 0.  , 0.  ])
     """
     y = np.asarray(y, dtype=float)
@@ -79,7 +79,7 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
         raise UsageError(fault("allan.numbers", least=MIN_SAMPLES, found=y.size))
     if not rate_hz > 0.0:
         raise UsageError(fault("allan.rate", rate_hz=rate_hz))
-    n = averages(len(y)) if n is None else np.atleast_1d(n).astype(int)
+    n = averaging_counts(len(y)) if n is None else np.atleast_1d(n).astype(int)
     if np.any(n < 1) or np.any(2 * n > len(y)):
         raise UsageError(fault("allan.averages", samples=len(y), most=len(y) // 2, found=n.tolist()))
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
@@ -90,10 +90,10 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
     nu = np.maximum(degrees_of_freedom(len(y), n), MIN_FREEDOM)
     high = variance * nu / chi_square(nu, -QUANTILE_95)
     low = variance * nu / chi_square(nu, QUANTILE_95)
-    return Allan(n / rate_hz, np.sqrt(variance), np.sqrt(low), np.sqrt(high), nu)
+    return AllanDeviation(n / rate_hz, np.sqrt(variance), np.sqrt(low), np.sqrt(high), nu)
 
 
-def coefficients(curve: Allan) -> Coefficients:
+def coefficients(curve: AllanDeviation) -> Coefficients:
     """Return W, B, K of (2), none below 0, for the combination of coefficients that fits best."""
     tau, variance = curve.tau_s, np.maximum(curve.deviation**2, 1e-300)
     terms = np.stack([1.0 / tau, np.full_like(tau, FLICKER), tau / 3.0], axis=1)

@@ -19,7 +19,7 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.rest import REST_S
-from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
+from baqueano.identify.noise.allan import AllanDeviation, Coefficients, allan_deviation, coefficients
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -48,7 +48,7 @@ class ChannelAtRest(NamedTuple):
     mean_std: float
     sd: float
     step: float  # smallest change: the step of the converter
-    curve: Allan
+    curve: AllanDeviation
     coefficients: Coefficients
     allan_1s: float | None  # deviation of averages over 1 s; None if the run is too short
     slope: float | None  # per °C
@@ -56,7 +56,7 @@ class ChannelAtRest(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class AtRest(Result):
+class RestMeasurement(Result):
     """All channels of a run at rest."""
 
     run: str
@@ -128,14 +128,14 @@ class AtRest(Result):
         )
 
 
-def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRest:
+def measure_at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> RestMeasurement:
     """Return the sensors of `run` at rest, between two times [s] from its first tick.
 
     Raise UsageError if the run is never at rest, or if no sensor has MIN_SAMPLES samples then.
 
     >>> from baqueano.simulate import simulate
     >>> from baqueano.vehicle_file import load
-    >>> gyro = at_rest(simulate(load("small"), np.zeros((6000, 3)))).channels[2]
+    >>> gyro = measure_at_rest(simulate(load("small"), np.zeros((6000, 3)))).channels[2]
     >>> print(f"bias {gyro.mean:.4f} ± {gyro.mean_std:.4f} rad/s, noise {gyro.sd:.4f} rad/s")
     bias 0.0150 ± 0.0002 rad/s, noise 0.0042 rad/s
     """
@@ -159,7 +159,7 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
                 )
     if not channels:
         raise UsageError(fault("at-rest.few-samples", run=run.name, least=MIN_SAMPLES))
-    return AtRest(run.name, float(seconds(last_ns, first_ns)), tuple(channels), tuple(findings))
+    return RestMeasurement(run.name, float(seconds(last_ns, first_ns)), tuple(channels), tuple(findings))
 
 
 def _rest_span(run: "Run") -> tuple[int, int]:
@@ -181,12 +181,14 @@ def _rest_span(run: "Run") -> tuple[int, int]:
 def _rest_channel(
     name: str, entry: int, t_ns: np.ndarray, y: np.ndarray, rate_hz: float, temperature: "Channel | None"
 ) -> ChannelAtRest:
-    curve = allan(y, rate_hz)
+    curve = allan_deviation(y, rate_hz)
     changes = np.abs(np.diff(np.unique(y)))
     slope, slope_sd = _over_temperature(t_ns, y, temperature)
     ticks_per_s = max(1, round(rate_hz))
     over_1s = (
-        float(allan(y, rate_hz, np.array([ticks_per_s])).deviation[0]) if 2 * ticks_per_s <= len(y) else None
+        float(allan_deviation(y, rate_hz, np.array([ticks_per_s])).deviation[0])
+        if 2 * ticks_per_s <= len(y)
+        else None
     )
     return ChannelAtRest(
         name, entry, len(y), rate_hz, float(np.mean(y)), float(curve.deviation[-1]), float(np.std(y, ddof=1)),

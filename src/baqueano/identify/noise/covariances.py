@@ -8,7 +8,7 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
 
 z − h are the residuals of the fit, clipped at 4 σ. If they are autocorrelated, Q is half the covariance of the
 differences of neighbours, which removes a drift. g is the prediction of the estimator, in its mode; (3) is the
-likelihood of its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: standard
+likelihood of its innovations y with covariance S (process_noise.py). Both are symmetric positive definite: standard
 deviations are at least MIN_RELATIVE_STD of the signal's size, eigenvalues of the correlation at least
 `MIN_EIGENVALUE`. `notes` lists the raised values. Errata 5: the paper's printed Q and R are not positive definite.
 """
@@ -29,9 +29,9 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import is_at_rest
-from baqueano.identify.noise.acceptance import Acceptance, accept
+from baqueano.identify.noise.acceptance import Acceptance, accept_or_refit
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
-from baqueano.identify.noise.most_likely import MIN_RELATIVE_STD, process_covariance, process_errors
+from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
@@ -230,7 +230,7 @@ def measure_noise(
         ekf = filters(names)
         if held_out:
             make_filter = partial(filter_noise, fit, [*runs, *held_out], covariances, at_rest, backend, names)
-            ekf, check = accept(ekf, make_filter, held_out, backend)
+            ekf, check = accept_or_refit(ekf, make_filter, held_out, backend)
         in_motion |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         no_process, rate = np.zeros((0, 0)), fit.file.rate_hz
@@ -381,13 +381,13 @@ def unfitted_covariance(
         return None
     variance = np.where(file_variance > 0.0, file_variance, fitted_variance)
     for i in np.flatnonzero(variance <= 0.0):
-        variance[i] = next((v for v in _candidates(name, int(i), runs) if v > 0.0), 1.0)
+        variance[i] = next((v for v in _variance_candidates(name, int(i), runs) if v > 0.0), 1.0)
         sigma = float(np.sqrt(variance[i]))
         notes.append(note("noise.of-its-rest", Severity.WARNING, subject=f"{name}[{i}]", sigma=sigma))
     return np.diag(variance)
 
 
-def _candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
+def _variance_candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
     """Yield the variance of channel i at rest, about the mean of each run, then the white part of all its readings."""
     deviations_at_rest, steps = [np.zeros(0)], [np.zeros(0)]
     for run in runs:

@@ -5,7 +5,7 @@
     c(τ) = σ_d² e^(−τ/T),  c the autocovariance of r, T of the file;   walk of ν_x ≤ σ √δ                    (3)
 
 y and S are the innovations of the filter over the log (augmented_ekf.py), r the residuals of the fit, ρ as in
-most_likely.py. The second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A
+process_noise.py. The second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A
 rest with more scatter than this limit is not used. A channel that does not correct the motion has the noise of its
 residuals. A sensor with fewer than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities, for
 example of a counter, have σ² ≥ step²/12. With only an IMU, (3) estimates the error of the speed from the forward
@@ -24,11 +24,11 @@ from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.identify.noise.accelerometer_misfit import accelerometer_share, forward_accelerometer
-from baqueano.identify.noise.most_likely import (
+from baqueano.identify.noise.process_noise import (
     TICKS,
-    example_of,
+    coordinate_search,
+    example_filter_tick,
     log_det_and_square,
-    minimise_by_steps,
     robust_square,
     ticks_of,
     total_cost,
@@ -105,12 +105,14 @@ def filter_noise(
     ekf = replace(estimator, vehicle=fit.blocks.model, sensors=sensors)
     rounding |= _rounding(filter_layout, inertial, runs)
     free = _free_noise(ekf, inertial, rounding, readings)
-    kernel = scan(_likelihood(ekf, free), ekf.init(), example_of(ekf), np.zeros(len(free)), backend=backend)
+    kernel = scan(
+        _likelihood(ekf, free), ekf.init(), example_filter_tick(ekf), np.zeros(len(free)), backend=backend
+    )
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
 
     low, high = (np.log([getattr(parameter, side) for parameter in free]) for side in ("low", "high"))
     start = np.clip([np.log(get(ekf, parameter.path)) / parameter.power for parameter in free], low, high)
-    x = minimise_by_steps(total_cost(kernel, ticks), start, low, high) if free else start
+    x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
     for value, parameter in zip(x, free, strict=True):
         ekf = put(ekf, parameter.path, float(np.exp(parameter.power * value)))
     if is_dynamic(ekf.vehicle):
@@ -118,10 +120,10 @@ def filter_noise(
         ekf = (_without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer)(
             ekf, fit, inertial
         )
-    return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_rad(fit))))
+    return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit))))
 
 
-def _crab_rad(fit: "Fit") -> float:
+def _crab_angle_rad(fit: "Fit") -> float:
     """Return the angle between course and heading of the fitted model, driving forward at half its largest command
     [rad]. Return 0 if its speed is below MIN_SPEED_M_S.
     """

@@ -20,9 +20,9 @@ from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.covariance.clusters import QUANTILE_95
-from baqueano.identify.noise.most_likely import (
+from baqueano.identify.noise.process_noise import (
     ROBUST_SIGMA,
-    example_of,
+    example_filter_tick,
     filter_of,
     log_det_and_square,
     ticks_of,
@@ -120,7 +120,11 @@ def compare_noise(
         raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
     ekf = filter_of(fit, _sensor_covariances(fit, next(iter(noises.values()))))
     kernel = scan(
-        _innovations(ekf), ekf.init(), example_of(ekf), np.zeros(_parameter_count(ekf)), backend=backend
+        _innovations(ekf),
+        ekf.init(),
+        example_filter_tick(ekf),
+        np.zeros(_parameter_count(ekf)),
+        backend=backend,
     )
     max_ticks = TICKS.get(kernel.backend, 500) // len(runs)
     ticks = [ticks_of(run, ekf, max_ticks) for run in runs]

@@ -21,7 +21,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.estimators.augmented.state import SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.velocity_readings import readings_of
-from baqueano.identify.noise.most_likely import example_of, ticks_of
+from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
 from baqueano.runs.interpolated import true_speed
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds
@@ -133,7 +133,9 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
     for run, speed, _ in runs:
         start = float(speed[0]) if np.isfinite(speed[0]) else 0.0
         ticks = ticks_of(run, ekf, len(run.t_ns))
-        kernel = scan(step, ekf.init(nu=np.array([start, 0.0, 0.0])), example_of(ekf), backend=backend)
+        kernel = scan(
+            step, ekf.init(nu=np.array([start, 0.0, 0.0])), example_filter_tick(ekf), backend=backend
+        )
         nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
         finite = np.isfinite(speed)
         square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that diverges

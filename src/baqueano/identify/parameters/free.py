@@ -26,30 +26,30 @@ from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, rates
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
-FLOOR = "model.process_noise_std"  # process noise of ν
-DELAY = "model.drivetrain.delay_s"
-LAG = "model.drivetrain.lag_s"
-LIMIT = "model.drivetrain.limit"
+PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
+DELAY_PATH = "model.drivetrain.delay_s"
+LAG_PATH = "model.drivetrain.lag_s"
+LIMIT_PATH = "model.drivetrain.limit"
 BATTERY_EFFECT = "model.drivetrain.battery_effect"
 WHEEL_FRICTIONS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
 MAX_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorter
-FIRST_LAG, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
+LAG_START_TICKS, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
 # times the rate of the ticks: a higher low-pass does not have an effect
 LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0
-FIRST_LIMIT = 0.7  # of the largest command: start of the search for the limit of a motor
+LIMIT_START = 0.7  # of the largest command: start of the search for the limit of a motor
 # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
 MAX_DECAY_PER_TICK = 1.5
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
-class Free(NamedTuple):
+class FreeParameter(NamedTuple):
     """A free parameter of a fit: one value of the vehicle file, with its unit and its bounds."""
 
     path: str  # with its entry
     unit: str
     low: float
     high: float
-    of: Parameter  # description of its field
+    definition: Parameter  # description of its field
     entry: tuple[int, ...]
 
     @property
@@ -60,26 +60,26 @@ class Free(NamedTuple):
     @property
     def axis(self) -> int | None:
         """Return the axis along which the parameter acts: 0 forward, 1 sideways, 2 turning, or None if undefined."""
-        return self.entry[0] if self.entry and self.of.axes else None
+        return self.entry[0] if self.entry and self.definition.axes else None
 
     @property
     def column(self) -> int | None:
         """Return the index of the command if the parameter is a gain, else None."""
-        return self.entry[-1] if self.entry and self.of.role == "gain" else None
+        return self.entry[-1] if self.entry and self.definition.role == "gain" else None
 
     @property
     def shown_by(self) -> str:
         """Return the motion that shows the parameter, or "" if it is not documented."""
-        return words_of(self.of.shown_by, self.entry)
+        return entry_text(self.definition.shown_by, self.entry)
 
     @property
     def label(self) -> str:
         """Return the parameter's short name for people, or "" if it is undefined or off the diagonal of a matrix."""
         diagonal = len(set(self.entry)) <= 1
-        return words_of(self.of.label, self.entry) if diagonal else ""
+        return entry_text(self.definition.label, self.entry) if diagonal else ""
 
 
-def words_of(words: Words, entry: tuple[int, ...]) -> str:
+def entry_text(words: Words, entry: tuple[int, ...]) -> str:
     """Return the text of one entry, with {nth} and {axis} replaced by words."""
     if not entry:
         return words if isinstance(words, str) else words[0]
@@ -102,7 +102,7 @@ def default_free(blocks: FittedBlocks) -> list[str]:
 def default_fields(blocks: FittedBlocks) -> list[str]:
     """Return the paths, without entries, that a default fit frees for any value in the file."""
     paths = all_parameters(blocks.model, "model")
-    return [path for path, p in paths if p.role in FREE_ROLES and path != FLOOR]
+    return [path for path, p in paths if p.role in FREE_ROLES and path != PROCESS_NOISE_PATH]
 
 
 def has_offset(model: Tree) -> bool:
@@ -123,7 +123,9 @@ def value(blocks: FittedBlocks, path: str) -> float:
     return float(_value_at(blocks, path))
 
 
-def free_parameter(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
+def free_parameter(
+    blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]
+) -> FreeParameter:
     """Return the free parameter at `path`, with its unit; `bounds` take precedence over the bounds of the field. Raise
     UsageError for a path that is not a parameter, or if the bounds exclude all values."""
     field, _, entry = path.partition("[")
@@ -137,7 +139,7 @@ def free_parameter(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[f
         raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
     index = tuple(int(i) for i in entry.rstrip("]").split(",")) if entry else ()
     unit = _unit(p.unit, index[0] if index else 0)
-    return Free(path, unit, max(low, p.low), min(high, p.high), p, index)
+    return FreeParameter(path, unit, max(low, p.low), min(high, p.high), p, index)
 
 
 def free_parameters(
@@ -145,7 +147,7 @@ def free_parameters(
     free: Iterable[str] | None,
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
-) -> list[Free]:
+) -> list[FreeParameter]:
     """Return the free parameters, in order and once each; an empty list if `free` is empty. Raise UsageError if all
     are fixed."""
     paths = [p for path in requested_paths(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
@@ -167,17 +169,21 @@ def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[st
 
 
 def enable_parameters(
-    blocks: FittedBlocks, free: list[Free], rate_hz: float, u: np.ndarray, past_rows: Callable[[float], int]
-) -> tuple[FittedBlocks, list[Free]]:
+    blocks: FittedBlocks,
+    free: list[FreeParameter],
+    rate_hz: float,
+    u: np.ndarray,
+    past_rows: Callable[[float], int],
+) -> tuple[FittedBlocks, list[FreeParameter]]:
     """Return the blocks, changed so that every free parameter affects the output, and the parameters with the implied
     bounds.
 
     u (N, n) are all commands of the runs. `past_rows` returns the number of rows that a delay needs.
 
-    A delay receives a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor stays below
-    the largest command, because otherwise the data cannot determine it. A free effect of the battery uses the logged
-    voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of the
-    wheels if the track is 0.
+    A delay receives a buffer of past rows, and a lag of 0 starts at LAG_START_TICKS ticks. The limit of a motor stays
+    below the largest command, because otherwise the data cannot determine it. A free effect of the battery uses the
+    logged voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of
+    the wheels if the track is 0.
     """
     paths = [parameter.path for parameter in free]
     if any(path.startswith(WHEEL_FRICTIONS) for path in paths) and blocks.model.friction.track_m == 0.0:
@@ -185,22 +191,24 @@ def enable_parameters(
     if BATTERY_EFFECT in paths:
         blocks = _with_drivetrain(blocks, battery="logged")
     delay_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
-    if DELAY in paths:
+    if DELAY_PATH in paths:
         delay_s = max(delay_s, MAX_DELAY_S)
         free = [
-            parameter._replace(high=min(parameter.high, delay_s)) if parameter.path == DELAY else parameter
+            parameter._replace(high=min(parameter.high, delay_s))
+            if parameter.path == DELAY_PATH
+            else parameter
             for parameter in free
         ]
-    blocks = _with_lines(blocks, delay_s, past_rows)
-    if LAG in paths:
-        lag_s = blocks.model.drivetrain.lag_s or FIRST_LAG / rate_hz
+    blocks = _with_delay_lines(blocks, delay_s, past_rows)
+    if LAG_PATH in paths:
+        lag_s = blocks.model.drivetrain.lag_s or LAG_START_TICKS / rate_hz
         blocks = _with_drivetrain(blocks, lag_s=lag_s)
         free = [
-            _with_lower_bound(parameter, MIN_LAG / rate_hz) if parameter.path == LAG else parameter
+            _with_lower_bound(parameter, MIN_LAG / rate_hz) if parameter.path == LAG_PATH else parameter
             for parameter in free
         ]
     blocks, free = _bound_low_pass(blocks, free, rate_hz)
-    if any(path.startswith(LIMIT) for path in paths):
+    if any(path.startswith(LIMIT_PATH) for path in paths):
         blocks, free = _bound_limit(blocks, free, u)
     upper_bounds = _friction_bounds(blocks, paths, rate_hz)
     return blocks, [
@@ -233,7 +241,9 @@ def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> 
     return bounds
 
 
-def _with_lines(blocks: FittedBlocks, delay_s: float, past_rows: Callable[[float], int]) -> FittedBlocks:
+def _with_delay_lines(
+    blocks: FittedBlocks, delay_s: float, past_rows: Callable[[float], int]
+) -> FittedBlocks:
     """Return the blocks with delay lines that are long enough for a command delay of `delay_s` [s] and for the delays
     of the sensors."""
     sensors = [
@@ -247,8 +257,8 @@ def _with_lines(blocks: FittedBlocks, delay_s: float, past_rows: Callable[[float
 
 
 def _bound_low_pass(
-    blocks: FittedBlocks, free: list[Free], rate_hz: float
-) -> tuple[FittedBlocks, list[Free]]:
+    blocks: FittedBlocks, free: list[FreeParameter], rate_hz: float
+) -> tuple[FittedBlocks, list[FreeParameter]]:
     """Return the blocks with each free low-pass at most at the tick rate, and the parameters.
 
     The upper bound of a low-pass is MAX_LOW_PASS_RATIO times this rate, because a higher low-pass does not have an
@@ -268,7 +278,9 @@ def _bound_low_pass(
     ]
 
 
-def _bound_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tuple[FittedBlocks, list[Free]]:
+def _bound_limit(
+    blocks: FittedBlocks, free: list[FreeParameter], u: np.ndarray
+) -> tuple[FittedBlocks, list[FreeParameter]]:
     drivetrain = blocks.model.drivetrain
     magnitude = (
         np.abs(u)
@@ -278,8 +290,8 @@ def _bound_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tuple
     largest = np.max(magnitude, axis=0)
     largest = np.array([largest.max()]) if drivetrain.limit.shape == (1,) else largest
     largest = largest * (1.0 - 1e-9)  # below the largest command, so that the limit has an effect
-    paths = entries(blocks, LIMIT)
-    begin = np.where(drivetrain.limit < largest, drivetrain.limit, FIRST_LIMIT * largest)
+    paths = entries(blocks, LIMIT_PATH)
+    begin = np.where(drivetrain.limit < largest, drivetrain.limit, LIMIT_START * largest)
     limit = np.where(
         [path in {parameter.path for parameter in free} for path in paths], begin, drivetrain.limit
     )
@@ -295,7 +307,7 @@ def _with_drivetrain(blocks: FittedBlocks, **changes: Any) -> FittedBlocks:
     return put(blocks, "model.drivetrain", replace(blocks.model.drivetrain, **changes))
 
 
-def _with_lower_bound(parameter: Free, low: float) -> Free:
+def _with_lower_bound(parameter: FreeParameter, low: float) -> FreeParameter:
     return parameter._replace(low=max(parameter.low, low))
 
 
@@ -306,7 +318,7 @@ def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> Fitt
     return blocks
 
 
-def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
+def frozen_columns(free: list[FreeParameter], u: np.ndarray) -> list[int]:
     """Return the indices of free parameters that belong to a command which is 0 in all rows of u (N, n)."""
     is_unused = ~np.any(u != 0.0, axis=0)
     return [k for k, parameter in enumerate(free) if parameter.column in np.flatnonzero(is_unused)]

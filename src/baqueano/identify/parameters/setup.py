@@ -24,7 +24,7 @@ from baqueano.identify.data.segments import ThetaLayout, split_record
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import (
-    Free,
+    FreeParameter,
     enable_parameters,
     entries,
     free_parameter,
@@ -45,7 +45,7 @@ LEAD_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state r
 START_NAMES = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 
-class Shape(NamedTuple):
+class ThetaShape(NamedTuple):
     """Meaning of θ for one segment of a run."""
 
     shared: tuple[str, ...]  # paths that all runs share
@@ -74,24 +74,24 @@ class Parameters:
     segment."""
 
     blocks: FittedBlocks  # prepared for the free parameters
-    requested: tuple[Free, ...]  # (q,) all requested parameters
+    requested: tuple[FreeParameter, ...]  # (q,) all requested parameters
     frozen: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
     records: tuple[FitRecord, ...]  # per segment
-    shape: Shape
+    shape: ThetaShape
     layout: ThetaLayout
-    first: np.ndarray  # (p,) start of the search
+    start: np.ndarray  # (p,) start of the search
     low: np.ndarray  # (p,)
     high: np.ndarray  # (p,)
 
     @property
-    def free(self) -> list[Free]:
+    def free(self) -> list[FreeParameter]:
         """Return the parameters of `requested` that are in θ; they are its first entries, in order."""
         return [parameter for k, parameter in enumerate(self.requested) if k not in self.frozen]
 
 
-def unknowns(
+def parameters_for_fit(
     blocks: FittedBlocks,
-    requested: Sequence[Free],
+    requested: Sequence[FreeParameter],
     runs: Sequence[Run],
     channels: Mapping[str, list[int]],
     rate_hz: float,
@@ -115,7 +115,7 @@ def unknowns(
     free = [parameter for k, parameter in enumerate(requested) if k not in frozen_numbers]
     shape = shape_of(blocks, free, records, options)
     layout = layout_of(shape, records)
-    begin = first_theta(blocks, free, shape, records, options)
+    begin = start_theta(blocks, free, shape, records, options)
     return Parameters(blocks, tuple(requested), tuple(frozen_numbers), tuple(records), shape, layout, *begin)
 
 
@@ -132,7 +132,7 @@ def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     return replace(options, segment_s=POSE_SEGMENT_S) if has_pose and options.segment_s is None else options
 
 
-def layout_of(shape: Shape, records: Sequence[FitRecord]) -> ThetaLayout:
+def layout_of(shape: ThetaShape, records: Sequence[FitRecord]) -> ThetaLayout:
     """Return the indices in θ of the entries of each segment."""
     runs = tuple(record.run for record in records)
     return ThetaLayout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
@@ -186,8 +186,8 @@ def _check_bounds(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]
 
 
 def shape_of(
-    blocks: FittedBlocks, shared: Sequence[Free], records: Sequence[FitRecord], options: FitOptions
-) -> Shape:
+    blocks: FittedBlocks, shared: Sequence[FreeParameter], records: Sequence[FitRecord], options: FitOptions
+) -> ThetaShape:
     """Return the meaning of θ: the `shared` parameters, the parameters of each run, the start of each segment."""
     paths, names = tuple(parameter.path for parameter in shared), blocks.sensors._fields
     run_paths = [p for path in options.per_run for p in entries(blocks, path)]
@@ -205,15 +205,15 @@ def shape_of(
     )
     past_rows = max(offset_rows(record.dt_s) for record in records) if options.clocks else 0
     has_voltage = any(VOLTAGE_KEY in record.sensors for record in records)
-    return Shape(
+    return ThetaShape(
         paths, tuple(run_paths), start, sample_fraction, tuple(options.clocks), past_rows, has_voltage
     )
 
 
-def first_theta(
+def start_theta(
     blocks: FittedBlocks,
-    free: Sequence[Free],
-    shape: Shape,
+    free: Sequence[FreeParameter],
+    shape: ThetaShape,
     records: Sequence[FitRecord],
     options: FitOptions,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -263,7 +263,7 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
     return np.zeros(3)
 
 
-def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
+def sigma_from_option(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
     """Return σ (m,) of all channels from {sensor: (m_s,)}. Raise UsageError for a missing sensor, a wrong size, or a
     value that is not positive and finite."""
     by_sensor = []
@@ -277,7 +277,7 @@ def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray
     return sigmas
 
 
-def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
+def vehicle_at_start(blocks: FittedBlocks, shape: ThetaShape) -> Callable[[np.ndarray], Tree]:
     """Return the function θ → vehicle at the start of a segment."""
     paths = (*shape.shared, *shape.per_run)
 
@@ -293,14 +293,14 @@ def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray
     return start
 
 
-def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
+def example(blocks: FittedBlocks, shape: ThetaShape) -> np.ndarray:
     """Return θ (p,) with the present values of the blocks."""
     paths = (*shape.shared, *shape.per_run)
     return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
 
 
 def initial_state(
-    blocks: FittedBlocks, shape: Shape
+    blocks: FittedBlocks, shape: ThetaShape
 ) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
     """Return the function θ → (vehicle at the start of a segment, constant signal of each sensor before it)."""
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run)

@@ -22,10 +22,10 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import at_voltage
+from baqueano.identify.data.added_channels import with_battery_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
-from baqueano.identify.parameters.free import DELAY, substitute
-from baqueano.identify.parameters.setup import Shape, example, initial_state, vehicle_at_start
+from baqueano.identify.parameters.free import DELAY_PATH, substitute
+from baqueano.identify.parameters.setup import ThetaShape, example, initial_state, vehicle_at_start
 from baqueano.identify.residuals.noise_level import MAD, profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
@@ -56,9 +56,9 @@ class GyroAidedResiduals(Residuals):
     """Residuals (2), (3) of several runs as a function of one θ, for an IMU only."""
 
     def __init__(
-        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], backend: str = "auto"
+        self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
-        records = [_after_unknown_commands(record, blocks, DELAY in shape.shared) for record in records]
+        records = [_after_unknown_commands(record, blocks, DELAY_PATH in shape.shared) for record in records]
         super().__init__(blocks, shape, records, backend)
         self.scan = cached_kernel(blocks, shape, backend, _trace)
         imu = self.names[0]
@@ -71,7 +71,7 @@ class GyroAidedResiduals(Residuals):
         """Return for each segment |ν_x| (N,) of the gyro-aided simulation."""
         return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
-    def following(self, theta: np.ndarray) -> "GyroAidedResiduals":
+    def with_yaw_rate_at(self, theta: np.ndarray) -> "GyroAidedResiduals":
         """Return the residuals led by the mean of the true yaw rate, given the gyro and the model at θ."""
         led_columns = []
         for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
@@ -90,7 +90,7 @@ class GyroAidedResiduals(Residuals):
             for rows, index in zip(self._rows, self._index, strict=True)
         ]
 
-    def spread_and_profile(
+    def sigma_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return σ (m,) and, for each segment, its profile (N, m) over the speed.
@@ -100,7 +100,9 @@ class GyroAidedResiduals(Residuals):
         dt_s = [record.dt_s for record in self.records]
         return profile_with_slow_noise(misfits, self.has, self.speeds(theta), dt_s, floor)
 
-    def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
+    def gradient_of_changed_channel(
+        self, theta: np.ndarray, c: int, scale: float, shift: float
+    ) -> np.ndarray:
         """Return the gradient (p,) at θ if the readings of channel c were divided by `scale` and raised by `shift`."""
         z = 1 + self._blocks.model.commands + c
         columns = [z, -2, -1] if c == 2 else [z]
@@ -144,7 +146,7 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
     return rows_with_gyro
 
 
-def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     aided_step, n, paths = _aided_step(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
@@ -153,7 +155,9 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return GyroAidedState(vehicle, vehicle, (signal, signal), np.zeros(3 if sample_fraction else 0))
 
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage)
+        blocks_at = with_battery_voltage(
+            substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage
+        )
         imu = blocks_at.sensors[0]
         nu_with_speed = with_speed(blocks_at.model, state.free.nu, state.gyro_aided.nu[0])
         free, motion = blocks_at.model.step(
@@ -172,7 +176,7 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
-def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _traced_outputs(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to (3,): ν_x of the gyro-led simulation, the gyro reading by the
     commands, and its derivative."""
     aided_step, n, paths = _aided_step(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
@@ -182,7 +186,9 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return at_start(theta), at_start(theta)
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage)
+        blocks_at = with_battery_voltage(
+            substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage
+        )
         imu, aided_state, free = blocks_at.sensors[0], *state
         nu_with_speed = with_speed(blocks_at.model, free.nu, aided_state.nu[0])
         free, motion = blocks_at.model.step(
@@ -240,7 +246,7 @@ def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
     return is_imu_only and optional.of(blocks.model, "turning_arm_m") is not None
 
 
-def _width(shape: Shape, n: int) -> int:
+def _width(shape: ThetaShape, n: int) -> int:
     """Return q, the number of entries of a row with `n` commands."""
     return 7 + n + sum(shape.sample_fraction) + shape.has_voltage + EXTRA_COLUMNS
 
@@ -253,14 +259,14 @@ def slow_part(e: np.ndarray) -> np.ndarray:
     limit = CLIP_SIGMA * MAD * float(np.median(np.abs(e - np.median(e))))
     clipped = np.clip(e, np.median(e) - limit, np.median(e) + limit)
     spectrum = np.fft.rfft(np.concatenate([clipped, clipped[::-1]]))  # mirrored, so that its ends meet
-    ratio = _likeliest_ratio(np.abs(np.fft.rfft(clipped - clipped.mean()))[1:] ** 2 / n, n)
+    ratio = _most_likely_ratio(np.abs(np.fft.rfft(clipped - clipped.mean()))[1:] ** 2 / n, n)
     if ratio is None:
         return np.zeros(n)
     power = ratio[0] * _spectrum(ratio[1], 2 * n)
     return np.asarray(np.fft.irfft(spectrum * (power / (1.0 + power)), 2 * n)[:n])
 
 
-def _likeliest_ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
+def _most_likely_ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
     """Return ρ and τ of a periodogram without its mean, or None if white noise explains it equally well.  (4)"""
     white_cost = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
     best_cost, best_pair = white_cost - MIN_LOG_GAIN, None

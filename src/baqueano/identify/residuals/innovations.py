@@ -22,10 +22,10 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
-from baqueano.identify.data.added_channels import at_voltage
+from baqueano.identify.data.added_channels import with_battery_voltage
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import substitute
-from baqueano.identify.parameters.setup import Shape, example, initial_state
+from baqueano.identify.parameters.setup import ThetaShape, example, initial_state
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
@@ -72,7 +72,7 @@ def axes_of(model: Tree) -> tuple[int, ...]:
     """
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
-    kick = _kick(model, 1.0)
+    kick = _noise_input_matrix(model, 1.0)
     return tuple(i for i in range(3) if np.any(kick[:, i] != 0.0))
 
 
@@ -86,7 +86,7 @@ def shows_pose(blocks: FittedBlocks) -> bool:
     return any(bool(np.any(np.abs(derivative) > MIN_DERIVATIVE)) for derivative in jacobians)
 
 
-def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return a scan over rows (dt, u, z, 1/σ, early) with outputs e (m,) and log s (m,), 0 without a measurement.
 
     θ = (θ of the simulation, v of each axis, ½ log q of each channel).
@@ -103,7 +103,7 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return FilterState(vehicle, np.zeros((size, size)), signals, previous_h)
 
     def step(theta: np.ndarray, state: FilterState, row: np.ndarray) -> tuple[FilterState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
+        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         drivetrain, effort = blocks_at.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
@@ -116,8 +116,8 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         y, H = weight * np.concatenate(innovations), weight[:, None] * np.concatenate(jacobians)
         is_present = np.where(weight > 0.0, 1.0, 0.0)
         correction = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
-        signals, previous_h = _signals_after(lines, jacobians, correction.move, shape.sample_fraction)
-        eta, nu = _moved_state(predicted, correction.move)
+        signals, previous_h = _corrected_signals(lines, jacobians, correction.move, shape.sample_fraction)
+        eta, nu = _corrected_state(predicted, correction.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
         return FilterState(vehicle, correction.cov, signals, previous_h), np.concatenate(
             [correction.e, is_present * np.log(correction.s)]
@@ -143,7 +143,7 @@ def _prediction(
     x = previous.nu if size == 3 else np.concatenate([previous.eta, previous.nu])
     eta, nu, _ = model.advance(previous.eta, previous.nu, effort, dt_s)
     mean = nu if size == 3 else np.concatenate([eta, nu])
-    G, B = jacobian(f)(x), _kick(model, dt_s)
+    G, B = jacobian(f)(x), _noise_input_matrix(model, dt_s)
     R = sum((v[i] * B[:, i][:, None] * B[:, i][None, :] for i in v), np.zeros((3, 3)))
     if size == 6:
         O = np.zeros((3, 3))
@@ -158,7 +158,7 @@ def _innovation(
     z: np.ndarray,
     sample_fraction: np.ndarray,
     dt_s: Value,
-    shape: Shape,
+    shape: ThetaShape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h after the low-pass, without delay."""
     innovations, jacobians, lines, offset, fraction_index = [], [], [], 0, 0
@@ -193,14 +193,14 @@ def _smooth_gate(number: int, e: Any, s: Any) -> Any:
     return 1.0 / (1.0 + (e / GATE) ** 8)
 
 
-def _kick(model: Tree, dt_s: Value) -> np.ndarray:
+def _noise_input_matrix(model: Tree, dt_s: Value) -> np.ndarray:
     """Return B = ∂ν/∂noise (3, 3) over a row, per unit of `process_noise_std`."""
     unit = put(model, "process_noise_std", np.ones(3))
     u = np.zeros(model.commands)
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
-def _moved_state(predicted: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _corrected_state(predicted: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
         return predicted.eta, predicted.mean + move
@@ -208,7 +208,7 @@ def _moved_state(predicted: PredictedState, move: np.ndarray) -> tuple[np.ndarra
     return x[:3], x[3:]
 
 
-def _signals_after(
+def _corrected_signals(
     lines: list[Any], jacobians: list[Any], move: np.ndarray, sample_fraction: tuple[bool, ...]
 ) -> Any:
     """Return the signals and h of this row after the correction."""

@@ -75,7 +75,7 @@ def _largest(z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
 
 def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
     """Return the least σ (m,): 1/√12 of a converter's step, or MIN_RELATIVE_SIGMA of the largest value, if larger."""
-    steps = np.concatenate([_steps(block) for block in blocks])
+    steps = np.concatenate([_converter_steps(block) for block in blocks])
     largest = _largest(z, has)
     return np.maximum(steps / np.sqrt(12.0), np.maximum(MIN_RELATIVE_SIGMA * largest, 1e-12))
 
@@ -92,7 +92,7 @@ def sigma_of_file(blocks: "ByName[Tree]") -> np.ndarray:
     return np.concatenate([np.sqrt(np.maximum(np.diagonal(Q), 0.0)) for Q in covariances])
 
 
-def _steps(block: Tree) -> np.ndarray:
+def _converter_steps(block: Tree) -> np.ndarray:
     """Return the steps (m,) of a sensor's converter, 0 without one."""
     if not has_field(block, "accel_step"):
         return np.zeros(block.size)

@@ -20,12 +20,18 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.data.added_channels import VOLTAGE_KEY, at_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_battery_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import Evaluation, ThetaLayout, add, arrow_layout, diagonal_matrix
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import substitute
-from baqueano.identify.parameters.setup import Shape, example, initial_state, read_sensors, vehicle_at_start
+from baqueano.identify.parameters.setup import (
+    ThetaShape,
+    example,
+    initial_state,
+    read_sensors,
+    vehicle_at_start,
+)
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
@@ -60,7 +66,7 @@ class Residuals:
     ----------
     blocks : FittedBlocks
         The model, and the sensors that are used.
-    shape : Shape
+    shape : ThetaShape
         Meaning of θ for one segment of a run.
     records : sequence of FitRecord
         Rows of each segment.
@@ -72,7 +78,7 @@ class Residuals:
     >>> from baqueano.identify import dataset, parameters_of
     >>> small, u = bq.load("small"), np.full((50, 3), [0.5, 0.0, 0.2])
     >>> parameters = parameters_of(dataset([bq.simulate(small, u)], small), ["model.mass_kg"])
-    >>> [r.shape for r in Residuals.of(parameters).residuals(parameters.first)]
+    >>> [r.shape for r in Residuals.from_parameters(parameters).residuals(parameters.start)]
     [(50, 3)]"""
 
     @staticmethod
@@ -81,18 +87,15 @@ class Residuals:
         return difference(sensor, z, h)
 
     def __init__(
-        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], backend: str = "auto"
+        self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
         self.shape, self.records = shape, tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
         self.scan = cached_kernel(blocks, shape, backend, _trace, self.difference)
         self._blocks, self._speeds = blocks, None
-        self._rows = parallel_map(
-            lambda record: _rows(record, self.names, shape),
-            self.records,
-            rows=sum(len(record.dt_s) for record in self.records),
-        )
+        row_count = sum(len(record.dt_s) for record in self.records)
+        self._rows = parallel_map(lambda x: _rows(x, self.names, shape), self.records, rows=row_count)
         parts = len(shape.shared), len(shape.by_run), len(shape.start)
         self.layout = ThetaLayout(*parts, tuple(record.run for record in self.records))
         self._index, self._places = self.layout.indices, arrow_layout(self.layout)
@@ -111,7 +114,7 @@ class Residuals:
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and the sensitivities there
 
     @classmethod
-    def of(cls, parameters: Any, backend: str = "auto") -> Self:
+    def from_parameters(cls, parameters: Any, backend: str = "auto") -> Self:
         """Return the residuals of `parameters` (setup.Parameters) over all their rows."""
         return cls(parameters.blocks, parameters.shape, parameters.records, backend)
 
@@ -125,7 +128,7 @@ class Residuals:
         """Return for each segment (N, m), 1 at each measurement."""
         return self._has
 
-    def signal(self) -> np.ndarray:
+    def signal_std(self) -> np.ndarray:
         """Return the standard deviation (m,) of the measurements of each channel, over all runs."""
         out = np.zeros(len(self.sigma))
         for c in range(len(out)):
@@ -230,7 +233,7 @@ class Residuals:
             for rows, index in zip(self._rows, self._index, strict=True)
         ]
 
-    def spread_and_profile(
+    def sigma_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return σ (m,) and its profile (N, m) per segment from `misfits` at θ, for noise that grows with speed."""
@@ -288,7 +291,7 @@ def _fill(rows: np.ndarray, index: Any, values: np.ndarray | float) -> np.ndarra
     return out
 
 
-def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
+def _rows(record: FitRecord, names: Sequence[str], shape: ThetaShape) -> np.ndarray:
     """Return rows (N, q): dt, u, z and W of all sensors, the part of the step if needed, and the battery voltage."""
     readings = [record.sensors[name] for name in names]
     columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.has for s in readings)]
@@ -303,7 +306,7 @@ def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
 
 
 def cached_kernel(
-    blocks: FittedBlocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
+    blocks: FittedBlocks, shape: ThetaShape, backend: str, traced: Callable[..., K], *more: Any
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
@@ -318,11 +321,10 @@ def cached_kernel(
     return _kernels[key]
 
 
-def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Scan:
+def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Callable[..., Any]) -> Scan:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, names = sum(sizes), (*shape.shared, *shape.per_run), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
-
     at_start = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> SimulationState:
@@ -335,7 +337,7 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
     def step(
         theta: np.ndarray, state: SimulationState, row: np.ndarray
     ) -> tuple[SimulationState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
+        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         sample_fraction = row[1 + n + 2 * m :]
@@ -357,20 +359,19 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
             span = slice(offset, offset + sizes[k])
             residuals.append(weight[span] * residual(sensor, z[span], h))
             offset += sizes[k]
-        return SimulationState(vehicle, signals, tuple(past_h), tuple(lines), steps_s), np.concatenate(
-            residuals
-        )
+        state = SimulationState(vehicle, signals, tuple(past_h), tuple(lines), steps_s)
+        return state, np.concatenate(residuals)
 
     q = 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage
     return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
-def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _speed_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to ν_x of the model."""
     start, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run), blocks.model.commands
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
+        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         state, motion = blocks_at.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
         return state, motion.nu[0]
 

@@ -9,7 +9,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
-from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, inverse
+from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, pseudo_inverse
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose, inflate_covariance
@@ -21,7 +21,7 @@ from baqueano.identify.identifiability.identifiable import (
     weak_reason,
 )
 from baqueano.identify.parallel import parallel_map
-from baqueano.identify.parameters.free import DELAY, Free, substitute, value
+from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter, substitute, value
 from baqueano.identify.parameters.setup import START_NAMES
 from baqueano.identify.residuals.noise_level import sigma_of_file
 from baqueano.identify.residuals.simulation import Residuals
@@ -31,7 +31,7 @@ from baqueano.identify.result.verdict import Evidence, remarks, verdict_of
 from baqueano.messages.language import translate as _
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
-HELD_SIGMA = 3.0
+MAX_BOUND_EXCESS_SIGMA = 3.0
 
 
 class VerdictBasis(NamedTuple):
@@ -40,8 +40,8 @@ class VerdictBasis(NamedTuple):
     cov: np.ndarray  # (p, p) of θ
     error_by_path: Mapping[str, float]  # path → possible error of a parameter by effects that the model lacks
     evidence: Evidence
-    held_back: np.ndarray  # (p,) −1 or 1 if a bound holds a parameter back significantly
-    never: tuple[Diagnostic, ...]  # parameters that the vehicle can never show
+    bound_excess: np.ndarray  # (p,) −1 or 1 if a bound holds a parameter back significantly
+    always_unobservable: tuple[Diagnostic, ...]  # parameters that the vehicle can never show
 
 
 def verdict_basis(end: FinishedFit) -> VerdictBasis:
@@ -51,13 +51,13 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     unobservable_terms, never_shown = _unobservable(end)
     findings, error_by_path = _findings(end, std)
     evidence = _evidence(end, findings, unobservable_terms)
-    is_held_back = _in_order(end, _held_back(end, std), 0.0) > HELD_SIGMA
+    is_held_back = _in_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
     return VerdictBasis(cov, error_by_path, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
 
 
-def only_autocorrelated(basis: VerdictBasis) -> bool:
+def is_only_autocorrelated(basis: VerdictBasis) -> bool:
     """Return True if autocorrelation and size of the residuals are the only findings about a fit."""
-    with_prior = basis.evidence._replace(bound=basis.held_back)
+    with_prior = basis.evidence._replace(bound=basis.bound_excess)
     return (
         verdict_of(with_prior)[0] == Verdict.WARN
         and verdict_of(_without_autocorrelation(with_prior))[0] == Verdict.USABLE
@@ -77,10 +77,12 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     basis = verdict_basis(end) if basis is None else basis
     problem, solution = end.task.problem, end.search.solution
     evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
-    verdict, reasons = verdict_of(evidence._replace(bound=basis.held_back))
+    verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared)
     shared_cov = inflate_covariance(_with_frozen(end, basis.cov[:s, :s]), evidence.names, basis.error_by_path)
-    own_names, run_values, own_sd = _run_entries(problem, solution.theta, np.sqrt(np.diagonal(basis.cov)))
+    run_entry_names, run_values, run_entry_sd = _run_entries(
+        problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
+    )
     fit = Fit(
         names=evidence.names,
         units=tuple(parameter.unit for parameter in end.requested),
@@ -90,14 +92,14 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         bound=evidence.bound,
         weak=evidence.weak,
         cov=shared_cov,
-        own_names=own_names,
-        own=run_values,
-        own_sd=own_sd,
+        run_entry_names=run_entry_names,
+        run_entries=run_values,
+        run_entry_sd=run_entry_sd,
         unobservable=evidence.unobservable,
-        never=basis.never,
+        always_unobservable=basis.always_unobservable,
         verdict=verdict,
         reasons=reasons,
-        notes=(*_notes(end), *remarks(evidence._replace(bound=evidence.bound - basis.held_back))),
+        notes=(*_notes(end), *remarks(evidence._replace(bound=evidence.bound - basis.bound_excess))),
         channels=evidence.channels,
         sigma=_by_sensor(problem, end.search.sigma),
         autocorrelated=end.info.autocorrelated,
@@ -127,7 +129,7 @@ def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...],
     return tuple(messages), error_by_path
 
 
-def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
+def _bound_excess(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds.
     It is inf without a requested test or after a stop, and 0 if the search did not converge."""
     s, solution = end.task.problem.layout.shared_count, end.search.solution
@@ -136,7 +138,9 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     identifiable, moves_in_std = np.flatnonzero(end.identifiability.mask), np.zeros(s)
     g = solution.evaluation.gradient[identifiable]
     if solution.converged and len(identifiable) and np.isfinite(g).all():
-        moves = np.abs(inverse(end.info.bread[np.ix_(identifiable, identifiable)]) @ g) / sd[identifiable]
+        moves = (
+            np.abs(pseudo_inverse(end.info.bread[np.ix_(identifiable, identifiable)]) @ g) / sd[identifiable]
+        )
         moves_in_std[identifiable[identifiable < s]] = moves[identifiable < s]
     return moves_in_std
 
@@ -229,7 +233,7 @@ def _with_frozen(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
 
 def _start(end: FinishedFit) -> np.ndarray:
     start = np.array([value(end.blocks, parameter.path) for parameter in end.requested])
-    start[end.in_theta] = end.task.first[: len(end.in_theta)]
+    start[end.in_theta] = end.task.start[: len(end.in_theta)]
     return start
 
 
@@ -275,7 +279,7 @@ def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
     unobservable_terms, never_shown = [], []
-    columns: dict[int, list[Free]] = {}
+    columns: dict[int, list[FreeParameter]] = {}
     for parameter in (end.requested[k] for k in end.frozen):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
@@ -289,9 +293,9 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     for i, parameter in enumerate(end.free):
         if not end.identifiability.mask[i]:
             collinear = end.confused_with(end.identifiability.collinear, i)
-            confused = end.confused_with(end.identifiability.near, i)
+            confused = end.confused_with(end.identifiability.correlated, i)
             unobservable_terms.append(
-                unobservable_reason(parameter, collinear, float(end.task.first[i]), confused)
+                unobservable_reason(parameter, collinear, float(end.task.start[i]), confused)
             )
     return tuple(unobservable_terms), tuple(never_shown)
 
@@ -300,7 +304,7 @@ def _weak_reasons(end: FinishedFit) -> tuple[Diagnostic, ...]:
     """Return findings on parameters with a large error."""
     weak_entries = [i for i in range(len(end.free)) if end.identifiability.weak[i]]
     return tuple(
-        weak_reason(end.free[i], end.confused_with(end.identifiability.near, i)) for i in weak_entries
+        weak_reason(end.free[i], end.confused_with(end.identifiability.correlated, i)) for i in weak_entries
     )
 
 
@@ -322,7 +326,11 @@ def _most_moving(end: FinishedFit) -> str:
 def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
-    messages = [*([end.note] if end.note else []), *_horizon(problem, end.search.solution.theta), *_sums(end)]
+    messages = [
+        *([end.note] if end.note else []),
+        *_horizon(problem, end.search.solution.theta),
+        *_inseparable_sums(end),
+    ]
     for r in records:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
         messages += [replace(message, figures={**message.figures, **of_run}) for message in r.notes]
@@ -333,7 +341,7 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     return tuple(messages)
 
 
-def _sums(end: FinishedFit) -> list[Diagnostic]:
+def _inseparable_sums(end: FinishedFit) -> list[Diagnostic]:
     """Return notes on sums whose two terms a run cannot separate: two delays, or a tilt and a bias."""
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
     tilted_names = [
@@ -342,7 +350,7 @@ def _sums(end: FinishedFit) -> list[Diagnostic]:
         and _has_path((*shape.shared, *shape.per_run), f"sensors.{name}.accel_bias")
     ]  # fmt: skip
     without_filter = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
-    delays = without_filter[:1] if DELAY in shape.shared and len(without_filter) == len(blocks) else []
+    delays = without_filter[:1] if DELAY_PATH in shape.shared and len(without_filter) == len(blocks) else []
     return [note("delay.sum", subject=name) for name in delays] + [
         note("bias.tilt-sum", subject=name) for name in tilted_names
     ]

@@ -59,7 +59,7 @@ class Calibration(Result):
     run: str
     numbers: tuple[CalibratedNumber, ...]
     residuals: dict[str, float]  # root mean square residual of the windows, by equation: rad, m
-    all_told: str = N_("the truth determines everything")  # text without reasons against it
+    usable_text: str = N_("the truth determines everything")  # text without reasons against it
 
     def value(self, name: str) -> float:
         """Return the value of the calibrated number `name`. Raise KeyError for an unknown name."""
@@ -110,7 +110,7 @@ class Calibration(Result):
             value_in_file = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
             values = f"{number(entry.value):>10.4f} ± {number(entry.half_width):>8.2g}  {value_in_file:>8}"
             lines.append(f"{entry.name:{width}}  {values}  {entry.unit}  {entry.words}")
-        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
+        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.usable_text))])
 
     def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys

@@ -12,7 +12,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.data.record import contains_readings
 from baqueano.identify.parameters.free import entries, free_parameter
-from baqueano.identify.result.verdict import percent, without_model_prefix
+from baqueano.identify.result.verdict import percent_text, without_model_prefix
 from baqueano.messages import group_sentences, text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
@@ -66,9 +66,9 @@ class Fit(Result):
         Poorly identified.
     cov : ndarray (p, p)
         Covariance of the estimates; NaN if not identifiable.
-    own_names : tuple of str (q,)
+    run_entry_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
-    own, own_sd : ndarray (runs, q)
+    own, run_entry_sd : ndarray (runs, q)
         Estimates of these entries, and their standard errors.
     unobservable : tuple of Diagnostic
         Parameters that a better run would show.
@@ -117,11 +117,11 @@ class Fit(Result):
     bound: np.ndarray
     weak: np.ndarray
     cov: np.ndarray
-    own_names: tuple[str, ...]
-    own: np.ndarray
-    own_sd: np.ndarray
+    run_entry_names: tuple[str, ...]
+    run_entries: np.ndarray
+    run_entry_sd: np.ndarray
     unobservable: tuple[Diagnostic, ...]
-    never: tuple[Diagnostic, ...]
+    always_unobservable: tuple[Diagnostic, ...]
     verdict: Verdict
     reasons: tuple[Diagnostic, ...]
     notes: tuple[Diagnostic, ...]
@@ -140,7 +140,7 @@ class Fit(Result):
     @property
     def findings(self) -> tuple[Diagnostic, ...]:
         """Return all diagnostics: the reasons of the verdict, unobservable parameters, and notes."""
-        return (*self.reasons, *self.unobservable, *self.never, *self.notes)
+        return (*self.reasons, *self.unobservable, *self.always_unobservable, *self.notes)
 
     @property
     def correlation(self) -> np.ndarray:
@@ -266,8 +266,8 @@ class Fit(Result):
                 "estimate": float(x[k]),
                 "sd": float(sd[k]) if np.isfinite(sd[k]) else None,
             }
-            for k, name in enumerate(self.own_names)
-            for run, x, sd in zip(self.runs, self.own, self.own_sd, strict=False)
+            for k, name in enumerate(self.run_entry_names)
+            for run, x, sd in zip(self.runs, self.run_entries, self.run_entry_sd, strict=False)
         ]
 
     def _per_run_lines(self) -> list[str]:
@@ -312,7 +312,7 @@ class Fit(Result):
             label = _("{channel} of {run}", channel=label, run=c.run) if len(self.runs) > 1 else label
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
-            explained = percent(c.explained)
+            explained = percent_text(c.explained)
             out.append(
                 _(
                     "{channel}: noise {noise}, the model explains {part}",
@@ -340,8 +340,8 @@ class Fit(Result):
                     channel=f"{sensor}[{entry}]",
                     runs=len(by_explained),
                     noise=noise,
-                    middle=percent(median.explained),
-                    least=percent(lowest.explained),
+                    middle=percent_text(median.explained),
+                    least=percent_text(lowest.explained),
                     run=lowest.run,
                 )
             )
@@ -381,7 +381,7 @@ def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
 
     The last line counts the omitted messages. If `reported`, it states that a report contains them.
     """
-    lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
+    lists = (fit.reasons, fit.unobservable, fit.always_unobservable + fit.notes)
     reasons, unobservable, notes = (group_sentences(most_severe_first(messages)) for messages in lists)
     if len(reasons) == 1:
         lines = [f"{_(fit.verdict)}: {reasons[0]}"]

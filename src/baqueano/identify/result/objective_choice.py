@@ -27,8 +27,8 @@ from baqueano.identify.covariance.clusters import (
     MIN_BLOCKS,
     MIN_REMAINDER,
     block_duration_s,
-    covariance_of_moves,
-    edges_of,
+    block_edges,
+    covariance_of_changes,
     segment_derivatives,
     student_quantile,
 )
@@ -43,7 +43,7 @@ from baqueano.identify.estimation.prediction_error import (
 )
 from baqueano.identify.parallel import gram
 from baqueano.identify.residuals.simulation import HUBER, Residuals
-from baqueano.identify.result.verdict import ABOVE_NOISE
+from baqueano.identify.result.verdict import MAX_NOISE_RATIO
 from baqueano.messages.language import number
 
 FLOOR_P_VALUE = 1e-3  # probability below which process noise is significant
@@ -63,34 +63,37 @@ class ObjectiveChoice(NamedTuple):
 
 
 def choose_objective(
-    likely: MaximumLikelihood, axes: Sequence[int], comparison: "LeftOutBlocks | None", times: np.ndarray
+    likely: MaximumLikelihood,
+    axes: Sequence[int],
+    comparison: "LeaveOneOutComparison | None",
+    times: np.ndarray,
 ) -> ObjectiveChoice:
     """Return the choice of the cost.
 
     `times` (m,) is the sensor noise without the process noise, relative to the noise in the file; 0 if the file does
     not contain it.
     """
-    odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
-    if likely.chance >= FLOOR_P_VALUE:
+    odds: JsonObject = {"ratio": float(likely.ratio), "chance": _p_value_text(likely.p_value)}
+    if likely.p_value >= FLOOR_P_VALUE:
         return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)
-    odds["floor"] = _floor(likely, axes)
+    odds["floor"] = _process_noise_text(likely, axes)
     if comparison is None:
         return ObjectiveChoice("simulation", note("cost.too-short", **odds), False)
-    difference, name = comparison.furthest
+    difference, name = comparison.largest_change
     details = odds | {"apart": difference, "open_loop": _open_loop(comparison)}
     if difference > comparison.limit or comparison.is_worse:
         return ObjectiveChoice("simulation", note("cost.neither", subject=name, **details), False, True)
-    explains = not likely.info.autocorrelated and not np.any(times > ABOVE_NOISE)
+    explains = not likely.info.autocorrelated and not np.any(times > MAX_NOISE_RATIO)
     if comparison.is_better:
         return ObjectiveChoice("innovations", note("cost.innovations", **details), explains)
     return ObjectiveChoice("simulation", note("cost.simulation", **details), explains)
 
 
-def _open_loop(comparison: "LeftOutBlocks") -> Diagnostic:
+def _open_loop(comparison: "LeaveOneOutComparison") -> Diagnostic:
     """Return a note on the open-loop error of the fit by innovations on held-out blocks."""
-    if not np.isfinite(comparison.percent):
+    if not np.isfinite(comparison.cost_increase_percent):
         return note("cost.runs-away")
-    percent = abs(comparison.percent)
+    percent = abs(comparison.cost_increase_percent)
     return (
         note("cost.smaller", percent=percent)
         if comparison.is_better
@@ -98,7 +101,7 @@ def _open_loop(comparison: "LeftOutBlocks") -> Diagnostic:
     )
 
 
-def _floor(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
+def _process_noise_text(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
     """Return the process noise with its error, axis by axis, as text."""
     messages = []
     for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_std, strict=True):
@@ -108,11 +111,11 @@ def _floor(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
     return ", ".join(messages)
 
 
-def _chance(p: float) -> str:
+def _p_value_text(p: float) -> str:
     return f"{number(p):.2g}" if p >= 1e-6 else "< 1e-6"
 
 
-class LeftOutBlocks(NamedTuple):
+class LeaveOneOutComparison(NamedTuple):
     """Comparison of both fits, block by block."""
 
     cost_changes: np.ndarray  # (n,) D_b of (2)
@@ -131,7 +134,7 @@ class LeftOutBlocks(NamedTuple):
         )
 
     @property
-    def percent(self) -> float:
+    def cost_increase_percent(self) -> float:
         """Return the relative increase of the cost with the fit by innovations [%], negative for a decrease."""
         return 100.0 * float(self.cost_changes.sum()) / max(self.cost, 1e-300)
 
@@ -153,7 +156,7 @@ class LeftOutBlocks(NamedTuple):
         )
 
     @property
-    def furthest(self) -> tuple[float, str]:
+    def largest_change(self) -> tuple[float, str]:
         """Return the largest value of (3), and the name of its parameter."""
         if not len(self.distances):
             return 0.0, ""
@@ -179,7 +182,7 @@ def leave_one_out(
     prediction: Prediction,
     x: np.ndarray,
     free: np.ndarray,
-) -> LeftOutBlocks | None:
+) -> LeaveOneOutComparison | None:
     """Return the comparison of two fits, or None with too few blocks. The fitted entries are `identifiable` of
     `theta` (p,) and `free` of `x`."""
     simulation = list(_simulation_blocks(problem, theta))
@@ -193,9 +196,9 @@ def leave_one_out(
     common = np.intersect1d(identifiable, free)
     common = common[common < len(names)]
     delta = changes[0][:, common] - changes[1][:, common]
-    std = np.sqrt(np.diagonal(covariance_of_moves(delta)))
+    std = np.sqrt(np.diagonal(covariance_of_changes(delta)))
     difference = np.abs(theta[common] - x[common]) / np.maximum(std, 1e-300)
-    return LeftOutBlocks(
+    return LeaveOneOutComparison(
         np.subtract(other_cost, cost), float(np.sum(cost)), difference, [names[k] for k in common]
     )
 
@@ -203,7 +206,7 @@ def leave_one_out(
 def _simulation_blocks(problem: Residuals, theta: np.ndarray) -> Iterator[_ObjectiveBlock]:
     block_s = block_duration_s(problem)
     for (r, d, entries), record in zip(segment_derivatives(problem, theta), problem.records, strict=True):
-        for a, b in pairwise(edges_of(record, block_s, len(r))):
+        for a, b in pairwise(block_edges(record, block_s, len(r))):
             e, derivatives = r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2])
             inliers = derivatives[np.abs(e) < HUBER]
             g = np.clip(e, -HUBER, HUBER) @ derivatives
@@ -223,7 +226,7 @@ def _innovation_blocks(
             if d.shape[2] < np.sum(derivatives.indices < p)
             else derivatives
         )
-        for a, b in pairwise(edges_of(record, block_s, len(r))):
+        for a, b in pairwise(block_edges(record, block_s, len(r))):
             e, e_derivatives, s_derivatives = (
                 derivatives.e[a:b].ravel(),
                 *(

@@ -19,7 +19,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.record import FitRecord
-from baqueano.identify.data.rest import shows_speed
+from baqueano.identify.data.rest import speed_channels
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.parameter import parameters
 from baqueano.signals import ByName
@@ -87,7 +87,10 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
     """Return the biases that the file contains more accurately than the fit, even if the fit contradicts them.  (1)"""
     out = []
     for path, x, sd in zip(
-        fit.own_names, np.mean(fit.own, axis=0), np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True
+        fit.run_entry_names,
+        np.mean(fit.run_entries, axis=0),
+        np.sqrt(np.mean(fit.run_entry_sd**2, axis=0)),
+        strict=True,
     ):
         sensor, _, field = path.removeprefix("sensors.").partition(".")
         if not path.startswith("sensors.") or sensor not in fit.file.sensors._fields:
@@ -114,7 +117,7 @@ def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
     """Return field → standard errors in its shape, NaN for entries without an estimate and for `prior_paths`."""
     sd_of = dict(zip(fit.names, fit.sd, strict=True))
     fitted_names = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
-    for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):
+    for name, sd in zip(fit.run_entry_names, np.sqrt(np.mean(fit.run_entry_sd**2, axis=0)), strict=True):
         if name.startswith("sensors.") and np.isfinite(sd) and name not in prior_paths:
             sd_of[name] = sd
             fitted_names.add(name)
@@ -140,7 +143,7 @@ def envelope_of(
     u = np.concatenate([record.u[record.lead :] for record in records])
     ranges = {name: (float(u[:, k].min()), float(u[:, k].max())) for k, name in enumerate(commands)}
     for name, sensor in sensors._asdict().items():
-        for entry in np.flatnonzero(shows_speed(sensor)):
+        for entry in np.flatnonzero(speed_channels(sensor)):
             channel_fits = [
                 c for c in channels if (c.sensor, c.entry) == (name, entry) and np.isfinite(c.explained)
             ]

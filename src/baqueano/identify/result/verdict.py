@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
 
 
-def percent(part: float, digits: int = 1) -> str:
+def percent_text(part: float, digits: int = 1) -> str:
     """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller value."""
     if np.isnan(part):
         return "-"
     return f"{number(100.0 * part):.{digits}f} %" if part > -1.0 else _("below -100 %")
 
 
-def times(ratio: float) -> str:
+def ratio_text(ratio: float) -> str:
     """Return a ratio as text, such as "2.1×"; "-" for NaN."""
     if np.isnan(ratio):
         return "-"
@@ -46,8 +46,8 @@ def times(ratio: float) -> str:
 
 
 MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
-MAX_UNSEEN_SHARE = 0.5  # largest allowed part of unidentifiable parameters
-ABOVE_NOISE = 3.0  # largest allowed ratio of the residuals to the noise in the file
+MAX_UNOBSERVABLE_SHARE = 0.5  # largest allowed part of unidentifiable parameters
+MAX_NOISE_RATIO = 3.0  # largest allowed ratio of the residuals to the noise in the file
 # standard deviations, and part of the samples that may lie beyond; the Huber
 OUTLIER_SIGMA, MAX_OUTLIER_SHARE = 4.0, 0.2
 # cost tolerates them if they are equally frequent on both sides
@@ -130,14 +130,14 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
     error_ratios = {
         label: np.sqrt(channel.squares / max(channel.signal_squares, 1e-300))
         for label, channel in over_all.items()
-        if channel.is_unlike
+        if channel.contradicts_model
     }
     if not max_explained > MIN_EXPLAINED:
         refusals.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(max_explained, 0.0)))
     if error_ratios and max_explained > MIN_EXPLAINED:
         refusals += [
-            note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
-            for label, times in error_ratios.items()
+            note("fit.far-channel", ERROR, "--use SENSOR", label, ratio_text=float(ratio_text))
+            for label, ratio_text in error_ratios.items()
         ]
         refusals += _findings_of(e, WARNING)  # one of them can be the reason
     return refusals + _identifiability(e)
@@ -149,9 +149,9 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
     missing_count = free_count - int(np.sum(np.isfinite(e.estimate)))
     if free_count and missing_count == free_count:
         return [note("fit.nothing-seen", ERROR, asked=free_count)]
-    if missing_count > MAX_UNSEEN_SHARE * free_count:
+    if missing_count > MAX_UNOBSERVABLE_SHARE * free_count:
         return [note("fit.most-unseen", ERROR, unseen=missing_count, asked=free_count)]
-    if missing_count + weak_count > MAX_UNSEEN_SHARE * free_count:
+    if missing_count + weak_count > MAX_UNOBSERVABLE_SHARE * free_count:
         code = "fit.most-unseen-or-weak" if missing_count else "fit.most-weak"
         return [note(code, ERROR, asked=free_count, unseen=missing_count, weak=weak_count)]
     return []
@@ -179,9 +179,11 @@ def _noise_warnings(e: Evidence) -> list[Diagnostic]:
     warnings, labels = [], _labels(e)
     prior = np.zeros(len(labels)) if e.prior_sigma is None else e.prior_sigma
     for label, c, prior_sigma in zip(labels, e.channels, prior, strict=False):
-        if prior_sigma > 0.0 and c.sigma > ABOVE_NOISE * prior_sigma:
-            times = float(c.sigma / prior_sigma)
-            warnings.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
+        if prior_sigma > 0.0 and c.sigma > MAX_NOISE_RATIO * prior_sigma:
+            ratio_text = float(c.sigma / prior_sigma)
+            warnings.append(
+                note("residual.loud", WARNING, subject=label, sigma=c.sigma, ratio_text=ratio_text)
+            )
     for label, (n, above, below) in zip(labels, _outlier_counts(e), strict=True):
         outlier_share = (above + below) / max(n, 1)
         details: JsonObject = {"subject": label, "percent": 100.0 * outlier_share, "beyond": OUTLIER_SIGMA}
@@ -248,7 +250,7 @@ class ChannelOfRun(NamedTuple):
     samples: int
 
     @property
-    def is_unlike(self) -> bool:
+    def contradicts_model(self) -> bool:
         """Return True if the square about the model exceeds MAX_SQUARE_RATIO times the square about the mean of the
         channel.
         """
@@ -301,7 +303,7 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
     """
     findings = []
     for label, runs in channels.items():
-        like_runs = [channel for channel in runs if not channel.is_unlike]
+        like_runs = [channel for channel in runs if not channel.contradicts_model]
         if not like_runs:
             continue
         mean_square = sum_of_runs(like_runs).squares / max(sum_of_runs(like_runs).samples, 1)
@@ -309,7 +311,7 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
         outliers = [
             channel.run
             for channel, is_quiet in zip(runs, is_small, strict=True)
-            if channel.is_unlike
+            if channel.contradicts_model
             and (
                 is_quiet
                 if hardly

@@ -122,19 +122,19 @@ class Choice:
     """A model with the terms that held-out data support, and its fit."""
 
     # the last result for each term: first the terms in the model, in their order
-    judged: tuple[TermResult, ...]
+    term_results: tuple[TermResult, ...]
     fit: "Fit" = field(repr=False)
     rule: str  # the held-out data, and the condition for a term
 
     @property
     def selected_terms(self) -> tuple[str, ...]:
         """Return the names of the terms in the model."""
-        return tuple(result.term.name for result in self.judged if result.verdict == Decision.TAKEN)
+        return tuple(result.term.name for result in self.term_results if result.verdict == Decision.TAKEN)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return one sentence per term."""
-        return tuple(text(result.message) for result in self.judged)
+        return tuple(text(result.message) for result in self.term_results)
 
     @property
     def verdict(self) -> str:
@@ -148,13 +148,13 @@ class Choice:
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per term, then one per parameter of the fit."""
-        return [result.row() for result in self.judged] + self.fit.rows()
+        return [result.row() for result in self.term_results] + self.fit.rows()
 
     def table(self, reported: bool = False) -> str:
         """Return the table as text; `reported` is passed to the table of the fit."""
-        width = max((len(result.term.name) for result in self.judged), default=0)
+        width = max((len(result.term.name) for result in self.term_results), default=0)
         lines = [f"{_('term'):{width}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
-        for result in self.judged:
+        for result in self.term_results:
             errors = f"{number(result.without):.4g} → {number(result.with_):.4g}"
             one_step = f"{number(result.one_step_without):.4g} → {number(result.one_step_with):.4g}"
             label = f"{_(result.channel.name)} [{result.channel.unit}]"

@@ -22,11 +22,11 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import covariance_of_moves, student_quantile
+from baqueano.identify.covariance.clusters import covariance_of_changes, student_quantile
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import parallel_map
-from baqueano.identify.parameters.setup import Shape
+from baqueano.identify.parameters.setup import ThetaShape
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.runs.run import Run
 
@@ -85,11 +85,11 @@ class Fold(NamedTuple):
     test: Residuals
 
 
-class HeldOut:
+class HeldOutFolds:
     """The folds of the runs for one structure of model."""
 
     def __init__(
-        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], begins_at_rest: Sequence[bool],
+        self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], begins_at_rest: Sequence[bool],
         held_out_count: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
@@ -227,7 +227,7 @@ def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
     """
     if len(score.estimates) < 2:
         return np.full(len(entries), np.nan)
-    return np.sqrt(np.diagonal(covariance_of_moves(score.estimates[:, list(entries)])))
+    return np.sqrt(np.diagonal(covariance_of_changes(score.estimates[:, list(entries)])))
 
 
 def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
@@ -271,7 +271,7 @@ def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
     return record._replace(sensors=sensors)
 
 
-def pieces_of(runs: Sequence[Run], command: int) -> float:
+def independent_motion_count(runs: Sequence[Run], command: int) -> float:
     """Return the number of independent pieces of motion of a command over all runs; 0 if it is always 0.  (4)"""
     u = [run.applied[np.isfinite(run.applied[:, command]), command] for run in runs]
     all_commands = np.concatenate([np.zeros(1), *u])

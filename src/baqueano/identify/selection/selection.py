@@ -18,10 +18,10 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import own_information, own_std
+from baqueano.identify.covariance.information import marginal_information, marginal_std
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL, with_voltage
 from baqueano.identify.data.record import FittedBlocks, past_rows_of
-from baqueano.identify.data.rest import begins_at_rest, with_gyro_at_rest
+from baqueano.identify.data.rest import begins_at_rest, with_gyro_bias_at_rest
 from baqueano.identify.data.segments import dense
 from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.least_squares import Solution
@@ -29,20 +29,20 @@ from baqueano.identify.estimation.search import Task, search
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
-    DELAY,
-    LAG,
+    DELAY_PATH,
+    LAG_PATH,
     MIN_LAG,
     enable_parameters,
     free_parameters,
     has_offset,
 )
-from baqueano.identify.parameters.setup import first_theta, records_of, shape_of, with_pose_segments
+from baqueano.identify.parameters.setup import records_of, shape_of, start_theta, with_pose_segments
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of
 from baqueano.identify.selection.held_out import (
     GAP_S,
-    HeldOut,
+    HeldOutFolds,
     PairedComparison,
     Score,
     check_only_held_out,
@@ -87,7 +87,7 @@ class Model(NamedTuple):
 class TermTrial(NamedTuple):
     """Trial of a term in a model."""
 
-    judged: TermResult
+    result: TermResult
     theta: np.ndarray  # (p,)
     score: Score | None  # None: not tested on the folds
 
@@ -158,7 +158,7 @@ class _ModelSelection:
         runs, use, options, validation_runs = setup
         self.how, self.least_paths, self.terms, self.progress = setup, least_paths, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the result of the last trial of each term
-        base_file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
+        base_file = with_gyro_bias_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
         blocks, runs, only = sensors_of(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
@@ -175,22 +175,22 @@ class _ModelSelection:
         self.paths = [candidate.path for candidate in candidates]
         shape = shape_of(blocks, candidates, records, options)
         at_rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        held_out = HeldOut(blocks, shape, records, at_rest, len(validation_runs), setup.options.backend)
-        theta, held_out.low, held_out.high = first_theta(blocks, candidates, shape, records, FitOptions())
+        held_out = HeldOutFolds(blocks, shape, records, at_rest, len(validation_runs), setup.options.backend)
+        theta, held_out.low, held_out.high = start_theta(blocks, candidates, shape, records, FitOptions())
         floor = min_sigma(blocks.sensors, held_out.all_data.z, held_out.all_data.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are treated as 0
-        if LAG in self.paths:
-            lag = self.paths.index(LAG)
+        if LAG_PATH in self.paths:
+            lag = self.paths.index(LAG_PATH)
             held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
         self.held_out, self.channels = held_out, channels_of(blocks)
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
         for term in terms:
             theta[self._entries(term)] = term.neutral
-        self.first = np.clip(theta, held_out.low, held_out.high)
+        self.start = np.clip(theta, held_out.low, held_out.high)
         self.least = np.ones(len(theta), bool)
         self.least[len(least_paths) : len(paths)] = False
-        self.task = Task(held_out.all_data, self.first, held_out.low, held_out.high, floor, None)
+        self.task = Task(held_out.all_data, self.start, held_out.low, held_out.high, floor, None)
 
     @property
     def rule(self) -> str:
@@ -222,14 +222,14 @@ class _ModelSelection:
 
     def grow(self) -> tuple[Model, list[TermResult]]:
         """Return the model, and the last result for each term."""
-        model, results, excluded_names = self.model((), self.first), {}, set()
+        model, results, excluded_names = self.model((), self.start), {}, set()
         while True:
-            model = self.forward(model, results, excluded_names)
+            model = self.add_terms(model, results, excluded_names)
             has_dropped = False
             while (trial := self.superfluous(model, results)) is not None:
                 has_dropped = True
-                excluded_names.add(trial.judged.term.name)
-                results[trial.judged.term.name] = trial.judged
+                excluded_names.add(trial.result.term.name)
+                results[trial.result.term.name] = trial.result
                 others = tuple(term for term in model.terms if term.name not in excluded_names)
                 model = self.model(others, trial.theta)
             if not has_dropped:
@@ -244,18 +244,18 @@ class _ModelSelection:
         paths = [path for term in model.terms for path in term.paths]
         vehicle_file = with_terms(bare, self.terms, {path: values[path] for path in paths})
         bounds, close_s = {}, CLOSE_TICKS / bare.rate_hz
-        if DELAY in paths:
-            bounds = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
+        if DELAY_PATH in paths:
+            bounds = {DELAY_PATH: (max(0.0, values[DELAY_PATH] - close_s), values[DELAY_PATH] + close_s)}
         start = {p: values[p] for p in self.least_paths}
         return self.how.fit(vehicle_file, [*self.least_paths, *paths], start, bounds)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """Return the model with `terms`, with its noise estimated again."""
         mask = self._mask(terms)
-        end = search(self.task, np.where(mask, theta, self.first), ~mask)
+        end = search(self.task, np.where(mask, theta, self.start), ~mask)
         return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, mask, end.sigma))
 
-    def forward(self, model: Model, last_results: dict[str, TermResult], barred: set[str]) -> Model:
+    def add_terms(self, model: Model, last_results: dict[str, TermResult], barred: set[str]) -> Model:
         """Add a term per round until none improves the model significantly; exclude the `barred` terms.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
@@ -264,16 +264,16 @@ class _ModelSelection:
             for term in open_:
                 self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=term.name))
                 tries.append(self.try_term(model, term, ALPHA / len(open_)))
-                last_results[term.name] = tries[-1].judged
-            accepted = [trial for trial in tries if trial.judged.verdict == Decision.TAKEN]
+                last_results[term.name] = tries[-1].result
+            accepted = [trial for trial in tries if trial.result.verdict == Decision.TAKEN]
             if not accepted:
                 return model
             best_trial = _simplest_of_the_best(accepted)
             for trial in accepted:
                 if trial is not best_trial:
-                    last_results.pop(trial.judged.term.name)
-            self.progress(text(best_trial.judged.message))
-            model = self.model((*model.terms, best_trial.judged.term), best_trial.theta)
+                    last_results.pop(trial.result.term.name)
+            self.progress(text(best_trial.result.message))
+            model = self.model((*model.terms, best_trial.result.term), best_trial.theta)
 
     def try_term(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
@@ -290,7 +290,9 @@ class _ModelSelection:
         score = self._score(end.theta, mask, model.sigma)
         test = paired_comparison(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.critical_value(alpha) else Decision.LEFT_OUT
-        std = np.fmax(jackknife(score, index.tolist()), own_std(dense(end.evaluation.hessian), index, mask))
+        std = np.fmax(
+            jackknife(score, index.tolist()), marginal_std(dense(end.evaluation.hessian), index, mask)
+        )
         reason = separation_problem(term, end.theta[index], std) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
         result = self._result(
@@ -308,7 +310,7 @@ class _ModelSelection:
         lowest = min(ends, key=lambda e: e.evaluation.cost if np.isfinite(e.evaluation.cost) else np.inf)
         end = self.held_out.fit(lowest.theta, is_free, model.sigma)
         entries = self._entries(term)
-        if np.any(end.theta[entries] != self.first[entries]):
+        if np.any(end.theta[entries] != self.start[entries]):
             self.ended[term.name] = (tuple(end.theta[entries].tolist()),)
         return end
 
@@ -319,7 +321,7 @@ class _ModelSelection:
             self.progress(_("testing if {term} is still needed", term=term.name))
             remaining_terms = tuple(model_term for model_term in model.terms if model_term is not term)
             is_free, theta = self._mask(remaining_terms), model.theta.copy()
-            theta[self._entries(term)] = self.first[self._entries(term)]
+            theta[self._entries(term)] = self.start[self._entries(term)]
             end = self.held_out.fit(theta, is_free, model.sigma)
             score = self._score(end.theta, is_free, model.sigma)
             test = paired_comparison(score, model.score)
@@ -327,7 +329,7 @@ class _ModelSelection:
             verdict = Decision.TAKEN if test.errors > limit else Decision.DROPPED
             smaller_model = model._replace(score=score)
             result = self._result(term, verdict, None, smaller_model, (model.score, test), model.theta, limit)
-            if verdict == Decision.DROPPED and (weakest is None or test.errors < weakest.judged.errors):
+            if verdict == Decision.DROPPED and (weakest is None or test.errors < weakest.result.errors):
                 weakest = TermTrial(result, end.theta, score)
             elif verdict == Decision.TAKEN:
                 last_results[term.name] = result
@@ -338,7 +340,7 @@ class _ModelSelection:
     ) -> tuple[Decision, Diagnostic] | None:
         """Return the decision (LEFT_OUT or REFUSED) and its reason if a term is excluded, else None."""
         entries = self._entries(term)
-        neutral = np.abs(theta[entries] - self.first[entries]) <= self.small[entries]
+        neutral = np.abs(theta[entries] - self.start[entries]) <= self.small[entries]
         if neutral.all():
             return Decision.LEFT_OUT, note("term.best-without")
         for k in entries[(bound[entries] != 0) & ~neutral]:
@@ -347,7 +349,7 @@ class _ModelSelection:
         free_entries = np.flatnonzero(
             is_free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(is_free)), entries) & (bound == 0)
         )
-        own_share = own_information(A, entries[~neutral], free_entries)
+        own_share = marginal_information(A, entries[~neutral], free_entries)
         if own_share < MIN_INDEPENDENT:
             return Decision.REFUSED, note("term.same-as-others")
         return None
@@ -386,7 +388,7 @@ class _ModelSelection:
 
 def _simplest_of_the_best(trials: list[TermTrial]) -> TermTrial:
     """Return the trial of the first term that is not significantly worse than the best."""
-    best_trial = max(trials, key=lambda trial: trial.judged.gain)
+    best_trial = max(trials, key=lambda trial: trial.result.gain)
     for trial in trials:
         assert trial.score is not None
         assert best_trial.score is not None

@@ -26,17 +26,17 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
-    DELAY,
-    LAG,
+    DELAY_PATH,
+    LAG_PATH,
     MAX_DELAY_S,
     WHEEL_FRICTIONS,
     default_fields,
     entries,
+    entry_text,
     free_parameter,
     frozen_columns,
     requested_paths,
     value,
-    words_of,
 )
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import compile_block, get, put
@@ -90,8 +90,8 @@ def with_terms(vehicle_file: "VehicleFile", terms: Sequence[Term], fitted: dict[
             blocks = put(blocks, path, fitted.get(path, none))
             fields.add(path.partition("[")[0])
     values = {field: np.asarray(get(blocks, field), float).tolist() for field in sorted(fields)}
-    if LAG in values and LAG not in fitted:
-        values[LAG] = 0.0
+    if LAG_PATH in values and LAG_PATH not in fitted:
+        values[LAG_PATH] = 0.0
     changes = {k: v for k, v in values.items() if not _same(v, vehicle_file.value(k))}
     return vehicle_file.with_values(changes) if changes else vehicle_file
 
@@ -103,7 +103,7 @@ def with_term_slots(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks
         return blocks
     changes: JsonObject = {}
     requested_paths = {path.partition("[")[0] for term in terms for path in term.paths}
-    if LAG in requested_paths and drivetrain.lag_s == 0.0:
+    if LAG_PATH in requested_paths and drivetrain.lag_s == 0.0:
         changes["lag_s"] = MIN_LAG_S
     for field in (*DEAD_ZONE_PATHS, "model.drivetrain.gain"):
         name = field.rpartition(".")[2]
@@ -117,7 +117,7 @@ def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list
     blocks = blocks._replace(model=ideal(blocks.model))
     motions = _motions(blocks.model, u)
     field_terms = _field_terms(blocks, motions)
-    return field_terms + _drivetrain_terms(blocks.model, motions, battery) + _cross_talk(blocks, u)
+    return field_terms + _drivetrain_terms(blocks.model, motions, battery) + _cross_talk_terms(blocks, u)
 
 
 def candidate_terms(
@@ -185,13 +185,13 @@ def _field_terms(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[T
     """Return the terms that the fields of the model define.  (1)"""
     by_name: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
     for field, p in all_parameters(blocks.model, "model"):
-        if not p.term or p.role == "gain" or (field.startswith(WHEEL_FRICTIONS) and not _track(blocks)):
+        if not p.term or p.role == "gain" or (field.startswith(WHEEL_FRICTIONS) and not _track_width(blocks)):
             continue
         for path in entries(blocks, field):
             neutral = value(blocks, path) if p.neutral is None else p.neutral
             starts = tuple(neutral + x for x in p.start) or _search_starts(blocks, path, neutral, motions)
             if starts:
-                name = words_of(p.term, free_parameter(blocks, path, {}).entry)
+                name = entry_text(p.term, free_parameter(blocks, path, {}).entry)
                 by_name.setdefault(name, []).append((path, neutral, starts))
     return [
         Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
@@ -217,11 +217,11 @@ def _search_starts(
     )
 
 
-def _track(blocks: FittedBlocks) -> float:
+def _track_width(blocks: FittedBlocks) -> float:
     return float(getattr(getattr(blocks.model, "friction", None), "track_m", 0.0))
 
 
-def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
+def _cross_talk_terms(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
     """Return the terms by which a command acts on other axes."""
     axes_moved, terms = np.flatnonzero(np.any(u != 0.0, axis=0)), []
     for field, p in all_parameters(blocks.model, "model"):
@@ -230,7 +230,7 @@ def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
             pairs = [(i, j) for j in axes_moved for i in range(len(matrix)) if i != j]
             paths = tuple(f"{field}[{i},{j}]" for i, j in pairs)
             start = tuple(0.02 * float(matrix[j, j]) for _, j in pairs)
-            name = words_of(p.term, ())
+            name = entry_text(p.term, ())
             terms += [Term(name, paths, (0.0,) * len(paths), (start,))] if paths else []
     return terms
 
@@ -248,9 +248,11 @@ def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bo
     if len(terms) == 2:
         paths, starts = terms[0].paths + terms[1].paths, zip(terms[0].starts, terms[1].starts, strict=True)
         terms.insert(0, Term("dead zone", paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
-    terms.append(_term("motor lag", LAG, 0.05)._replace(neutral=(MIN_LAG_S,)))
+    terms.append(_term("motor lag", LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
     terms.append(
-        _term("delay", DELAY, *((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S))))
+        _term(
+            "delay", DELAY_PATH, *((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S)))
+        )
     )
     if model.drivetrain.mixing == "two_wheels":
         gain = Term("unequal motors", ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.noise.at_rest import AtRest, ChannelAtRest
+from baqueano.identify.noise.at_rest import ChannelAtRest, RestMeasurement
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 
 
-def page_of_rest(result: AtRest) -> Page:
+def page_of_rest(result: RestMeasurement) -> Page:
     """Return the page of `at_rest`."""
     sections = [Section(_("Figures"), "\n".join(texts(result.findings)), [Table(result.rows())])]
     for sensor, channels in by_sensor(result).items():
@@ -48,7 +48,7 @@ def page_of_rest(result: AtRest) -> Page:
     )
 
 
-def by_sensor(rest: AtRest) -> dict[str, list[ChannelAtRest]]:
+def by_sensor(rest: RestMeasurement) -> dict[str, list[ChannelAtRest]]:
     """Return the channels of each sensor."""
     sensors = dict.fromkeys(c.sensor for c in rest.channels)
     return {sensor: [c for c in rest.channels if c.sensor == sensor] for sensor in sensors}

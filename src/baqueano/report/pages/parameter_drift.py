@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def page_of_drift(history: "ParameterHistory") -> Page:
     """Return the page about a `ParameterHistory`."""
-    sentences = "\n".join(text(change.message) for change in history.moved) or _(
+    sentences = "\n".join(text(change.message) for change in history.changes) or _(
         "No parameter changed beyond its error bars."
     )
     entries = with_curves(history)
@@ -39,7 +39,7 @@ def page_of_drift(history: "ParameterHistory") -> Page:
                 f"{number(change.after):.3g} {shown_unit(change.unit)}",
                 _("was {before:.3g}", before=change.before),
             )
-            for change in history.moved[:4]
+            for change in history.changes[:4]
         ],
         sections=[
             Section(_("Changed parameters"), sentences, []),
@@ -61,7 +61,7 @@ def curves(history: "ParameterHistory", entries: list[int]) -> "Figure":
     columns = 2 if len(entries) > 1 else 1
     rows = -(-len(entries) // columns)
     figure, axes = panels(rows, columns, (9.2, 2.0 * rows + 0.5), sharex=True)
-    names_moved = {change.name for change in history.moved}
+    names_moved = {change.name for change in history.changes}
     run_numbers = np.arange(len(history.runs))
     for axis, i in zip(axes.ravel(), entries, strict=False):
         low, high = (history.smoothed[:, i] + s * QUANTILE_95 * history.smoothed_sd[:, i] for s in (-1, 1))

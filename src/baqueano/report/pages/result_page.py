@@ -12,7 +12,7 @@ from baqueano.diagnostics import fault
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.errors import UsageError
 from baqueano.identify import Fit
-from baqueano.identify.noise.at_rest import AtRest
+from baqueano.identify.noise.at_rest import RestMeasurement
 from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.messages import texts
 from baqueano.messages.language import number
@@ -44,7 +44,7 @@ def report(
 
     Parameters
     ----------
-    result : Run, Fit, Comparison, CorridorAhead, SweepResult, AtRest or ParameterHistory
+    result : Run, Fit, Comparison, CorridorAhead, SweepResult, RestMeasurement or ParameterHistory
         The subject of the page. The results of `teach`, of an import and of a first drive have the page of their run.
     path : path, optional
         File to which the page is written, as self-contained HTML.
@@ -112,8 +112,8 @@ def _fit_page(result: Fit, alignment: str = "none") -> Page:
     return page_of_fit(result)
 
 
-@page_of.register(AtRest)
-def _rest_page(result: AtRest, alignment: str = "none") -> Page:
+@page_of.register(RestMeasurement)
+def _rest_page(result: RestMeasurement, alignment: str = "none") -> Page:
     return page_of_rest(result)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
-from baqueano.identify.noise.most_likely import example_of, ticks_of
+from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
 from baqueano.identify.sensor_calibration import calibrate
 from baqueano.messages.language import translate as _
 from baqueano.runs.initial_pose import initial_pose
@@ -82,7 +82,7 @@ def windows(vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: s
         belief, estimate = ekf.row(belief, tick)
         return belief, (estimate.eta, estimate.cov[:3, :3])
 
-    kernel = scan(step, carry, example_of(ekf), backend=backend)
+    kernel = scan(step, carry, example_filter_tick(ekf), backend=backend)
     t_ns = np.asarray(ticks.t_ns)
     eta = poses_at(t_ns, truth.t_ns, truth.eta)
     edges = np.searchsorted(t_ns, t_ns[0] + np.arange(0.0, (t_ns[-1] - t_ns[0]) * 1e-9, window_s) * 1e9)

@@ -255,7 +255,9 @@ def _outcome(
     case: str, seed: int, fit: Fit, truth: dict[str, np.ndarray], bound: dict[str, float], clean: Fit | None
 ) -> TrialOutcome:
     results = {
-        **dict(zip(fit.own_names, zip(fit.own[0], fit.own_sd[0], strict=True), strict=True)),
+        **dict(
+            zip(fit.run_entry_names, zip(fit.run_entries[0], fit.run_entry_sd[0], strict=True), strict=True)
+        ),
         **dict(zip(fit.names, zip(fit.estimate, fit.sd, strict=True), strict=True)),
     }
     if SPEED in truth:

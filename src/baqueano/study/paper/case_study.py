@@ -134,7 +134,7 @@ class CaseStudy:
                 f"{row['name']:8}{number(truth):10.4g} {number(row['paper']):11.5g} "
                 f"{_error(row['paper'], truth):>10} {value} {_error(estimate, truth):>10}"
             )
-        lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].never)]
+        lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].always_unobservable)]
         lines.append(_("largest deviation {largest:.1f} standard errors", largest=np.abs(self.z).max()))
         if len(self.fits) > 1:
             lines.append(

@@ -88,7 +88,7 @@ def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) 
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share, bar = figures["odometer[0]"].explained, MIN_EXPLAINED[name]
     dry = DRY_TERMS.intersection(choice.selected_terms)
-    battery = next(judgement for judgement in choice.judged if judgement.term.name == BATTERY_TERM)
+    battery = next(judgement for judgement in choice.term_results if judgement.term.name == BATTERY_TERM)
     return [
         row(
             CAR,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.noise.at_rest import at_rest
+from baqueano.identify.noise.at_rest import measure_at_rest
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -35,7 +35,7 @@ AXES = "XYZ"
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     progress(_("MPU-6050 at rest, 11 min"))
-    statistics = at_rest(import_run(MAP).run)
+    statistics = measure_at_rest(import_run(MAP).run)
     author = _published_statistics()
     out = []
     for c in statistics.channels:

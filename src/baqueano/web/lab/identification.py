@@ -18,7 +18,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design.information import DriveInformation
 from baqueano.identify.design.live import WINDOW_TICKS, MotionAdvisor, RecursiveInformation, information_bits
 from baqueano.identify.fit import identify
-from baqueano.identify.parameters.free import Free, free_parameter
+from baqueano.identify.parameters.free import FreeParameter, free_parameter
 from baqueano.runs.logs import Channel
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
@@ -270,7 +270,7 @@ class DriveIdentification:
     def _start_s(self) -> float:
         return float(self._ticks[0]) / self.vehicle_file.rate_hz if len(self._ticks) else 0.0
 
-    def _parameter(self, free: Free, sd: float, value: float | None) -> "JsonObject":
+    def _parameter(self, free: FreeParameter, sd: float, value: float | None) -> "JsonObject":
         is_missing = free.shown_by and (
             sd > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
         )
@@ -312,12 +312,12 @@ class DriveIdentification:
         return {"motion": advice.words.to_json(), "label": label, "from": advice.before, "to": advice.after}
 
 
-def label_of(parameter: Free) -> Diagnostic:
+def label_of(parameter: FreeParameter) -> Diagnostic:
     """Return the name of a parameter as a diagnostic to show to people."""
     if parameter.label:
         return note("known.label", meaning=parameter.label, entry="")
     entry = f" [{', '.join(map(str, parameter.entry))}]" if parameter.entry else ""
-    return note("known.label", meaning=parameter.of.meaning, entry=entry)
+    return note("known.label", meaning=parameter.definition.meaning, entry=entry)
 
 
 def _round(sd: np.ndarray) -> list[float]:

@@ -45,13 +45,13 @@ def process_covariance(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the diagonal R (6, 6) for the given Q of each sensor, and the root mean square (6,) of (ν, ν̇)."""
     ekf = filter_of(fit, measurement)
-    kernel = scan(_likelihood(ekf), ekf.init(), example_of(ekf), np.zeros(6), backend=backend)
+    kernel = scan(_likelihood(ekf), ekf.init(), example_filter_tick(ekf), np.zeros(6), backend=backend)
     max_ticks = TICKS.get(kernel.backend, 600) // len(runs)
     ticks = [ticks_of(run, ekf, max_ticks) for run in runs]
-    size = np.max([_motion_size(fit, run) for run in runs], axis=0)
+    size = np.max([_motion_rms(fit, run) for run in runs], axis=0)
     low, high = np.log(MIN_RELATIVE_STD * size), np.log(size)
 
-    q = minimise_by_steps(total_cost(kernel, ticks), np.clip(np.log(0.03 * size), low, high), low, high)
+    q = coordinate_search(total_cost(kernel, ticks), np.clip(np.log(0.03 * size), low, high), low, high)
     return np.diag(np.exp(2.0 * q)), size
 
 
@@ -65,7 +65,7 @@ def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], flo
     return cost
 
 
-def minimise_by_steps(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def coordinate_search(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001.
 
     A step changes one entry. A step of EXCHANGE_STEP or less can also raise one entry and lower another, because two
@@ -147,7 +147,7 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     return step
 
 
-def example_of(ekf: Tree) -> Tick:
+def example_filter_tick(ekf: Tree) -> Tick:
     """Return a tick with the correct shapes for a trace, with every sensor of the filter but without measurements."""
     slots = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(slots))(**slots))
@@ -173,7 +173,7 @@ def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
     return rows_of_ticks(Tick(*columns), ekf.rate_hz)[0]
 
 
-def _motion_size(fit: "Fit", run: Run) -> np.ndarray:
+def _motion_rms(fit: "Fit", run: Run) -> np.ndarray:
     """Return the root mean square (6,) of (ν, ν̇) of the model under the run's commands."""
     vehicle = fit.blocks.model
     dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9

@@ -23,9 +23,9 @@ from baqueano.errors import UsageError
 from baqueano.geometry import TAU
 from baqueano.identify.covariance.clusters import QUANTILE_95, student_quantile
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
-from baqueano.identify.data.record import range_of
+from baqueano.identify.data.record import sensor_range
 from baqueano.identify.result.calibration import CalibratedNumber, Calibration
-from baqueano.identify.sensor_calibration import GAP_S, TruthSignal, channel_of
+from baqueano.identify.sensor_calibration import GAP_S, IntegratedSignal, channel_of
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -34,7 +34,7 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-MIN_REST_S, PIECE_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
+MIN_REST_S, WINDOW_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
 # quantile of the windows' scatter; up to the second value times this scatter is a rest
 QUIET_QUANTILE, MAX_SCATTER_RATIO = 0.05, 3.0
 MIN_TURN_RAD_S = 0.02  # rad/s: a mean that differs by more from the mean of the first rest is a turn
@@ -56,7 +56,7 @@ class Rest(NamedTuple):
         return 0.5 * (self.begin_s + self.end_s)
 
 
-def by_hand(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -> Calibration:
+def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -> Calibration:
     """Return the calibration of the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
 
     `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number.
@@ -70,7 +70,7 @@ def by_hand(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -
     rests = _rests(gyro)
     if len(rests) < 2:
         raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=MIN_REST_S))
-    _whole_record(run.name, gyro, range_of(block))
+    _check_complete_record(run.name, gyro, sensor_range(block))
     angle, variance = _angles(gyro, rests)
     whole_turns, rests_used = _whole_turns(run.name, rests, angle / float(block.gyro_scale), turns)
     scale, std, freedom = _regression(angle[rests_used], whole_turns, _covariance(rests_used, variance))
@@ -95,7 +95,7 @@ def by_hand(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -
     )  # fmt: skip
 
 
-def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> None:
+def _check_complete_record(name: str, gyro: IntegratedSignal, limit: np.ndarray | None) -> None:
     """Raise UsageError if the record of a turn has a gap or is saturated."""
     steps_s = np.diff(gyro.t_s)
     if steps_s.max() > GAP_S:
@@ -120,16 +120,16 @@ def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> Non
         )
 
 
-def turned_by_hand(run: Run) -> bool:
+def is_turned_by_hand(run: Run) -> bool:
     """Return True if all commands are 0 and a pose was not measured: only a hand can have turned the vehicle."""
     without_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
     return without_truth and not np.any(np.nan_to_num(run.applied))
 
 
-def _rests(gyro: TruthSignal) -> list[Rest]:
+def _rests(gyro: IntegratedSignal) -> list[Rest]:
     """Return the rests: joined windows with a scatter close to the scatter of the quietest windows."""
     t_s, z = gyro.t_s, gyro.z
-    window_number = ((t_s - t_s[0]) // PIECE_S).astype(int)
+    window_number = ((t_s - t_s[0]) // WINDOW_S).astype(int)
     ends = np.flatnonzero(np.diff(window_number, append=window_number[-1] + 1)) + 1
     windows = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True) if b - a >= 3]
     if not windows:
@@ -153,11 +153,11 @@ def _rests(gyro: TruthSignal) -> list[Rest]:
     return rests
 
 
-def _angles(gyro: TruthSignal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
+def _angles(gyro: IntegratedSignal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
     """Return G (K,) of (1) from middle to middle of the rests, the first 0, and q (K − 1,) of (2)."""
     middles_s, rates = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
     T = np.diff(middles_s)
-    turns_between = np.diff(gyro.until(middles_s)) - 0.5 * (rates[1:] + rates[:-1]) * T
+    turns_between = np.diff(gyro.integral_until(middles_s)) - 0.5 * (rates[1:] + rates[:-1]) * T
     var = 0.25 * np.array([x.sd**2 + y.sd**2 for x, y in pairwise(rests)])
     return np.concatenate([[0.0], np.cumsum(turns_between)]), T**2 * (var + np.diff(rates) ** 2 / 12.0)
 
