@@ -11,7 +11,7 @@ import pytest
 from baqueano.door import remote
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
-from baqueano.runs.folder import is_name
+from baqueano.runs.folder import is_run_name
 from tests.codes import refused
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -79,7 +79,7 @@ def test_ne6_invalid_run_names_are_refused_and_the_others_are_fetched(baqueano, 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_invalid_run_name_is_not_accepted(name):
-    assert not is_name(name)
+    assert not is_run_name(name)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_an_invalid_run_name_is_not_accepted(name):
     ["20260314-101500-first drive.mcap", "20260314-101500-repeat-2.mcap", "0001-Núñez.mcap", "console.mcap"],
 )
 def test_valid_run_names_are_accepted(name):
-    assert is_name(name)
+    assert is_run_name(name)
 
 
 def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from baqueano.compare import errors
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.runs.interpolated import poses_at
+from baqueano.runs.interpolation import interpolate_poses
 from tests.codes import refused
 
 
@@ -83,7 +83,7 @@ def test_relative_errors_do_not_span_a_gap():
 def test_truth_is_interpolated_but_not_extrapolated():
     of_ns = np.array([0, 100, 200, 2_000]) * 1_000_000
     eta = np.array([[0.0, 0, 3.1], [1, 0, -3.1], [2, 0, -3.0], [9, 0, 0]])
-    poses = poses_at(np.array([-1, 50, 100, 1_000, 2_000, 2_001]) * 1_000_000, of_ns, eta)
+    poses = interpolate_poses(np.array([-1, 50, 100, 1_000, 2_000, 2_001]) * 1_000_000, of_ns, eta)
     assert np.isnan(poses[[0, 3, 5]]).all()
     np.testing.assert_allclose(poses[1, 0], 0.5)
     np.testing.assert_allclose(abs(poses[1, 2]), np.pi, atol=1e-12)  # the shorter direction, across ±π

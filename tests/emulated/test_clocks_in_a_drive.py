@@ -80,7 +80,7 @@ class Bare(EmulatedRobot):
 
 
 def test_rt18_memory_does_not_grow_in_five_minutes_with_a_fast_clock(firmware, monkeypatch, tmp_path):
-    monkeypatch.setattr(writer, "SYNC_S", 1e9)  # a chunk every 256 kB instead of every half second
+    monkeypatch.setattr(writer, "SYNC_PERIOD_S", 1e9)  # a chunk every 256 kB instead of every half second
     head, rest = vehicle_file.load("small").text.split("[sensors.imu]")
     text = (head + WHEELS + rest.split("[estimator]")[1]).replace("rate_hz = 100.0\n", "rate_hz = 50.0\n", 1)
     file = vehicle_file.parse(text + "\n[robot]\ncounts_per_turn = 576.0\ntelemetry_hz = 50\n", "wheels")

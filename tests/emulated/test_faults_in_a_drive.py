@@ -19,7 +19,7 @@ from baqueano.drive.recording import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, 
 from baqueano.guides import shapes
 from baqueano.robot.uno.frames import ResetCause
 from baqueano.runs import read_run
-from baqueano.runs.container.writer import SYNC_S
+from baqueano.runs.container.writer import SYNC_PERIOD_S
 from tests.emulated.bad_line import BadLine
 from tests.emulated.drives import TEACHER, drive, during, look_around, serve, spin
 from tests.emulated.robot import EmulatedRobot
@@ -328,7 +328,7 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(vehicle, with_stop):
     motions = []
 
     def fills_up():
-        time.sleep(2.0 * SYNC_S)  # the drive until now is on the disk
+        time.sleep(2.0 * SYNC_PERIOD_S)  # the drive until now is on the disk
         (file,) = service.folder.glob("*.mcap*")
         resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 1000, hard))
         during(service, robot, 2.5, later)

@@ -94,8 +94,10 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
     data, chunks = chunked_file
     cut = chunks[len(chunks) // 2][1]
     records, summed, crc32 = [], [], zlib.crc32
-    step = mcap_records._Walk.record
-    monkeypatch.setattr(mcap_records._Walk, "record", lambda walk, at: records.append(at) or step(walk, at))
+    step = mcap_records._RecordReader.record
+    monkeypatch.setattr(
+        mcap_records._RecordReader, "record", lambda walk, at: records.append(at) or step(walk, at)
+    )
     monkeypatch.setattr(
         mcap_records, "zlib", type("_", (), {"crc32": lambda b: summed.append(len(b)) or crc32(b)})
     )

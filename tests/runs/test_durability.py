@@ -291,7 +291,7 @@ def raising(error):
 
 def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "MAX_QUEUED_MESSAGES", 10)
-    monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the writer thread sleeps during this time
+    monkeypatch.setattr(writer, "WRITE_PERIOD_S", 60.0)  # the writer thread sleeps during this time
     path = tmp_path / "x.mcap"
     with RunWriter(path, live=True) as run_writer:
         for k in range(50):
@@ -311,7 +311,7 @@ def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monk
 
 def test_a_simulation_waits_for_a_slow_disk_and_loses_no_data(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "MAX_QUEUED_MESSAGES", 10)
-    monkeypatch.setattr(writer, "MOVE_S", 0.001)
+    monkeypatch.setattr(writer, "WRITE_PERIOD_S", 0.001)
     path = tmp_path / "x.mcap"
     with RunWriter(path) as run_writer:
         for k in range(500):

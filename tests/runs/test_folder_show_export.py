@@ -24,7 +24,7 @@ from baqueano.runs import (
     write_route,
     write_run,
 )
-from baqueano.runs.folder import claim, find_all, listing_rows, listing_table, new_path
+from baqueano.runs.folder import find_all, listing_rows, listing_table, new_path, reserve_path
 from tests.codes import refused
 
 
@@ -40,7 +40,11 @@ def test_runs_are_numbered_consecutively(run, tmp_path):
 
 
 def test_two_programs_never_get_the_same_run_number(tmp_path):
-    assert [claim(tmp_path, "x").name for _ in range(3)] == ["0001-x.mcap", "0002-x.mcap", "0003-x.mcap"]
+    assert [reserve_path(tmp_path, "x").name for _ in range(3)] == [
+        "0001-x.mcap",
+        "0002-x.mcap",
+        "0003-x.mcap",
+    ]
 
 
 def test_a_folder_that_cannot_be_created_is_reported(tmp_path):

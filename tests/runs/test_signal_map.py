@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from baqueano.runs.diagnostics.signal_map import MappedChannel, ratios, relation, signal_map
+from baqueano.runs.diagnostics.signal_map import MappedChannel, channel_regression, signal_map, unit_ratios
 
-UNITS = ratios("acceleration", "m/s^2")
+UNITS = unit_ratios("acceleration", "m/s^2")
 
 
 def slow(rng, *shape, a=0.9):
@@ -33,9 +33,11 @@ def test_swapped_or_inverted_channels_and_their_units_are_identified(is_swapped,
 
 def test_at_most_one_percent_of_unrelated_slow_signals_are_called_related():
     """Of 400 unrelated pairs, one of seven correlates beyond 0.3; only two are called related."""
-    relations = [relation(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)]
-    assert sum(abs(pair.correlation) > 0.3 for pair in relations) > 40
-    assert sum(pair.is_clear(0.05) for pair in relations) <= 4
+    channel_regressions = [
+        channel_regression(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)
+    ]
+    assert sum(abs(pair.correlation) > 0.3 for pair in channel_regressions) > 40
+    assert sum(pair.is_clear(0.05) for pair in channel_regressions) <= 4
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from baqueano.cli import main
 from baqueano.compare.consistency import NOT_REPORTED
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.geometry import wrap
-from baqueano.runs.interpolated import true_speed
+from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Channel, Run, TruthLog
 from baqueano.simulate import simulate
 from baqueano.study import estimation as room

@@ -233,14 +233,14 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
     if `out` exists.
     """
     from baqueano.errors import FileError
-    from baqueano.runs.folder import claim, release
+    from baqueano.runs.folder import release_path, reserve_path
 
     if out is not None:
         if out.exists():
             raise FileError(fault("cli.file-exists", "-o another name", out=out))
         return out
-    path = claim(folder, label)
-    click.get_current_context().call_on_close(lambda: release(path))
+    path = reserve_path(folder, label)
+    click.get_current_context().call_on_close(lambda: release_path(path))
     return path
 
 

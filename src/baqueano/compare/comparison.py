@@ -25,7 +25,7 @@ from baqueano.errors import UsageError, cause_of
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number
 from baqueano.monitor import Refusals, refusals_of
-from baqueano.runs.interpolated import at_times, poses_at
+from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
 if TYPE_CHECKING:
     from baqueano.compare.evenness import Pace
@@ -309,8 +309,8 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
     est, truth = run.estimate, run.truth
     assert est is not None
     assert truth is not None
-    eta_true = poses_at(est.t_ns, truth.t_ns, truth.eta)
-    nu_true = at_times(est.t_ns, truth.t_ns, truth.nu)
+    eta_true = interpolate_poses(est.t_ns, truth.t_ns, truth.eta)
+    nu_true = interpolate_rows(est.t_ns, truth.t_ns, truth.nu)
     try:
         eta = errors.align_trajectory(est.eta, eta_true, alignment)
     except UsageError as error:
@@ -347,7 +347,7 @@ def _pace(log: Any, run: "Run") -> "Pace":
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN_PACE
     k = _until_done(log.t_ns, ref)
-    reference_speed = at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
+    reference_speed = interpolate_rows(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
     return evenness.pace(log.t_ns[k], log.nu[k, 0], reference_speed)
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.runs.interpolated import poses_at
+from baqueano.runs.interpolation import interpolate_poses
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
@@ -38,7 +38,7 @@ def diverged_s(run: Run) -> float:
     p, limit = log.eta[:, :2], MAX_SPEED_M_S * (t_s + 1.0)
     distances = np.hypot(*(p - p[0]).T)
     if run.truth is not None and len(run.truth.t_ns) > 1:
-        true_xy = poses_at(log.t_ns, run.truth.t_ns, run.truth.eta)[:, :2]
+        true_xy = interpolate_poses(log.t_ns, run.truth.t_ns, run.truth.eta)[:, :2]
         known_positions = true_xy[np.isfinite(true_xy).all(axis=1)]
         if len(known_positions):
             path_size = float(np.hypot(*np.ptp(known_positions, axis=0)))

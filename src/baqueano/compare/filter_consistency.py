@@ -18,7 +18,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
 from baqueano.messages import text
 from baqueano.messages.language import mark as N_
-from baqueano.runs.interpolated import at_times, poses_at
+from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -160,8 +160,8 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
     correlations, limit = np.zeros(0), float("nan")
     if log is not None and truth is not None and len(truth.t_ns) > 1:
         e = np.column_stack([
-            log.eta - poses_at(log.t_ns, truth.t_ns, truth.eta),
-            log.nu - at_times(log.t_ns, truth.t_ns, truth.nu),
+            log.eta - interpolate_poses(log.t_ns, truth.t_ns, truth.eta),
+            log.nu - interpolate_rows(log.t_ns, truth.t_ns, truth.nu),
         ])  # fmt: skip
         e[:, 2] = wrap(e[:, 2])
         e[:, :3] = e[:, :3] if alignment == "none" else np.nan

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.compare import errors
 from baqueano.geometry import wrap
-from baqueano.runs.interpolated import poses_at
+from baqueano.runs.interpolation import interpolate_poses
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
         return ()
     end_indices = end_indices if end_indices[0] == 0 else [0, *end_indices]
     cross_track_m = errors.cross_track(log.t_ns, log.eta[:, :2], ref.t_ns, ref.eta[:, :2])
-    end_poses = poses_at(ref.t_ns[end_indices], log.t_ns, log.eta)
+    end_poses = interpolate_poses(ref.t_ns[end_indices], log.t_ns, log.eta)
     laps = []
     for k, (a, b) in enumerate(zip(ref.t_ns[end_indices][:-1], ref.t_ns[end_indices][1:], strict=True)):
         d = np.abs(cross_track_m[(log.t_ns >= a) & (log.t_ns <= b)])

@@ -10,7 +10,7 @@ from baqueano.diagnostics import fault
 from baqueano.door.guests import Guest
 from baqueano.door.wire import encode
 from baqueano.errors import Invalid
-from baqueano.runs.folder import is_name
+from baqueano.runs.folder import is_run_name
 
 CHUNK_BYTES = 48 << 10  # bytes of a run in one message
 LIST_LIFETIME_S = 0.2  # the list of runs is not read again within this time
@@ -36,7 +36,7 @@ class RunFiles:
         """Return the names of the complete runs as an encoded message, which is at most LIST_LIFETIME_S old."""
         if time.monotonic() - self._looked_s > LIST_LIFETIME_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
-            names = sorted(name for name in paths if is_name(name) and name != self._open_run)
+            names = sorted(name for name in paths if is_run_name(name) and name != self._open_run)
             self._list, self._looked_s = encode({"is": "runs", "runs": names}), time.monotonic()
         return self._list
 
@@ -47,7 +47,7 @@ class RunFiles:
         many transfers are under way. Raise OSError if the file cannot be opened.
         """
         path = self.folder / name
-        if not is_name(name) or path.is_symlink() or not path.is_file():
+        if not is_run_name(name) or path.is_symlink() or not path.is_file():
             raise Invalid(fault("door.no-run", run=repr(name)))
         if not self._fetches.acquire(blocking=False):
             raise Invalid(fault("door.many-fetches", most=MAX_FETCHES))

@@ -30,7 +30,7 @@ from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, U
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
-from baqueano.runs.folder import is_name
+from baqueano.runs.folder import is_run_name
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -219,7 +219,7 @@ class Remote:
         Return `path`. Raise FileError for an invalid run name, for an existing file, or for a run that is too large for
         this disk.
         """
-        if not is_name(run):
+        if not is_run_name(run):
             raise FileError(fault("remote.run-name", host=self.name, run=run))
         path.parent.mkdir(parents=True, exist_ok=True)
         with write_then_appear(path) as run_file:

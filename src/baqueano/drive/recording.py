@@ -11,7 +11,7 @@ from baqueano.drive.health import Health
 from baqueano.drive.observers import Observer
 from baqueano.errors import error_text
 from baqueano.loop import Blocks, Record, World
-from baqueano.runs.in_memory import RunSink
+from baqueano.runs.recorder import RunRecorder
 from baqueano.signals import seconds
 
 STOP_SOURCE = "loop"
@@ -25,7 +25,7 @@ PROGRESS_PERIOD_TICKS = 50  # ticks
 class Recording:
     """A recorder that writes all data of the loop to `sink`, and passes the records and events to the observers."""
 
-    sink: RunSink
+    sink: RunRecorder
     world: World
     health: Health
     observers: Sequence[Observer]

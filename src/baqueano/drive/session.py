@@ -23,7 +23,7 @@ from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
 from baqueano.monitor import Watching
 from baqueano.runs import Run, RunWriter, read_run
-from baqueano.runs.in_memory import RunInMemory, RunSink
+from baqueano.runs.recorder import MemoryRecorder, RunRecorder
 from baqueano.signals import Command, Reference, Tick, silent
 from baqueano.symbolic import TraceError, compile_block
 from baqueano.symbolic.function import CompiledBlock
@@ -183,7 +183,7 @@ def drive(
     health = Health(vehicle_file.envelope, sensors)
     ticking = settings.clock_of(vehicle_file)
 
-    def perform(sink: RunSink) -> None:
+    def perform(sink: RunRecorder) -> None:
         recording = Recording(
             sink, world, health, observers, _first_ns(ticking), diagnostics_of_blocks(blocks)
         )
@@ -192,7 +192,7 @@ def drive(
         _run(blocks, ticking, start, recording)
 
     if path is None:
-        memory = RunInMemory(vehicle_file.text, metadata)
+        memory = MemoryRecorder(vehicle_file.text, metadata)
         perform(memory)
         return memory.run(kind.replace(" ", "-"))
     try:

@@ -80,14 +80,14 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
         turns=float(np.abs(np.diff(whole_turns)).sum()),
         rests=len(rests_used),
     )
-    path, means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
-    spread = float(np.ptp(means)) / np.sqrt(12.0)
+    path, window_means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
+    spread = float(np.ptp(window_means)) / np.sqrt(12.0)
     bias_std = float(np.hypot(np.sqrt(np.mean([rest.sd**2 for rest in rests]) / len(rests)), spread))
     return Calibration(
         run.name,
         (
             CalibratedNumber(f"{path}_scale", scale, std, half_width, "1", float(block.gyro_scale), sentence),
-            CalibratedNumber(f"{path}_bias", float(means.mean()), bias_std, QUANTILE_95 * bias_std, "rad/s",
+            CalibratedNumber(f"{path}_bias", float(window_means.mean()), bias_std, QUANTILE_95 * bias_std, "rad/s",
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
         {"heading_rad": float(np.std(angle[rests_used] / scale - TAU * whole_turns))},

@@ -12,7 +12,7 @@ from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Section, Table, draw
 from baqueano.runs import Run
-from baqueano.runs.interpolated import at_times, poses_at
+from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.signals import seconds
 
 MAX_CORRIDOR_POINTS = 400  # of the corridor, along a path
@@ -110,7 +110,7 @@ def _aligned_path(run: Run, alignment: str) -> np.ndarray:
     if run.truth is None:
         return run.estimate.eta
     return align_trajectory(
-        run.estimate.eta, poses_at(run.estimate.t_ns, run.truth.t_ns, run.truth.eta), alignment
+        run.estimate.eta, interpolate_poses(run.estimate.t_ns, run.truth.t_ns, run.truth.eta), alignment
     )
 
 
@@ -153,9 +153,9 @@ def _errors_against_truth(run: Run, truth_of: Run, alignment: str) -> tuple[np.n
     log, truth = run.estimate, truth_of.truth
     assert log is not None
     assert truth is not None
-    error = _aligned_path(run, alignment) - poses_at(log.t_ns, truth.t_ns, truth.eta)
+    error = _aligned_path(run, alignment) - interpolate_poses(log.t_ns, truth.t_ns, truth.eta)
     error[:, 2] = wrap(error[:, 2])
-    nu_true = at_times(log.t_ns, truth.t_ns, truth.nu)
+    nu_true = interpolate_rows(log.t_ns, truth.t_ns, truth.nu)
     return seconds(log.t_ns, run.t_ns[0]), np.column_stack([error, log.nu[:, 0] - nu_true[:, 0]])
 
 

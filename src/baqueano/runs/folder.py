@@ -66,10 +66,10 @@ def plain_label(label: str) -> str:
     return re.sub(r'[<>:"/\\|?*]', "", "".join(filter(str.isprintable, simple_name))).strip(".")[:60] or "run"
 
 
-def is_name(name: object) -> TypeGuard[str]:
+def is_run_name(name: object) -> TypeGuard[str]:
     r"""Return True if a file name from an external source is valid for a run in any folder of any system.
 
-    >>> [is_name(name) for name in ("20260314-101500-repeat.mcap", "../x.mcap", "C:x.mcap", "nul.mcap", ".mcap")]
+    >>> [is_run_name(name) for name in ("20260314-101500-repeat.mcap", "../x.mcap", "C:x.mcap", "nul.mcap", ".mcap")]
     [True, False, False, False, False]
     """
     if not isinstance(name, str) or len(name) > MAX_NAME_LETTERS or not name.isprintable():
@@ -109,10 +109,10 @@ def find(name: str, folder: Path | str = "runs") -> Path:
         each = [run.stem for run in matches]
         raise FileError(fault("runs.ambiguous", found=name, folder=folder, known=each))
     names = [run.stem for run in runs[-8:]]
-    raise FileError(fault("runs.unknown", _list_of(folder), found=name, folder=folder, known=names))
+    raise FileError(fault("runs.unknown", _list_command(folder), found=name, folder=folder, known=names))
 
 
-def _list_of(folder: Path | str) -> str:
+def _list_command(folder: Path | str) -> str:
     """Return the command that a user types to list the runs of a folder."""
     return baqueano_command("runs", "ls", *([] if Path(folder) == Path("runs") else ["--runs", folder]))
 
@@ -144,7 +144,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         return [find(name, folder)]
     runs = _without_recovered_originals(runs)
     if not runs:
-        raise FileError(fault("runs.none-like", _list_of(folder), found=name, folder=folder))
+        raise FileError(fault("runs.none-like", _list_command(folder), found=name, folder=folder))
     return runs
 
 
@@ -156,10 +156,10 @@ def listing(folder: Path | str = "runs") -> list[ListedRun]:
     if not folder.is_dir():
         raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
     paths = sorted(folder.glob("*.mcap"), key=_number_and_name)
-    return [_entry_of(path) for path in paths]
+    return [_listed_run(path) for path in paths]
 
 
-def _entry_of(path: Path) -> ListedRun:
+def _listed_run(path: Path) -> ListedRun:
     try:
         run = read_run(path)
     except BaqueanoError as error:
@@ -210,7 +210,7 @@ def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:
     return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]
 
 
-def claim(folder: Path | str, label: str) -> Path:
+def reserve_path(folder: Path | str, label: str) -> Path:
     """Return a path as `new_path` does, and reserve its number, so that other programs cannot use it.
     Raise FileError if the folder cannot be created.
     """
@@ -224,7 +224,7 @@ def claim(folder: Path | str, label: str) -> Path:
         return path
 
 
-def release(path: Path) -> None:
+def release_path(path: Path) -> None:
     """Release the number that `claim` reserved; a written run keeps its number."""
     part_path = path.with_name(path.name + ".part")
     with suppress(OSError):

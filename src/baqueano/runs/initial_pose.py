@@ -35,7 +35,7 @@ def initial_pose(run: Run) -> np.ndarray:
         return np.zeros(3)
     eta = _pose(first, truth)
     if np.isfinite(truth.nu).all():
-        nu = _interpolated_at(first, truth.t_ns, truth.nu)
+        nu = _interpolate_rows_at_time(first, truth.t_ns, truth.nu)
         first_nu = truth.nu[(truth.t_ns >= first) & (truth.t_ns <= first + START_SPAN_S * NANOSECONDS)]
         is_starting = np.abs(nu) < START_SPEED_SHARE * np.max(np.abs(first_nu), axis=0, initial=0.0)
         return np.concatenate([eta, np.where(np.all(is_starting | (nu == 0.0)), 0.0, nu)])  # (2)
@@ -56,11 +56,11 @@ def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
     """Return the pose η (3,) of the truth at one time, interpolated between two samples."""
     unwrapped = truth.eta.copy()
     unwrapped[:, 2] = np.unwrap(unwrapped[:, 2])
-    x, y, psi = _interpolated_at(t_ns, truth.t_ns, unwrapped)
+    x, y, psi = _interpolate_rows_at_time(t_ns, truth.t_ns, unwrapped)
     return np.array([x, y, wrap(psi)])
 
 
-def _interpolated_at(t_ns: int, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return `rows` (K, 3), sampled at the times `of_ns` (K,), interpolated at one time: (3,)."""
-    since = of_ns - of_ns[0]  # small enough for a float to hold it exactly
-    return np.array([np.interp(t_ns - of_ns[0], since, column) for column in rows.T])
+def _interpolate_rows_at_time(t_ns: int, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return `rows` (K, 3), sampled at the times `sample_ns` (K,), interpolated at one time: (3,)."""
+    since = sample_ns - sample_ns[0]  # small enough for a float to hold it exactly
+    return np.array([np.interp(t_ns - sample_ns[0], since, column) for column in rows.T])

@@ -156,7 +156,7 @@ class Event(NamedTuple):
         return self.text if self.diagnostic is None else text(self.diagnostic)
 
 
-def times(t_ns: Value, name: str, must_increase: bool = False) -> np.ndarray:
+def checked_times(t_ns: Value, name: str, must_increase: bool = False) -> np.ndarray:
     """Return times as int64 (k,). Raise Invalid if they decrease or, with `must_increase`, do not increase."""
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
@@ -178,7 +178,7 @@ def times(t_ns: Value, name: str, must_increase: bool = False) -> np.ndarray:
     return t
 
 
-def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
+def checked_array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
     """Return the values as float64. Raise Invalid if their shape differs from `shape`."""
     rows = np.ascontiguousarray(values, dtype=np.float64)
     if rows.shape != shape:
@@ -187,15 +187,15 @@ def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
     return rows
 
 
-def channel_of(name: str, channel: Channel) -> Channel:
+def checked_channel(name: str, channel: Channel) -> Channel:
     """Return a channel as arrays. Raise Invalid if a time or a shape is wrong."""
     place_text = f"sensors[{name!r}]"
-    arrival = times(channel.arrival_ns, f"{place_text}.arrival_ns")
+    arrival = checked_times(channel.arrival_ns, f"{place_text}.arrival_ns")
     t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
     if t_ns.shape != arrival.shape:
         raise Invalid(fault("run.arrivals", where=place_text, times=len(t_ns), arrivals=len(arrival)))
     m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
-    return Channel(t_ns, arrival, array(channel.z, f"{place_text}.z", (len(arrival), m)))
+    return Channel(t_ns, arrival, checked_array(channel.z, f"{place_text}.z", (len(arrival), m)))
 
 
 def estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
@@ -217,13 +217,16 @@ def truth_shapes(k: int, log: TruthLog) -> list[tuple[int, ...]]:
     return [(k, 3), (k, 3), (k, 3)]
 
 
-def log_of(name: str, log: Any, shapes: Any) -> Any:
+def checked_log(name: str, log: Any, shapes: Any) -> Any:
     """Return a log as arrays, or None for None. Raise Invalid if a time or a shape is wrong."""
     if log is None:
         return None
-    t_ns = times(log.t_ns, f"{name}.t_ns")
+    t_ns = checked_times(log.t_ns, f"{name}.t_ns")
     rows = zip(log[1:], shapes(len(t_ns), log), log._fields[1:], strict=True)
     return type(log)(
         t_ns,
-        *(None if shape is None else array(rows, f"{name}.{field}", shape) for rows, shape, field in rows),
+        *(
+            None if shape is None else checked_array(rows, f"{name}.{field}", shape)
+            for rows, shape, field in rows
+        ),
     )

@@ -22,12 +22,12 @@ from baqueano.runs.logs import (
     Event,
     ReferenceLog,
     TruthLog,
-    array,
-    channel_of,
+    checked_array,
+    checked_channel,
+    checked_log,
+    checked_times,
     estimate_shapes,
-    log_of,
     reference_shapes,
-    times,
     truth_shapes,
 )  # fmt: skip
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
@@ -98,18 +98,18 @@ class Run(Result):
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
-        set_field(self, "t_ns", times(self.t_ns, "t_ns", must_increase=True))
+        set_field(self, "t_ns", checked_times(self.t_ns, "t_ns", must_increase=True))
         n = np.shape(self.applied)[1] if np.ndim(self.applied) == 2 else -1
-        set_field(self, "applied", array(self.applied, "applied", (len(self.t_ns), n)))
+        set_field(self, "applied", checked_array(self.applied, "applied", (len(self.t_ns), n)))
         for name in ("requested", "sent"):
             if getattr(self, name) is not None:
-                set_field(self, name, array(getattr(self, name), name, self.applied.shape))
+                set_field(self, name, checked_array(getattr(self, name), name, self.applied.shape))
         set_field(
-            self, "sensors", {name: channel_of(name, channel) for name, channel in self.sensors.items()}
+            self, "sensors", {name: checked_channel(name, channel) for name, channel in self.sensors.items()}
         )
-        set_field(self, "estimate", log_of("estimate", self.estimate, estimate_shapes))
-        set_field(self, "reference", log_of("reference", self.reference, reference_shapes))
-        set_field(self, "truth", log_of("truth", self.truth, truth_shapes))
+        set_field(self, "estimate", checked_log("estimate", self.estimate, estimate_shapes))
+        set_field(self, "reference", checked_log("reference", self.reference, reference_shapes))
+        set_field(self, "truth", checked_log("truth", self.truth, truth_shapes))
         set_field(
             self,
             "events",
@@ -147,13 +147,14 @@ class Run(Result):
         """Return a pandas DataFrame with a row per tick, indexed by time [s]. Its columns are applied commands,
         estimate, reference, truth, and each channel of each sensor; NaN if no reading arrived since the previous tick.
         """
-        from baqueano.runs.interpolated import at_times, poses_at
+        from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
         columns = {f"applied_{k}": u for k, u in enumerate(self.applied.T)}
         for name in ("estimate", "reference", "truth"):
             log = getattr(self, name)
             if log is not None and len(log.t_ns):
-                eta, nu = poses_at(self.t_ns, log.t_ns, log.eta), at_times(self.t_ns, log.t_ns, log.nu)
+                eta = interpolate_poses(self.t_ns, log.t_ns, log.eta)
+                nu = interpolate_rows(self.t_ns, log.t_ns, log.nu)
                 columns |= {f"{name}_{axis}": x for axis, x in zip(AXES, (*eta.T, *nu.T), strict=True)}
         for name, channel in self.sensors.items():
             z = np.array(
@@ -196,7 +197,7 @@ class Run(Result):
         # measurements that arrived up to the previous tick belong to that tick
         previous_ns = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
 
-        def piece(log: Any) -> Any:
+        def part(log: Any) -> Any:
             if log is None:
                 return None
             is_within = (log.t_ns >= low) & (log.t_ns < high)
@@ -214,9 +215,9 @@ class Run(Result):
             requested=None if self.requested is None else self.requested[first:last],
             sent=None if self.sent is None else self.sent[first:last],
             sensors=sensors,
-            estimate=piece(self.estimate),
-            reference=piece(self.reference),
-            truth=piece(self.truth),
+            estimate=part(self.estimate),
+            reference=part(self.reference),
+            truth=part(self.truth),
             events=tuple(e for e in self.events if low <= e.t_ns < high),
             metadata=self.metadata | {"cut": f"{from_s:g} s to {to_s:g} s of {self.name}"},
         )

@@ -6,7 +6,7 @@ from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS
 
 
-def means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
+def window_means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the indices (W,) of the windows that contain rows, counted from `origin_ns`, and their means (W, m).
     A mean includes only finite entries; it is NaN without a finite entry.
     """

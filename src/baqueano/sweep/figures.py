@@ -15,7 +15,7 @@ import numpy as np
 from baqueano.compare import errors, evenness
 from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.messages.language import mark as N_
-from baqueano.runs.interpolated import at_times, poses_at
+from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.signals import seconds
 from baqueano.sweep.pieces import Pieces, pieces_of
 
@@ -77,7 +77,7 @@ def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, t
     est, truth = run.estimate, run.truth
     if est is None or truth is None or len(truth.t_ns) < 2:
         return {}
-    eta_true = poses_at(est.t_ns, truth.t_ns, truth.eta)
+    eta_true = interpolate_poses(est.t_ns, truth.t_ns, truth.eta)
     eta = errors.align_trajectory(est.eta, eta_true, alignment)
     absolute_error, drift = errors.absolute(eta, eta_true), errors.relative(est.t_ns, eta, eta_true, window_s)
     start_ns = est.t_ns[: len(drift.position_m)]
@@ -97,7 +97,7 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
     k = log.t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
     t_ns, eta, speed = log.t_ns[k], log.eta[k], log.nu[k, 0]
     cross_track = errors.cross_track(t_ns, eta[:, :2], ref.t_ns, ref.eta[:, :2])
-    speed_reference = at_times(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]
+    speed_reference = interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]
     is_after_start = seconds(t_ns, t_ns[0]) >= evenness.START_S
     path_length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ref.eta[:, :2], axis=0).T))])
     path_position = np.interp(t_ns, ref.t_ns, path_length)

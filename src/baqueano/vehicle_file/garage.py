@@ -34,13 +34,13 @@ def path_of(source: str | Path) -> Path:
     path = Path(source).expanduser()
     if path.is_file():
         return path.resolve()
-    is_name = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
-    if is_name and source in names():  # even beside a folder of this name
+    is_run_name = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
+    if is_run_name and source in names():  # even beside a folder of this name
         return GARAGE_FOLDER / f"{source}.toml"
     if path.is_dir():
         file_names = sorted(p.name for p in path.glob("*.toml"))
         raise FileError(fault("vehicle.folder", path=path, files=file_names))
-    if is_name:
+    if is_run_name:
         suggestion = nearest(str(source), names())
         raise FileError(
             fault("vehicle.unknown", "baqueano new NAME", missing=path, found=source, near=suggestion)

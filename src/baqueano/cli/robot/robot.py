@@ -104,16 +104,16 @@ def runs(host: str, fetch: bool, folder: str) -> None:
     from baqueano.door.ssh import ssh_line
     from baqueano.errors import FileError
     from baqueano.messages.printable import one_line
-    from baqueano.runs.folder import is_name
+    from baqueano.runs.folder import is_run_name
 
     with _connection(host) as remote:
         names = remote.runs()
-        for name in filter(is_name, names):
+        for name in filter(is_run_name, names):
             local_path = Path(folder) / name
             if fetch and not lexists(local_path):
                 remote.fetch(name, local_path)
             print_result(f"{name}{'' if not lexists(local_path) else f'  {local_path}'}")
-    if invalid_names := [name for name in names if not is_name(name)]:
+    if invalid_names := [name for name in names if not is_run_name(name)]:
         odd_names = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
         raise FileError(
             fault(

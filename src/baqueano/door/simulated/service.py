@@ -32,7 +32,7 @@ from baqueano.errors import BaqueanoError, FileError, SafetyStop
 from baqueano.loop import Blocks, Record
 from baqueano.messages import templates
 from baqueano.runs import read_run
-from baqueano.runs.folder import claim, release
+from baqueano.runs.folder import release_path, reserve_path
 from baqueano.runs.route_file import write_route
 from baqueano.worlds import ShakenWorld
 
@@ -121,7 +121,7 @@ class SimulatedService:
         """Execute a mission until it ends or is stopped, and write the result into `outcome`."""
         self.vehicle_file = reload(self.vehicle_file)
         with mission_plan(mission_json, self.vehicle_file, self.routes, self.seed + self._drives - 1) as plan:
-            path = claim(self.folder, plan.mission.kind)
+            path = reserve_path(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
                 self.machine.transition("manual" if by_hand else "mission")
@@ -139,7 +139,7 @@ class SimulatedService:
                 if plan.keep and stop_reason is None and not code and path.exists():
                     outcome |= self._stored_lesson(plan, path)
             finally:
-                release(path)
+                release_path(path)
 
     def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
         """Execute a plan, and return the reason of the stop, or None if the vehicle was not stopped."""

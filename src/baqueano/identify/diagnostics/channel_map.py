@@ -23,7 +23,7 @@ from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.runs.diagnostics.signal_map import MappedChannel, is_clear, relations, signal_map
+from baqueano.runs.diagnostics.signal_map import MappedChannel, channel_regressions, is_clear, signal_map
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
@@ -130,7 +130,7 @@ def with_mount_findings(end: "FinishedFit", messages: list[Diagnostic]) -> list[
 def _has_wrong_axes(task: Task, name: str) -> bool:
     """Return True if a channel of the IMU does not follow its prediction, or follows the prediction of another
     channel more closely."""
-    table = relations(*sensor_samples(task.problem, task.start, name))
+    table = channel_regressions(*sensor_samples(task.problem, task.start, name))
     is_related = any(r.is_clear() for row in table for r in row)
     return is_related and not all(
         row[i].is_clear() and row[i].slope > 0.0 and row[i].gain == max(r.gain for r in row)

@@ -28,7 +28,7 @@ from baqueano.runs.diagnostics.physical_limits import LIMIT_OF_KIND, MAX_YAW_RAT
 from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
-from baqueano.runs.windows import means
+from baqueano.runs.windows import window_means
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -150,7 +150,9 @@ def _window_means(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray]:
     """Return the means (W, m) of both logs over the windows in which both have samples."""
     typical_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
     width, origin = max(WINDOW_S, WINDOW_SAMPLES * typical_s), int(min(log.t_ns[0], second_log.t_ns[0]))
-    (windows, mean), (second_windows, second_mean) = (means(c, origin, width) for c in (log, second_log))
+    (windows, mean), (second_windows, second_mean) = (
+        window_means(c, origin, width) for c in (log, second_log)
+    )
     _, rows, second_rows = np.intersect1d(windows, second_windows, return_indices=True)
     return mean[rows], second_mean[second_rows]
 

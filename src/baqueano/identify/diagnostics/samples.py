@@ -23,7 +23,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.residuals.noise_level import MAD
-from baqueano.runs.diagnostics.repeated_readings import are_held, find_repeats
+from baqueano.runs.diagnostics.repeated_readings import find_repeats, is_read_too_fast
 from baqueano.runs.run import Channel
 
 CHANCE_FACTOR, EXTRA_SAMPLES = (
@@ -156,7 +156,7 @@ def _repeated_samples(
     if (
         is_repeated.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES
         if is_imu
-        else not are_held(find_repeats(x).hold_counts)
+        else not is_read_too_fast(find_repeats(x).hold_counts)
     ):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~is_repeated)

@@ -136,8 +136,8 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
         refusals.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(max_explained, 0.0)))
     if error_ratios and max_explained > MIN_EXPLAINED:
         refusals += [
-            note("fit.far-channel", ERROR, "--use SENSOR", label, ratio_text=float(ratio_text))
-            for label, ratio_text in error_ratios.items()
+            note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
+            for label, times in error_ratios.items()
         ]
         refusals += _findings_of(e, WARNING)  # one of them can be the reason
     return refusals + _identifiability(e)
@@ -180,10 +180,8 @@ def _noise_warnings(e: Evidence) -> list[Diagnostic]:
     prior = np.zeros(len(labels)) if e.prior_sigma is None else e.prior_sigma
     for label, c, prior_sigma in zip(labels, e.channels, prior, strict=False):
         if prior_sigma > 0.0 and c.sigma > MAX_NOISE_RATIO * prior_sigma:
-            ratio_text = float(c.sigma / prior_sigma)
-            warnings.append(
-                note("residual.loud", WARNING, subject=label, sigma=c.sigma, ratio_text=ratio_text)
-            )
+            times = float(c.sigma / prior_sigma)
+            warnings.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
     for label, (n, above, below) in zip(labels, _outlier_counts(e), strict=True):
         outlier_share = (above + below) / max(n, 1)
         details: JsonObject = {"subject": label, "percent": 100.0 * outlier_share, "beyond": OUTLIER_SIGMA}

@@ -10,7 +10,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs import Run
-from baqueano.runs.interpolated import poses_at
+from baqueano.runs.interpolation import interpolate_poses
 from baqueano.signals import NANOSECONDS, seconds
 
 A_LAP, MOST = 72, 216  # instants of a lap, of a run
@@ -53,7 +53,7 @@ def scene(run: Run) -> Scene:
     t_s = np.linspace(0.0, end_s, min(A_LAP * laps, MOST) + 1)
     t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
     logs = [
-        None if log is None else _filled(poses_at(t_ns, log.t_ns, log.eta))
+        None if log is None else _filled(interpolate_poses(t_ns, log.t_ns, log.eta))
         for log in (run.estimate, run.truth)
     ]
     if all(log is None for log in logs):

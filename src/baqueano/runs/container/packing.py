@@ -17,13 +17,13 @@ from baqueano.runs.logs import LEVELS, Event
 if TYPE_CHECKING:
     from baqueano.runs.container.run_file import RunFile
 
-Put = Callable[[int, int, bytes, int, bool], None]
+PutMessage = Callable[[int, int, bytes, int, bool], None]
 
 
 class Packing:
     """A packer of recorded signals. It packs each signal for a file, and passes it to `put`."""
 
-    def __init__(self, run_file: "RunFile", put: Put) -> None:
+    def __init__(self, run_file: "RunFile", put: PutMessage) -> None:
         self.file, self.put = run_file, put
 
     def command(self, stage: str, t_ns: int, u: object) -> None:

@@ -16,8 +16,8 @@ from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import FileError, Invalid, cause_of
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container import memory_limit, messages
-from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
-from baqueano.runs.container.run_file import ATTACHMENT_NAME, METADATA_NAME, unseal
+from baqueano.runs.container.records import MAGIC, Contents, FileTooLarge, McapChannel, McapMessages, scan
+from baqueano.runs.container.run_file import ATTACHMENT_NAME, METADATA_NAME, verified_metadata
 from baqueano.runs.logs import LEVELS, Channel, EstimateLog, Event, ReferenceLog, TruthLog
 from baqueano.runs.run import Run
 
@@ -66,7 +66,7 @@ def read_run(path: Path | str) -> Run:
     path = Path(path)
     try:
         contents = scan(read_bytes(path), VIEWER_SCHEMAS)
-    except TooLarge as error:
+    except FileTooLarge as error:
         raise FileError(
             fault(
                 "runs.unpacks-too-much", f"mcap decompress {path.name} -o whole.mcap", path=path, error=error
@@ -152,7 +152,7 @@ class _RunAssembly:
         return run
 
     def ticks(self) -> Channel:
-        rows = self.read("/command/applied", "u", self.of_size(messages.command_layout))
+        rows = self.read("/command/applied", "u", self.fixed_size_layout(messages.command_layout))
         if rows is None:
             topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
             cause = _join_causes(self.contents.problems[:2])
@@ -190,14 +190,14 @@ class _RunAssembly:
         }
 
     def commands_on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
-        commands = self.read(topic, "u", self.of_size(messages.command_layout))
+        commands = self.read(topic, "u", self.fixed_size_layout(messages.command_layout))
         if commands is None:
             return None
         if commands.z.shape[1] != applied.z.shape[1]:
             sizes = {"found": commands.z.shape[1], "expected": applied.z.shape[1]}
             self.notes.append(_warning("run.other-size", topic=topic, **sizes))
             return None
-        self.fill(topic, len(applied.t_ns) - len(commands.t_ns), applied.z.shape[1])
+        self.reserve_missing_rows(topic, len(applied.t_ns) - len(commands.t_ns), applied.z.shape[1])
         rows = np.full(applied.z.shape, np.nan)
         indices = np.searchsorted(applied.arrival_ns, commands.arrival_ns)
         is_within = indices < len(rows)
@@ -206,20 +206,20 @@ class _RunAssembly:
         return rows
 
     def estimate(self) -> EstimateLog | None:
-        pieces = []
+        segments = []
         for channel, key in self.topics.get("/estimate", []):
             size_text = channel.metadata.get("size", "none")
             size = None if size_text == "none" else self.number_count("/estimate", size_text.split(" ")[0])
             layout = messages.estimate_layout(size, "without" not in size_text)
             t_ns, _, fields = self.unpack("/estimate", layout, key)
-            pieces.append((size, "without" not in size_text, t_ns, fields))
-        if not pieces:
+            segments.append((size, "without" not in size_text, t_ns, fields))
+        if not segments:
             return None
-        sizes = [size for size, *_ in pieces if size is not None]
-        m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in pieces)
-        missing_count = sum(len(t_ns) for size, _, t_ns, _ in pieces if size != m)
-        self.fill("/estimate", missing_count, (m or 0) * (1 + (m or 0) * with_cov))
-        return _concatenate([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
+        sizes = [size for size, *_ in segments if size is not None]
+        m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in segments)
+        missing_count = sum(len(t_ns) for size, _, t_ns, _ in segments if size != m)
+        self.reserve_missing_rows("/estimate", missing_count, (m or 0) * (1 + (m or 0) * with_cov))
+        return _concatenate([_estimate_columns(m, with_cov, *segment) for segment in segments], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
         rows = self.read_fixed("/reference", messages.reference_layout())
@@ -256,7 +256,7 @@ class _RunAssembly:
         return "" if text is None else text.decode("utf-8", "replace")
 
     def metadata(self) -> dict[str, str]:
-        metadata = unseal(self.contents.metadata.get(METADATA_NAME, {}))
+        metadata = verified_metadata(self.contents.metadata.get(METADATA_NAME, {}))
         if metadata is None:
             self.notes.append(_warning("run.metadata-lost"))
         return metadata or {}
@@ -275,7 +275,7 @@ class _RunAssembly:
             warnings.append(_warning(code, **figures, places=problems, more=unlisted_count))
         return warnings
 
-    def of_size(self, layout: Any) -> Any:
+    def fixed_size_layout(self, layout: Any) -> Any:
         return lambda topic, schema, size: layout(size)
 
     def read_fixed(
@@ -322,7 +322,7 @@ class _RunAssembly:
             raise self.damage_error(topic, note("damage.channel-size"))
         return int(text)
 
-    def fill(self, topic: str, row_count: int, column_count: int) -> None:
+    def reserve_missing_rows(self, topic: str, row_count: int, column_count: int) -> None:
         """Add the memory of rows that are not in the file and become NaN. Raise FileError as `reserve` does."""
         self.reserve(topic, 8 * max(row_count, 0) * column_count)
 
@@ -356,7 +356,7 @@ def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
     return first
 
 
-def _estimate_piece(
+def _estimate_columns(
     m: int | None, with_cov: bool, size: int | None, _: bool, t_ns: np.ndarray, f: dict[str, np.ndarray]
 ) -> tuple[np.ndarray | None, ...]:
     """Return the columns of an EstimateLog from one channel. Innovations of another size than `m` become NaN."""
@@ -371,12 +371,12 @@ def _estimate_piece(
     return t_ns, f["eta"], f["nu"], f["cov"].reshape(k, 6, 6), innovation, innovation_cov
 
 
-def _concatenate(pieces: list[Any], tuple_class: Any) -> Any:
+def _concatenate(segments: list[Any], tuple_class: Any) -> Any:
     """Return the segments of a log joined into one, in order of time."""
-    order = np.argsort(np.concatenate([piece[0] for piece in pieces]), kind="stable")
+    order = np.argsort(np.concatenate([segment[0] for segment in segments]), kind="stable")
     positions = np.empty_like(order)
     positions[order] = np.arange(len(order))
-    return tuple_class(*(_joined_column(parts, positions) for parts in zip(*pieces, strict=True)))
+    return tuple_class(*(_joined_column(parts, positions) for parts in zip(*segments, strict=True)))
 
 
 def _joined_column(columns: tuple[Any, ...], positions: np.ndarray) -> np.ndarray | None:

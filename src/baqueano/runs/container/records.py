@@ -80,24 +80,24 @@ class Contents:
     kept_bytes: int = 0  # bytes of memory of the contents
 
 
-class TooLarge(Invalid):
+class FileTooLarge(Invalid):
     """Raised for a file that needs more memory than its size allows."""
 
 
-class Damage(Invalid):
+class DamageError(Invalid):
     """Raised for bytes that do not have the expected form."""
 
 
 class Cursor:
-    """A reader of strings, integers and maps from a part of the file. Its methods raise Damage beyond its end."""
+    """A reader of strings, integers and maps from a part of the file. Its methods raise DamageError beyond its end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self.data, self.at = memoryview(data), 0
 
     def read(self, size: int) -> memoryview:
-        """Return the next `size` bytes. Raise Damage if fewer are left."""
+        """Return the next `size` bytes. Raise DamageError if fewer are left."""
         if size > len(self.data) - self.at:
-            raise Damage(fault("damage.field", size=size, left=len(self.data) - self.at))
+            raise DamageError(fault("damage.field", size=size, left=len(self.data) - self.at))
         self.at += size
         return self.data[self.at - size : self.at]
 
@@ -106,34 +106,35 @@ class Cursor:
         return int.from_bytes(self.read(size), "little")
 
     def text(self) -> str:
-        """Return a string, which is preceded by its length. Raise Damage if it is not UTF-8."""
+        """Return a string, which is preceded by its length. Raise DamageError if it is not UTF-8."""
         try:
             return str(self.read(self.integer(4)), "utf-8")
         except UnicodeDecodeError as error:
-            raise Damage(fault("damage.not-utf8")) from error
+            raise DamageError(fault("damage.not-utf8")) from error
 
     def pairs(self) -> dict[str, str]:
-        """Return a map from string to string. Raise Damage for more than MAX_PAIRS entries."""
+        """Return a map from string to string. Raise DamageError for more than MAX_PAIRS entries."""
         cursor, pairs = Cursor(self.read(self.integer(4))), {}
         while cursor.at < len(cursor.data):
             key = cursor.text()
             pairs[key] = cursor.text()
             if len(pairs) > MAX_PAIRS:
-                raise Damage(fault("damage.map-entries", most=MAX_PAIRS))
+                raise DamageError(fault("damage.map-entries", most=MAX_PAIRS))
         return pairs
 
 
 def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
     """Return the verified records of the file with the bytes `data`, which begin with MAGIC.
-    Skip the messages of the schemas `unread`. Raise TooLarge if the file needs more memory than
-    `memory_limit.limit_bytes`.
-    """
-    walk = _Walk(data, unread)
+
+    Skip the messages of the schemas `unread`. Raise FileTooLarge above the limit of `memory_limit.limit_bytes`."""
+    walk = _RecordReader(data, unread)
     walk.run()
     return walk.contents
 
 
-class _Walk:
+class _RecordReader:
+    """A reader of the records of a file, one after the other."""
+
     def __init__(self, data: bytes, unread: frozenset[str]) -> None:
         self.data, self.contents, self.unread = data, Contents(len(data)), unread
         self.view = memoryview(data)
@@ -158,7 +159,7 @@ class _Walk:
         for key, messages in self.contents.messages.items():
             topic = self.contents.channels[key].topic if key in self.contents.channels else ""
             topics[topic] += len(messages.data) + 24 * len(messages.sizes)
-        self.afford(self.contents.kept_bytes + max(topics.values(), default=0))
+        self.check_memory(self.contents.kept_bytes + max(topics.values(), default=0))
 
     def record(self, offset: int) -> int | None:
         """Read the record at `offset`; return the position of the next record, or None if it cannot be read."""
@@ -190,7 +191,7 @@ class _Walk:
             try:
                 self.read_content(opcode, offset + 9, end)
                 return end
-            except Damage as damage:
+            except DamageError as damage:
                 cause = damage.diagnostic
         self.report_damage(offset, end, cause)
         return self.end_of_damage(offset, end)
@@ -223,7 +224,7 @@ class _Walk:
         return self.sign
 
     def read_content(self, opcode: int, offset: int, end: int) -> None:
-        """Read the bytes `offset` to `end` of a record. Raise Damage if they do not have the expected form."""
+        """Read the bytes `offset` to `end` of a record. Raise DamageError if they do not have the expected form."""
         body = self.view[offset:end]
         if opcode == CHUNK:
             self.read_chunk(body)
@@ -240,7 +241,7 @@ class _Walk:
             self.reserve(NAME_MEMORY_FACTOR * len(body))
         elif opcode == DATA_END:
             if len(body) != 4 or self.ended:
-                raise Damage(fault("damage.end"))
+                raise DamageError(fault("damage.end"))
             self.ended = True
             checksum, is_intact = Cursor(body).integer(4), not self.contents.damage_count
             if checksum and is_intact and checksum != zlib.crc32(self.view[: offset - 9]):
@@ -249,21 +250,21 @@ class _Walk:
             self.read_footer(Cursor(body), offset + 16)
             self.contents.is_complete = self.data[end : end + 8] == MAGIC
         elif opcode == MESSAGE:
-            raise Damage(fault("damage.no-checksum"))
+            raise DamageError(fault("damage.no-checksum"))
 
     def read_chunk(self, content: memoryview) -> None:
         records = self.unpack_chunk(content)
         offset, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.skipped_channels
         while offset < len(records):
             if len(records) - offset < 9:
-                raise Damage(fault("damage.chunk-ends"))
+                raise DamageError(fault("damage.chunk-ends"))
             opcode, size = _RECORD_HEAD.unpack_from(records, offset)
             offset += 9
             if size > len(records) - offset:
-                raise Damage(fault("damage.record-beyond"))
+                raise DamageError(fault("damage.record-beyond"))
             if opcode == MESSAGE:
                 if size < 22:
-                    raise Damage(fault("damage.no-times"))
+                    raise DamageError(fault("damage.no-times"))
                 channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, offset)
                 if channel in drawn_channels:
                     skipped_bytes += 9 + size
@@ -284,11 +285,11 @@ class _Walk:
 
     def read_footer(self, cursor: Cursor, crc_at: int) -> None:
         if self.closed:
-            raise Damage(fault("damage.second-end"))
+            raise DamageError(fault("damage.second-end"))
         self.closed = True
         start, _, checksum = (cursor.integer(size) for size in (8, 8, 4))
         if start and checksum and checksum != zlib.crc32(self.view[start:crc_at]):
-            raise Damage(fault("damage.summary-checksum"))
+            raise DamageError(fault("damage.summary-checksum"))
         self.contents.channels = self.repeated | self.contents.channels
 
     def read_name(self, opcode: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
@@ -315,19 +316,19 @@ class _Walk:
         data = cursor.read(cursor.integer(8))
         checksum = cursor.integer(4)
         if checksum != zlib.crc32(content[: len(content) - 4]):  # 0, which MCAP allows, is refused too
-            raise Damage(fault("damage.attachment-checksum", name=name[:80]))
+            raise DamageError(fault("damage.attachment-checksum", name=name[:80]))
         self.contents.attachments[name] = bytes(data)
         self.reserve(NAME_MEMORY_FACTOR * len(name) + 4 * len(data))
 
     def reserve(self, size: int) -> None:
-        """Add `size` bytes of memory, and raise TooLarge if the sum exceeds the limit."""
+        """Add `size` bytes of memory, and raise FileTooLarge if the sum exceeds the limit."""
         self.contents.kept_bytes += size
-        self.afford(len(self.data) + self.contents.kept_bytes)
+        self.check_memory(len(self.data) + self.contents.kept_bytes)
 
-    def afford(self, need: int) -> None:
-        """Raise TooLarge if `need` bytes of memory exceed the limit of the file."""
+    def check_memory(self, need: int) -> None:
+        """Raise FileTooLarge if `need` bytes of memory exceed the limit of the file."""
         if need > memory_limit.limit_bytes(len(self.data)):
-            raise TooLarge(
+            raise FileTooLarge(
                 fault(
                     "damage.too-large",
                     size=memory_limit.text_of_size(len(self.data)),
@@ -337,16 +338,16 @@ class _Walk:
             )
 
     def unpack_chunk(self, content: memoryview) -> bytes | memoryview:
-        """Return the records in a chunk. Raise Damage if the chunk is damaged, and TooLarge if it is too large."""
+        """Return the records in a chunk. Raise DamageError if it is damaged, and FileTooLarge if it is too large."""
         _, _, size, checksum = _CHUNK_HEAD.unpack_from(content)
         cursor = Cursor(content)
         cursor.read(_CHUNK_HEAD.size)
         compression = cursor.text()
         payload = cursor.read(cursor.integer(8))
         if cursor.at != len(content):
-            raise Damage(fault("damage.chunk-longer"))
+            raise DamageError(fault("damage.chunk-longer"))
         if size > MAX_CHUNK_BYTES:
-            raise Damage(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
+            raise DamageError(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
         _check_size(compression, payload, size)
         memory_bytes = len(self.data) + self.contents.kept_bytes
         allowed_bytes = max(
@@ -355,30 +356,30 @@ class _Walk:
         records = decompress(compression, payload, min(size, allowed_bytes))
         self.unpacked += len(records)
         used_bytes = size if len(records) > allowed_bytes else len(records)
-        self.afford(max(self.unpacked, memory_bytes + 2 * used_bytes))
+        self.check_memory(max(self.unpacked, memory_bytes + 2 * used_bytes))
         if len(records) != size:
-            raise Damage(fault("damage.chunk-size", bytes=len(records), said_bytes=size))
+            raise DamageError(fault("damage.chunk-size", bytes=len(records), said_bytes=size))
         if checksum and checksum != zlib.crc32(records):
-            raise Damage(fault("damage.chunk-checksum"))
+            raise DamageError(fault("damage.chunk-checksum"))
         return records
 
 
 def _check_size(compression: str, payload: memoryview, size: int) -> None:
-    """Raise Damage if the compressed data declare another size than their chunk."""
+    """Raise DamageError if the compressed data declare another size than their chunk."""
     if compression == "zstd":
         import zstandard
 
         try:
             size_in_frame = zstandard.frame_content_size(payload)
         except zstandard.ZstdError as error:
-            raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
+            raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
         if size_in_frame not in (-1, size):
-            raise Damage(fault("damage.chunk-other-size"))
+            raise DamageError(fault("damage.chunk-other-size"))
 
 
 def decompress(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
     """Return the unpacked data, at most `size` + 1 bytes. The extra byte shows that they are longer than `size`.
-    Raise Damage for data that cannot be unpacked.
+    Raise DamageError for data that cannot be unpacked.
     """
     if compression == "":
         return packed
@@ -389,12 +390,12 @@ def decompress(compression: str, packed: memoryview, size: int) -> bytes | memor
             with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
                 return stream.read(size + 1)
         except zstandard.ZstdError as error:
-            raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
+            raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
     if compression == "lz4":
         import lz4.frame
 
         try:
             return lz4.frame.LZ4FrameDecompressor().decompress(packed, size + 1)
         except (RuntimeError, EOFError) as error:
-            raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
-    raise Damage(fault("damage.chunk-packed", packing=compression[:20]))
+            raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
+    raise DamageError(fault("damage.chunk-packed", packing=compression[:20]))

@@ -71,7 +71,7 @@ class RunFile:
         self._stream = _open_new(path)
         self._mcap = Writer(self._stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._mcap.start(profile="ros2", library="baqueano")
-        self._mcap.add_metadata(METADATA_NAME, seal(metadata))
+        self._mcap.add_metadata(METADATA_NAME, add_checksum(metadata))
         self._mcap.add_attachment(0, 0, ATTACHMENT_NAME, "application/toml", vehicle_text.encode())
 
     def topic(self, name: str, schema: str, size: int | str, pack: Callable[..., bytes]) -> Topic:
@@ -154,16 +154,16 @@ FIXED_TOPICS = {
 }
 
 
-def seal(metadata: dict[str, str]) -> dict[str, str]:
+def add_checksum(metadata: dict[str, str]) -> dict[str, str]:
     """Return the metadata with the format and a checksum, which MCAP does not add."""
     content = metadata | {"format": FORMAT_VERSION}
     return content | {"crc32": f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"}
 
 
-def unseal(record: dict[str, str]) -> dict[str, str] | None:
+def verified_metadata(record: dict[str, str]) -> dict[str, str] | None:
     """Return the metadata without format and checksum; None if the checksum is wrong."""
     metadata = {key: value for key, value in record.items() if key not in ("format", "crc32")}
-    return metadata if record == seal(metadata) else None
+    return metadata if record == add_checksum(metadata) else None
 
 
 def _open_new(path: Path) -> Any:

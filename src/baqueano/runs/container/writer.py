@@ -34,8 +34,8 @@ from baqueano.signals import Motion, measured_ns
 if TYPE_CHECKING:
     from baqueano.loop import Record
 
-SYNC_S = 0.5  # time after which a chunk is closed and synced
-MOVE_S = 0.05  # time between two moves of the queue to the open chunk
+SYNC_PERIOD_S = 0.5  # time after which a chunk is closed and synced
+WRITE_PERIOD_S = 0.05  # time between two moves of the queue to the open chunk
 MAX_QUEUED_MESSAGES = 200_000  # messages; minutes of a stalled disk
 
 Message = tuple[int, int, bytes, int]  # topic, arrival [ns], packed message, time [ns]
@@ -82,41 +82,45 @@ class RunWriter:
         self._once: set[str] = set()
         self._t_ns = 0  # of the newest message
         self._topics: set[str] = set()
-        self._thread = threading.Thread(target=self._work, name="run writer", daemon=True)
+        self._thread = threading.Thread(target=self._write_until_closed, name="run writer", daemon=True)
         self._thread.start()
 
     def record(self, record: "Record") -> None:
         """Write a record of the loop: commands, new measurements, estimate and reference."""
         tick = record.tick
-        self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
+        self._pack_and_append("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
         for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
             if slot.has > 0.5:
                 t_ns = measured_ns(tick.t_ns, slot)
-                self._say(f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z)
+                self._pack_and_append(
+                    f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z
+                )
             elif name not in self._topics:
-                self._say(f"sensor {name}", self._file.sensor, name, len(slot.z))
+                self._pack_and_append(f"sensor {name}", self._file.sensor, name, len(slot.z))
             self._topics.add(name)
         for stage, command in (("requested", record.requested), ("sent", record.command)):
             if command is not None:
-                self._say(f"command {stage}", self._packing.command, stage, tick.t_ns, command.u)
+                self._pack_and_append(f"command {stage}", self._packing.command, stage, tick.t_ns, command.u)
         if record.estimate is not None:
-            self._say("estimate", self._packing.estimate, *record.estimate[:6])
+            self._pack_and_append("estimate", self._packing.estimate, *record.estimate[:6])
         if record.reference is not None:
-            self._say("reference", self._packing.reference, *record.reference)
+            self._pack_and_append("reference", self._packing.reference, *record.reference)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
         """Write the true pose, velocity and acceleration."""
-        self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
+        self._pack_and_append("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
 
     def channel(self, name: str, t_ns: int, z: object) -> None:
         """Write a measurement (m,) of a sensor outside the vehicle file: the battery, a temperature."""
-        self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
+        self._pack_and_append(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
 
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
         """Write an event: a message for the user; `level` is one of LEVELS."""
         data = message if isinstance(message, Diagnostic) else None
         level = level if level in LEVELS else "warning"
-        self._say("event", self._packing.event, Event(t_ns, level, source, in_english(message), data))
+        self._pack_and_append(
+            "event", self._packing.event, Event(t_ns, level, source, in_english(message), data)
+        )
 
     def close(self) -> None:
         """Write the remaining buffer and the index. If the disk refused, raise FileError, which names the
@@ -130,7 +134,7 @@ class RunWriter:
         self._thread.join()
         try:
             if self.failure is None:
-                self._move()
+                self._write_queue()
                 self._file.finish()
         except OSError as error:
             self.failure = error
@@ -157,7 +161,7 @@ class RunWriter:
             if error is None:
                 raise
 
-    def _say(self, subject: str, pack: Callable[..., Any], *args: object) -> None:
+    def _pack_and_append(self, subject: str, pack: Callable[..., Any], *args: object) -> None:
         """Pack a message. If the packing fails, report the failure once per subject and run, and continue."""
         try:
             pack(*args)
@@ -179,22 +183,22 @@ class RunWriter:
                 self.dropped += 1
                 return
             while not self._live and len(self._queue) >= MAX_QUEUED_MESSAGES and self.failure is None:
-                time.sleep(MOVE_S)
+                time.sleep(WRITE_PERIOD_S)
         self._t_ns = arrival_ns
         self._queue.append((topic, arrival_ns, data, t_ns))
 
-    def _work(self) -> None:
+    def _write_until_closed(self) -> None:
         sync_s = time.monotonic()
         try:
-            while not self._closing.wait(MOVE_S):
-                self._move()
-                if time.monotonic() - sync_s >= SYNC_S - MOVE_S:
+            while not self._closing.wait(WRITE_PERIOD_S):
+                self._write_queue()
+                if time.monotonic() - sync_s >= SYNC_PERIOD_S - WRITE_PERIOD_S:
                     sync_s = time.monotonic()
                     self._file.close_chunk()
         except OSError as error:
             self.failure = error
 
-    def _move(self) -> None:
+    def _write_queue(self) -> None:
         """Move all messages from the queue to the open chunk."""
         queue, add = self._queue, self._file.add
         for _ in range(len(queue)):

@@ -2,9 +2,10 @@
 
 signal_map          the signal and the unit that each channel shows, by likelihood
 physical_limits     each signal by itself: values that no small vehicle reaches
-motion, by_motion   the motion by each source, and sensors and commands compared with the motion by the others
+motion              the motion by each source
+motion_checks       sensors and commands compared with the motion by the others
 truth               course and heading of the truth
 cross_checks        all checks, and the consequence for the import
 repeated_readings   readings that repeat the previous one
-finding               one finding
+finding             one finding
 """

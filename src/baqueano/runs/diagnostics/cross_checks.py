@@ -1,7 +1,7 @@
 """Find errors that an imported recording can contain.
 
 Each signal is checked by itself (physical_limits.py), the truth by itself (truth.py), then all against each other
-(by_motion.py). An error contradicts the map: the import stops and prints the correct line for the map. The import
+(motion_checks.py). An error contradicts the map: the import stops and prints the correct line for the map. The import
 continues if the map lists the error under `accept`.
 """
 
@@ -12,11 +12,11 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
-from baqueano.runs.diagnostics.by_motion import motion_findings
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.diagnostics.motion_checks import motion_findings
 from baqueano.runs.diagnostics.physical_limits import commands, limit_findings
-from baqueano.runs.diagnostics.repeated_readings import are_held, find_repeats
-from baqueano.runs.diagnostics.truth import course_and_heading
+from baqueano.runs.diagnostics.repeated_readings import find_repeats, is_read_too_fast
+from baqueano.runs.diagnostics.truth import truth_findings
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -30,7 +30,9 @@ def accept_errors(findings: list[ImportFinding], m: "ColumnMap") -> tuple[Import
     errors = [d for d in findings if d.level == "error" and d.code not in m.accept]
     if errors:
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
-        raise FileError(fault("import.does-not-fit", map=m.path.name, findings=_joined(errors), accept=codes))
+        raise FileError(
+            fault("import.does-not-fit", map=m.path.name, findings=_joined_diagnostic(errors), accept=codes)
+        )
     return tuple(
         d._replace(level="warning", reason=note("recording.accepted", cause=d.reason))
         if d.level == "error"
@@ -39,7 +41,7 @@ def accept_errors(findings: list[ImportFinding], m: "ColumnMap") -> tuple[Import
     )
 
 
-def _joined(findings: list[ImportFinding]) -> Diagnostic:
+def _joined_diagnostic(findings: list[ImportFinding]) -> Diagnostic:
     """Return several findings as one. A map line that several findings share is printed only after the last of them."""
     lines = [d.line for d in findings]
     diagnostics = [
@@ -66,7 +68,7 @@ def cross_check(run: Run, m: "ColumnMap") -> list[ImportFinding]:
     if run.truth is not None:
         findings += [
             *_channel_findings("truth", run.truth.t_ns, run.truth.eta),
-            *course_and_heading(run.truth),
+            *truth_findings(run.truth),
         ]
     return findings + motion_findings(run, m)
 
@@ -87,7 +89,7 @@ def _channel_findings(
     hold_counts = np.concatenate(
         [np.zeros(0, int), *(find_repeats(column).hold_counts for column in z[:, ~constant].T)]
     )
-    if are_held(hold_counts):
+    if is_read_too_fast(hold_counts):
         mean_hold = float(np.mean(hold_counts[hold_counts < LONG_HOLD_FACTOR * np.median(hold_counts)]))
         reason = note("recording.held", key=key, share=1.0 - 1.0 / mean_hold, every=mean_hold)
         yield ImportFinding(

@@ -41,7 +41,7 @@ class LoggedMotion:
         self.speed, self.v_dot = self.true_speed(), np.full(len(self._t), np.nan)
         if self.speed_name:
             channel, self.speed = run.sensors[self.speed_name], self._means(self.speed_name, 1).mean(axis=1)
-            self.v_dot = self._change(self._seconds(channel.t_ns), channel.z.mean(axis=1))
+            self.v_dot = self._rate_of_change(self._seconds(channel.t_ns), channel.z.mean(axis=1))
         elif len(self._t) > 2:
             self.v_dot = np.gradient(self.speed, self.half_s)
         self.rate = self.imu[:, 2] if run.truth is None else self.true_rate()
@@ -50,21 +50,23 @@ class LoggedMotion:
         """Return the window means (W,) of values (M,)."""
         t = self._seconds(t_ns)
         area = np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))
-        return self._change(t, np.concatenate([[0.0], area]))
+        return self._rate_of_change(t, np.concatenate([[0.0], area]))
 
-    def true_rate(self, late_s: float = 0.0) -> np.ndarray:
-        """Return ω (W,) [rad/s] of the truth, with `late_s` added to its timestamps."""
+    def true_rate(self, time_shift_s: float = 0.0) -> np.ndarray:
+        """Return ω (W,) [rad/s] of the truth, with `time_shift_s` added to its timestamps."""
         if (truth := self.run.truth) is None:
             return np.full(len(self._t), np.nan)
-        return self._change(self._seconds(truth.t_ns) + late_s, np.unwrap(truth.eta[:, 2]))
+        return self._rate_of_change(self._seconds(truth.t_ns) + time_shift_s, np.unwrap(truth.eta[:, 2]))
 
-    def true_speed(self, late_s: float = 0.0) -> np.ndarray:
-        """Return ν_x (W,) [m/s] of the truth, with `late_s` added to its timestamps."""
+    def true_speed(self, time_shift_s: float = 0.0) -> np.ndarray:
+        """Return ν_x (W,) [m/s] of the truth, with `time_shift_s` added to its timestamps."""
         if (truth := self.run.truth) is None:
             return np.full(len(self._t), np.nan)
-        t = self._seconds(truth.t_ns) + late_s
+        t = self._seconds(truth.t_ns) + time_shift_s
         psi = np.interp(self._t, t, np.unwrap(truth.eta[:, 2]))
-        return self._change(t, truth.eta[:, 0]) * np.cos(psi) + self._change(t, truth.eta[:, 1]) * np.sin(psi)
+        return self._rate_of_change(t, truth.eta[:, 0]) * np.cos(psi) + self._rate_of_change(
+            t, truth.eta[:, 1]
+        ) * np.sin(psi)
 
     def _first(self, *kinds: str) -> str | None:
         return next((name for name, s in self.m.sensors.items() if s.kind in kinds), None)
@@ -78,6 +80,6 @@ class LoggedMotion:
     def _seconds(self, t_ns: np.ndarray) -> np.ndarray:
         return (t_ns - self._origin) / NANOSECONDS
 
-    def _change(self, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def _rate_of_change(self, t: np.ndarray, values: np.ndarray) -> np.ndarray:
         high, low = (np.interp(self._t + s * self.half_s, t, values) for s in (1.0, -1.0))
         return (high - low) / (2.0 * self.half_s)

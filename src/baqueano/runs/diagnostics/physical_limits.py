@@ -19,11 +19,11 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages.language import mark as N_
 from baqueano.runs.diagnostics.finding import ImportFinding
-from baqueano.runs.diagnostics.signal_map import MIN_SCALE_GAIN, relation
+from baqueano.runs.diagnostics.signal_map import MIN_SCALE_GAIN, channel_regression
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Run
-from baqueano.runs.windows import means
+from baqueano.runs.windows import window_means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -63,14 +63,14 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
             )
             yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line=guess))
     if signal.kind == "imu" and not is_beyond:
-        yield from _tyres(signal, channel)
-        yield from _gyro(signal, channel, run)
-        yield from _curve(signal, channel)
+        yield from _grip_findings(signal, channel)
+        yield from _gyro_findings(signal, channel, run)
+        yield from _curve_findings(signal, channel)
 
 
-def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
+def _grip_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
     """Yield a finding about the unit if an acceleration exceeds the grip of tyres.  (1)"""
-    for a, entry in zip(_means(channel).T[:2], signal.entries, strict=False):
+    for a, entry in zip(_window_means(channel).T[:2], signal.entries, strict=False):
         if not len(a) or not np.isfinite(a).all():
             continue
         peak_acceleration = float(np.quantile(np.abs(a - np.median(a)), 0.99))
@@ -89,15 +89,15 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
             yield ImportFinding("unit", level, None, reason, suggestion)
 
 
-def _means(channel: Channel) -> np.ndarray:
+def _window_means(channel: Channel) -> np.ndarray:
     """Return means (windows, m) over WINDOW_S or three samples, against vibration; empty if the channel is short."""
     t = (channel.t_ns - channel.t_ns[0]) / NANOSECONDS
     if len(t) < MIN_WINDOWS or t[-1] < 10.0 * WINDOW_S:
         return np.zeros((0, channel.z.shape[1]))
-    return means(channel, int(channel.t_ns[0]), max(WINDOW_S, 3.0 * t[-1] / len(t)))[1]
+    return window_means(channel, int(channel.t_ns[0]), max(WINDOW_S, 3.0 * t[-1] / len(t)))[1]
 
 
-def _at_rest(run: Run, channel: Channel) -> np.ndarray:
+def _rest_mask(run: Run, channel: Channel) -> np.ndarray:
     """Return a mask (M,): True for the samples before the first command.
     It is False everywhere if these samples are too few, or cover less than MIN_REST_S.
     """
@@ -108,9 +108,9 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
     return at_rest if is_long and np.count_nonzero(at_rest) > 5 else np.zeros(len(at_rest), dtype=bool)
 
 
-def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield the findings about the gyro (its rate, and (2) at rest), and about a quiet accelerometer (3)."""
-    entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
+    entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _rest_mask(run, channel)
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
     )
@@ -148,9 +148,9 @@ def _robust_std(x: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(x - np.median(x))))
 
 
-def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
+def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
     """Yield a finding if a_y and ω_z imply a curve at an impossible speed.  (4)"""
-    curve = relation(*_means(channel).T[1:])
+    curve = channel_regression(*_window_means(channel).T[1:])
     if curve.is_clear(MIN_SCALE_GAIN) and (v := abs(curve.slope)) > MAX_CURVE_SPEED_M_S:
         first, last = signal.entries[1], signal.entries[2]
         reason = note("recording.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)

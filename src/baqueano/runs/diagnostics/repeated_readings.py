@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 MIN_VALUES = 50  # least number of values for a decision
-MIN_HELD_SHARE = 0.4  # least share of these values that repeat
+MIN_REPEATED_SHARE = 0.4  # least share of these values that repeat
 
 
 class Repeats(NamedTuple):
@@ -21,11 +21,11 @@ class Repeats(NamedTuple):
     hold_counts: np.ndarray  # (K,) number of readings of each value between two jumps
 
 
-def are_held(hold_counts: np.ndarray) -> bool:
+def is_read_too_fast(hold_counts: np.ndarray) -> bool:
     """Return True if so many values repeat that the driver must be reading too fast. `hold_counts` (K,) is the number
     of readings for which each value lasts.
     """
-    return len(hold_counts) >= MIN_VALUES and bool(np.mean(hold_counts > 1) > MIN_HELD_SHARE)
+    return len(hold_counts) >= MIN_VALUES and bool(np.mean(hold_counts > 1) > MIN_REPEATED_SHARE)
 
 
 def find_repeats(x: np.ndarray) -> Repeats:

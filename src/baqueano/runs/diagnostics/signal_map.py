@@ -4,12 +4,13 @@
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
     gain of log L > MIN_TOTAL_GAIN in total,   > MIN_GAIN per measurement                                 (3)
 
-z is measured. h is predicted from a truth, wheels, v̇ and v ω, or a model. r is a ratio of two units, and g a scale that
-data sheets, skidding wheels or guessed files do not determine. (2) compares the best slope of z_i on h_j with a slope
-of 0; s is its sign, and r the nearest ratio. a_e, a_h are the autocorrelations, one window apart, of the residual and
-of h. Import and fit accept another hypothesis π, s, r only by (3). Channels are swapped only if neither channel fits
-its own prediction: a nearly right prediction can correlate less than a wrong one. A scale of no known unit is not such
-a hypothesis. It needs MIN_SCALE_GAIN, as vibration also correlates. A slope that noise of h can explain also needs it.
+z is measured. h is predicted from a truth, wheels, v̇ and v ω, or a model. r is a ratio of two units, and g a scale
+that data sheets, skidding wheels or guessed files do not determine. (2) compares the best slope of z_i on h_j with a
+slope of 0; s is its sign, and r the nearest ratio. a_e, a_h are the autocorrelations, one window apart, of the residual
+and of h. Import and fit accept another hypothesis π, s, r only by (3). Channels are swapped only if neither channel
+fits its own prediction: a nearly right prediction can correlate less than a wrong one. A scale of no known unit is not
+such a hypothesis. It needs MIN_SCALE_GAIN, as vibration also correlates. A slope that noise of h can explain also needs
+it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -27,7 +28,7 @@ MIN_WINDOWS = 20  # windows
 ROUNDING_VARIANCE = 1e-12  # part of the variance that rounding leaves
 
 
-class Relation(NamedTuple):
+class ChannelRegression(NamedTuple):
     """The regression of a channel on a prediction, both minus their means; zeros if one of the two is constant."""
 
     slope: float = 0.0
@@ -58,7 +59,7 @@ class MappedChannel(NamedTuple):
 
     low: float = 0.0
     high: float = np.inf
-    ratios: Mapping[float, "Diagnostic | str | None"] = MappingProxyType({})
+    unit_ratios: Mapping[float, "Diagnostic | str | None"] = MappingProxyType({})
 
 
 class Hypothesis(NamedTuple):
@@ -66,13 +67,13 @@ class Hypothesis(NamedTuple):
 
     code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (of no known unit)
     prediction_index: int  # index of the prediction that the channel shows
-    relation: Relation
+    channel_regression: ChannelRegression
     is_clear: bool
     ratio: float = 1.0  # of units; NaN if none is near
     meaning: "Diagnostic | str | None" = None  # of that ratio
 
 
-def ratios(measures: str, read_as: str) -> dict[float, str]:
+def unit_ratios(measures: str, read_as: str) -> dict[float, str]:
     """Return ratio → unit for all units of a column other than `read_as`; the ratio is read value / true value."""
     unit_read = unit(read_as)
     si = unit_read.si if unit_read and unit_read.measures == measures else 1.0
@@ -81,24 +82,24 @@ def ratios(measures: str, read_as: str) -> dict[float, str]:
     }
 
 
-def relation(z: np.ndarray, h: np.ndarray) -> Relation:
+def channel_regression(z: np.ndarray, h: np.ndarray) -> ChannelRegression:
     """Return the regression of z (N,) on h (N,) over the rows that are finite in both.
     Its slope and correlation are 0 for fewer than MIN_WINDOWS rows, or if z or h is constant."""
     is_known = np.isfinite(z) & np.isfinite(h)
     if np.count_nonzero(is_known) < MIN_WINDOWS:
-        return Relation()
+        return ChannelRegression()
     z, h = z[is_known], h[is_known]
     z, h = z - np.mean(z), h - np.mean(h)
     zz, hh, zh = float(z @ z), float(h @ h), float(z @ h)
     if not 0.0 < zz * hh < np.inf:
-        return Relation()
+        return ChannelRegression()
     a = max(0.0, _autocorrelation(z - zh / hh * h, ROUNDING_VARIANCE * zz) * _autocorrelation(h))
-    return Relation(zh / hh, zh / np.sqrt(zz * hh), len(z) * (1.0 - a) / (1.0 + a))
+    return ChannelRegression(zh / hh, zh / np.sqrt(zz * hh), len(z) * (1.0 - a) / (1.0 + a))
 
 
-def relations(z: np.ndarray, h: np.ndarray) -> list[list[Relation]]:
+def channel_regressions(z: np.ndarray, h: np.ndarray) -> list[list[ChannelRegression]]:
     """Return the regressions of each channel of z (N, m) on each prediction of h (N, k)."""
-    return [[relation(column, prediction) for prediction in h.T] for column in z.T]
+    return [[channel_regression(column, prediction) for prediction in h.T] for column in z.T]
 
 
 def _autocorrelation(x: np.ndarray, min_lag_share: float = 0.0) -> float:
@@ -111,7 +112,7 @@ def signal_map(z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel]) 
     """Return, for each channel of z (N, m), the prediction of h (N, k ≥ m) that it shows.
     Channel i should show prediction i; the code "swapped" marks another prediction.
     """
-    table = relations(z, h)
+    table = channel_regressions(z, h)
     hypotheses = [_hypothesis(i, table[i][i], channel) for i, channel in enumerate(channels)]
     swaps = [(_swap_gain(table, i, j), i, j) for i in range(len(table)) for j in range(i + 1, h.shape[1])]
     for gain, i, j in sorted(swaps, reverse=True):
@@ -133,7 +134,7 @@ def nearest_ratio(magnitude: float, low: float, high: float, known_ratios: Colle
     return min(close_ratios, key=lambda r: abs(np.log(magnitude / r / typical)), default=np.nan)
 
 
-def _hypothesis(prediction_index: int, r: Relation, channel: MappedChannel) -> Hypothesis:
+def _hypothesis(prediction_index: int, r: ChannelRegression, channel: MappedChannel) -> Hypothesis:
     """Return the hypothesis for a channel that shows prediction `prediction_index` with the regression `r`."""
     low, high, meanings = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
     as_read = Hypothesis("", prediction_index, r, r.is_clear())
@@ -147,7 +148,7 @@ def _hypothesis(prediction_index: int, r: Relation, channel: MappedChannel) -> H
     return Hypothesis(code, prediction_index, r, True, ratio, meanings.get(ratio))
 
 
-def _swap_gain(table: Sequence[Sequence[Relation]], i: int, j: int) -> float:
+def _swap_gain(table: Sequence[Sequence[ChannelRegression]], i: int, j: int) -> float:
     """Return the gain of log L if the channels i and j swap their predictions. Return 0 if the gain is small, or if one
     of the two channels fits its own prediction.
     """
@@ -158,6 +159,6 @@ def _swap_gain(table: Sequence[Sequence[Relation]], i: int, j: int) -> float:
     return total_gain if is_possible and is_clear(total_gain, gain) else 0.0
 
 
-def _pairs(table: Sequence[Sequence[Relation]], i: int, j: int) -> list[tuple[int, int]]:
+def _pairs(table: Sequence[Sequence[ChannelRegression]], i: int, j: int) -> list[tuple[int, int]]:
     """Return the (channel, prediction) pairs of a swap of i and j; j can be a prediction without a channel."""
     return [(i, j), (j, i)] if j < len(table) else [(i, j)]

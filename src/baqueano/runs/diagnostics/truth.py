@@ -19,7 +19,7 @@ from baqueano.signals import NANOSECONDS
 MIN_AGREEMENT, STEP_M, MAX_OFFSET_RAD = 0.7, 0.05, 0.35
 
 
-def course_and_heading(truth: TruthLog) -> Iterator[ImportFinding]:
+def truth_findings(truth: TruthLog) -> Iterator[ImportFinding]:
     """Yield the findings about units, axes and heading of a truth."""
     if len(truth.t_ns) < 2:
         return
@@ -32,10 +32,10 @@ def course_and_heading(truth: TruthLog) -> Iterator[ImportFinding]:
         reason = note("recording.truth-turns", rate_rad_s=rate)
         yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line='unit = "deg"'))
     else:
-        yield from _agreement(truth.eta)
+        yield from _axis_findings(truth.eta)
 
 
-def _agreement(eta: np.ndarray) -> Iterator[ImportFinding]:
+def _axis_findings(eta: np.ndarray) -> Iterator[ImportFinding]:
     """Yield a finding if the axes are mirrored or the heading has an offset.  (1)"""
     distances = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(eta[:, :2], axis=0).T))])
     steps = np.floor(distances / STEP_M)

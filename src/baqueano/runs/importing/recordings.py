@@ -89,22 +89,22 @@ class ImportedRun(NamedTuple):
 class ImportedRuns(NamedTuple):
     """Several imported runs, each with the findings of its import."""
 
-    each: tuple[ImportedRun, ...]
+    imported_runs: tuple[ImportedRun, ...]
 
     @property
     def verdict(self) -> str:
         """Return WARN if the verdict of a run is WARN, else USABLE."""
-        return "WARN" if any(run.verdict == "WARN" for run in self.each) else "USABLE"
+        return "WARN" if any(run.verdict == "WARN" for run in self.imported_runs) else "USABLE"
 
     def rows(self) -> list["TableRow"]:
         """Return the findings about all runs as flat dicts."""
-        return [{"run": run.run.name} | row for run in self.each for row in run.rows()]
+        return [{"run": run.run.name} | row for run in self.imported_runs for row in run.rows()]
 
     def table(self) -> str:
         """Return a line per kind of finding: the number of runs with it, and the sentence of the first finding."""
         first: dict[tuple[str, str], ImportFinding] = {}
         counts: dict[tuple[str, str], int] = {}
-        for run in self.each:
+        for run in self.imported_runs:
             for d in {d.code: d for d in reversed(run.without_common_findings.findings)}.values():
                 first.setdefault((d.level, d.code), d)
                 counts[d.level, d.code] = counts.get((d.level, d.code), 0) + 1
@@ -113,7 +113,7 @@ class ImportedRuns(NamedTuple):
             + _(
                 "in {runs} of {of} runs; the first: {advice}",
                 runs=counts[level, code],
-                of=len(self.each),
+                of=len(self.imported_runs),
                 advice=d.advice,
             )
             for (level, code), d in first.items()
@@ -254,7 +254,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
             if entry.wraps is not None:
                 turn = entry.wraps * entry.si
                 step = step - turn * np.rint(step / turn)  # the shorter way round
-            elif unit_of_entry and unit_of_entry.measures == "angle" and _within_a_turn(column):
+            elif unit_of_entry and unit_of_entry.measures == "angle" and _wraps_each_turn(column):
                 step = wrap(step)
             column = np.concatenate([[np.nan], step / (np.diff(source.t_ns) / NANOSECONDS)])
         column = entry.scale * entry.radius_m * column + entry.offset
@@ -265,7 +265,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
     return np.column_stack(columns)
 
 
-def _within_a_turn(angle: np.ndarray) -> bool:
+def _wraps_each_turn(angle: np.ndarray) -> bool:
     """Return True if an angle wraps after each turn; the angle of a wheel can continue beyond one turn."""
     finite_values = angle[np.isfinite(angle)]
     return len(finite_values) > 0 and float(np.ptp(np.quantile(finite_values, (0.01, 0.99)))) < 2.01 * np.pi
@@ -308,7 +308,7 @@ def _finite_rows(
     return (source.t_ns if t_ns is None else t_ns)[is_complete], values[is_complete]
 
 
-def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
+def _instants_ns(signal: ColumnSignal, source: Source) -> np.ndarray:
     """Return the times (rows,) [ns] of a signal: for the difference of two rows, the middle of their times."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
     if all(entry.derivative or entry.absent for entry in signal.entries):
@@ -337,15 +337,15 @@ def _applied_commands(
                 map=m.path.name,
                 ticks=m.ticks,
                 commands=m.command.file,
-                ticks_span=_span(ticks),
-                commands_span=_span(t_ns),
+                ticks_span=_span_text(ticks),
+                commands_span=_span_text(t_ns),
             )
         )
     first = int(np.argmax(is_within))
     return first, ticks[is_within], u[rows_before[is_within]]
 
 
-def _span(t_ns: np.ndarray) -> str:
+def _span_text(t_ns: np.ndarray) -> str:
     return f"{t_ns[0] / NANOSECONDS:.3f} s to {t_ns[-1] / NANOSECONDS:.3f} s"
 
 
@@ -356,15 +356,15 @@ def _sample(
     Raise FileError if all its times are before or after the ticks.
     """
     source = sources[signal.file]
-    t_ns, values = _finite_rows(signal, source, findings, _instants(signal, source))
+    t_ns, values = _finite_rows(signal, source, findings, _instants_ns(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
         raise FileError(
             fault(
                 "import.clocks-differ",
                 key=signal.key,
                 table=source.table.label,
-                span=_span(t_ns),
-                ticks_span=_span(ticks),
+                span=_span_text(t_ns),
+                ticks_span=_span_text(ticks),
                 file=signal.file,
             )
         )

@@ -20,7 +20,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.finding import ImportFinding
-from baqueano.runs.importing.timing import rows_in_order, times
+from baqueano.runs.importing.timing import increasing_rows, row_times
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
 from baqueano.runs.tables import bag
@@ -47,7 +47,7 @@ class RecordingSources(NamedTuple):
     findings: tuple[ImportFinding, ...]
 
 
-class SourcePiece(NamedTuple):
+class SourcePart(NamedTuple):
     """The rows of one file that belong to a part."""
 
     value: str  # value of the column that splits the file; "" if only pauses split it
@@ -57,11 +57,11 @@ class SourcePiece(NamedTuple):
 
 def recordings_of(m: ColumnMap, files: object) -> Iterator[RecordingSources]:
     """Yield the parts of each set of files: the given files, or the files that the map finds."""
-    for paths in _sets(m, files):
+    for paths in _file_sets(m, files):
         findings: list[ImportFinding] = []
-        tables = {name: _table(m, spec, paths[name], findings) for name, spec in m.files.items()}
+        tables = {name: _read_rows(m, spec, paths[name], findings) for name, spec in m.files.items()}
         names = tuple(sorted({path.name for path in paths.values()}))
-        yield from _sources_of_set(m, _name(m, paths), names, tables, findings)
+        yield from _sources_of_set(m, _run_name(m, paths), names, tables, findings)
 
 
 def _sources_of_set(
@@ -71,18 +71,18 @@ def _sources_of_set(
     tables: dict[str, LogTable],
     findings: list[ImportFinding],
 ) -> Iterator[RecordingSources]:
-    pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
-    if not pieces:
+    parts = {file: _parts(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
+    if not parts:
         sources = {file: _source(m, m.files[file], table, findings) for file, table in tables.items()}
         yield RecordingSources(name, sources, files, tuple(findings))
         return
-    if m.ticks not in pieces:
+    if m.ticks not in parts:
         raise FileError(
-            fault("import.split-not-ticks", map=m.path.name, file=next(iter(pieces)), ticks=m.ticks)
+            fault("import.split-not-ticks", map=m.path.name, file=next(iter(parts)), ticks=m.ticks)
         )
     own_findings: list[ImportFinding] = list(findings)
-    matches = _match(m, pieces, own_findings)
-    undivided = {f: _source(m, m.files[f], t, own_findings) for f, t in tables.items() if f not in pieces}
+    matches = _match_parts(m, parts, own_findings)
+    undivided = {f: _source(m, m.files[f], t, own_findings) for f, t in tables.items() if f not in parts}
     for k, (label, by_file) in enumerate(matches):
         own_rows: list[ImportFinding] = list(own_findings) if k == 0 else []
         sources_of_part = {f: _source(m, m.files[f], table, own_rows) for f, table in by_file.items()}
@@ -97,7 +97,7 @@ def _is_split(spec: FileSpec) -> bool:
     return spec.split is not None or spec.split_gap_s is not None
 
 
-def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
+def _parts(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePart]:
     """Return the parts of a file, in the order of the file."""
     rows = np.arange(len(table.lines))
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
@@ -110,30 +110,30 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
             zip(values, np.split(np.argsort(group_numbers, kind="stable"), group_ends[:-1]), strict=True)
         )
     if spec.split_gap_s is None:
-        return [SourcePiece(value, value, table.select(rows_of_group)) for value, rows_of_group in groups]
-    t_ns, is_known = times(table, spec, m.start_ns, m.path.name)
-    pieces = []
+        return [SourcePart(value, value, table.select(rows_of_group)) for value, rows_of_group in groups]
+    t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name)
+    parts = []
     for value, rows_of_group in groups:
         timed_rows = np.flatnonzero(is_known[rows_of_group])  # a row without a time does not split a run
         step = np.diff(t_ns[rows_of_group][timed_rows])
         edges = timed_rows[1:][(step < 0) | (step > spec.split_gap_s * NANOSECONDS)]
-        for k, piece in enumerate(np.split(rows_of_group, edges), 1):
-            pieces.append(SourcePiece(value, f"{value}-{k}".lstrip("-"), table.select(piece)))
-    return pieces
+        for k, part in enumerate(np.split(rows_of_group, edges), 1):
+            parts.append(SourcePart(value, f"{value}-{k}".lstrip("-"), table.select(part)))
+    return parts
 
 
-def _match(
-    m: ColumnMap, pieces: dict[str, list[SourcePiece]], findings: list[ImportFinding]
+def _match_parts(
+    m: ColumnMap, parts: dict[str, list[SourcePart]], findings: list[ImportFinding]
 ) -> list[tuple[str, dict[str, LogTable]]]:
     """Return the label of each part and its rows in each file, in the order of the ticks' file. Raise FileError if the
     files do not share a value, or if their numbers of parts differ.
     """
-    if not all(m.files[name].split for name in pieces):  # parts without a value are matched in order
-        pieces = {name: [p._replace(value="") for p in rows] for name, rows in pieces.items()}
-    by_file = {name: {piece.value: [] for piece in rows} for name, rows in pieces.items()}
-    for name, rows in pieces.items():
-        for piece in rows:
-            by_file[name][piece.value].append(piece)
+    if not all(m.files[name].split for name in parts):  # parts without a value are matched in order
+        parts = {name: [p._replace(value="") for p in rows] for name, rows in parts.items()}
+    by_file = {name: {part.value: [] for part in rows} for name, rows in parts.items()}
+    for name, rows in parts.items():
+        for part in rows:
+            by_file[name][part.value].append(part)
     common_values = [value for value in by_file[m.ticks] if all(value in p for p in by_file.values())]
     if not common_values:
         text = "; ".join(f"[files.{name}] {_values_of(m, name, p)}" for name, p in by_file.items())
@@ -151,14 +151,12 @@ def _match(
         for combination in zip(*pieces_of_value.values(), strict=True):
             recording = dict(zip(pieces_of_value, combination, strict=True))
             labelled_parts.append(
-                (recording[m.ticks].label, {name: piece.table for name, piece in recording.items()})
+                (recording[m.ticks].label, {name: part.table for name, part in recording.items()})
             )
     return labelled_parts
 
 
-def _missing_values(
-    m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]
-) -> Iterator[ImportFinding]:
+def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePart]]]) -> Iterator[ImportFinding]:
     """Yield a finding for each file without values that another file has; the parts of these values are skipped."""
     for name, of in by_file.items():
         for file, file_values in by_file.items():
@@ -192,7 +190,7 @@ def _rows_within(source: Source, t_ns: np.ndarray) -> Source:
     return source._replace(table=source.table.rows_where(is_kept), t_ns=source.t_ns[is_kept])
 
 
-def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
+def _run_name(m: ColumnMap, paths: dict[str, Path]) -> str:
     """Return the run's name: the name of the file if the map accepts different files, else the name of the map."""
     run_paths = [
         paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
@@ -200,7 +198,7 @@ def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
     return _SUFFIX.split(run_paths[0].name)[0] if run_paths else m.name
 
 
-def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
+def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     """Return the path of each [files.NAME], one dict per set of files.
     Raise FileError if the given files do not match the files of the map.
     """
@@ -279,7 +277,7 @@ def _paths_like(folder: Path, pattern: str) -> list[Path]:
         return []
 
 
-def is_there(path: Path) -> bool:
+def path_exists(path: Path) -> bool:
     """Return True if the file exists, False even for a name that the system does not accept."""
     try:
         return path.exists()
@@ -295,7 +293,7 @@ def _matching_paths(m: ColumnMap, spec: FileSpec) -> list[Path]:
     folders = [m.path.parent, *data_folders()]
     for folder in folders:
         matches = _paths_like(folder, path) if glob.has_magic(path) else [folder / path]
-        if matches and is_there(matches[0]):
+        if matches and path_exists(matches[0]):
             return matches
     folder_names = ", ".join(str(folder) for folder in folders)
     raise FileError(
@@ -303,7 +301,7 @@ def _matching_paths(m: ColumnMap, spec: FileSpec) -> list[Path]:
     )
 
 
-def _table(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFinding]) -> LogTable:
+def _read_rows(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFinding]) -> LogTable:
     """Return the rows of a file that satisfy `where`, in the file's order. Raise FileError if no row satisfies it."""
     label, column_names = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
     if bag.is_bag(path):
@@ -332,14 +330,14 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[Import
     """Return the rows with a known, increasing time; with `new_when`, only the rows of a new measurement.
     Raise FileError if no time is known.
     """
-    t_ns, is_known = times(table, spec, m.start_ns, m.path.name)
+    t_ns, is_known = row_row_times(table, spec, m.start_ns, m.path.name)
     if not is_known.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not is_known.all():
         reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~is_known))
         findings.append(ImportFinding("no time", "warning", None, reason))
         table, t_ns = table.rows_where(is_known), t_ns[is_known]
-    is_kept = rows_in_order(table, t_ns, spec, _columns(m, spec), m, findings)
+    is_kept = increasing_rows(table, t_ns, spec, _columns(m, spec), m, findings)
     table, t_ns = table.rows_where(is_kept), t_ns[is_kept]
     if spec.new_when is not None:
         is_new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0

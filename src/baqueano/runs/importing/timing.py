@@ -32,7 +32,9 @@ MAX_TIME_NS = 9e18  # the largest time that fits in 64 bits
 MIN_CLOCK_JUMP_S = 600.0  # a longer pause is probably a clock that was set
 
 
-def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
+def row_times(
+    table: LogTable, spec: "FileSpec", start_ns: int, map_name: str
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the times (rows,) int64 [ns], and a mask of the known times.
     Raise FileError for times that are not plausible.
     """
@@ -117,7 +119,7 @@ def _ns_of(date: str) -> int:
     return int(local_time.astype(np.int64)) - ahead_min * 60 * NANOSECONDS
 
 
-def rows_in_order(
+def increasing_rows(
     table: LogTable,
     t_ns: np.ndarray,
     spec: "FileSpec",

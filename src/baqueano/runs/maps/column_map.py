@@ -60,7 +60,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
     if not path.is_file() and shipped_path.is_file():
         path = shipped_path
     try:
-        if not (text := _beginning(path)).strip():
+        if not (text := _first_characters(path)).strip():
             fix = baqueano_command("runs", "import", "RECORDING.csv", "--draft", "MAP.toml")
             raise FileError(fault("map.empty", fix, path=path))
         return _Parser(path, text, _tree(path, text)).map()
@@ -71,7 +71,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
     except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped_path.is_file():
             return load_map(shipped_path)
-        raise FileError(_no_map(path, error)) from error
+        raise FileError(_not_a_map_note(path, error)) from error
     except OSError as error:
         raise FileError(fault("map.not-read", path=path, error=error)) from error
 
@@ -88,13 +88,13 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
         raise ValueError(str(error)) from error
 
 
-def _beginning(path: Path) -> str:
+def _first_characters(path: Path) -> str:
     """Return the first MAX_MAP_LETTERS characters of a file: a whole map, or the beginning of a recording."""
     with path.open(encoding="utf-8-sig") as stream:
         return stream.read(MAX_MAP_LETTERS)
 
 
-def _no_map(path: Path, error: ValueError) -> Diagnostic:
+def _not_a_map_note(path: Path, error: ValueError) -> Diagnostic:
     """Return the fault of a file that is not TOML: a wrong map if its suffix is .toml, else probably a recording."""
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"

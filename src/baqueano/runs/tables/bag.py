@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import memory_limit
-from baqueano.runs.container.records import CHUNK, MAX_CHUNK_BYTES, Damage, decompress
+from baqueano.runs.container.records import CHUNK, MAX_CHUNK_BYTES, DamageError, decompress
 from baqueano.runs.tables.table import LogTable
 
 SUFFIXES = (".bag", ".db3", ".mcap")
@@ -87,7 +87,7 @@ def _check_chunks(path: Path, label: str) -> None:
                             largest=memory_limit.text_of_size(MAX_CHUNK_BYTES),
                         )
                     )
-    except (Damage, KeyError, *BROKEN_BAG_ERRORS):
+    except (DamageError, KeyError, *BROKEN_BAG_ERRORS):
         return  # rosbags reports the fault
 
 

@@ -37,7 +37,7 @@ class Cells:
     def __getitem__(self, at: Any) -> Any:
         if isinstance(at, slice):
             return [self[i] for i in range(*at.indices(len(self)))]
-        return self._piece(range(len(self))[at], 1)[:-1].decode()
+        return self._cell_texts(range(len(self))[at], 1)[:-1].decode()
 
     def __iter__(self) -> Iterator[str]:
         for _, block in self.blocks():
@@ -46,7 +46,7 @@ class Cells:
     def blocks(self) -> Iterator[tuple[slice, bytes]]:
         """Yield the rows of each block, and the block's cells separated by a zero byte."""
         for start in range(0, len(self), BLOCK_CELLS):
-            piece = self._piece(start, BLOCK_CELLS)
+            piece = self._cell_texts(start, BLOCK_CELLS)
             yield slice(start, min(start + BLOCK_CELLS, len(self))), piece[:-1]
 
     def select(self, rows: np.ndarray) -> "Cells":
@@ -54,7 +54,7 @@ class Cells:
         if not len(rows):
             return Cells(b"")
         first, count = int(rows[0]), int(rows[-1] - rows[0]) + 1
-        piece = self._piece(first, count)
+        piece = self._cell_texts(first, count)
         if len(rows) == count:
             return Cells(piece)
         is_kept = np.zeros(count, dtype=bool)
@@ -62,7 +62,7 @@ class Cells:
         size = np.diff(self.ends[first : first + count], prepend=self._start(first))
         return Cells(np.frombuffer(piece, np.uint8)[np.repeat(is_kept, size)].tobytes())
 
-    def _piece(self, first: int, count: int) -> bytes:
+    def _cell_texts(self, first: int, count: int) -> bytes:
         last = min(first + count, len(self)) - 1
         return self.data[self._start(first) : int(self.ends[last])]
 

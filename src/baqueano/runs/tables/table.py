@@ -30,14 +30,14 @@ BLOCK_CELLS = 16_384  # cells that are text at the same time
 MAX_SHOWN_NAMES = 30  # columns that a message names
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf", re.ASCII | re.IGNORECASE)
-DIGIT_CELLS, WHOLE_CELLS = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9\0]*")  # cells, joined by \0
+DIGIT_CELLS, INTEGER_CELLS = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9\0]*")  # cells, joined by \0
 _EXCHANGE = bytes.maketrans(b".,", b",.")
 _BLANK = re.compile(rb"[^\S\0]|[\x80-\xff]")  # a blank, or a byte that can belong to a blank
 _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 
-MAX_WHOLE_NUMBER = 1e308  # about the largest integer that a double can represent
+MAX_INTEGER_TEXT_VALUE = 1e308  # about the largest integer that a double can represent
 
 
 class LogTable(NamedTuple):
@@ -125,7 +125,7 @@ class LogTable(NamedTuple):
             return cells.astype(np.int64) if cells.dtype.kind in "iu" else None
         values = np.empty(len(cells), dtype=np.int64)
         for rows, block in Cells.of(cells).blocks():
-            if not WHOLE_CELLS.fullmatch(block):
+            if not INTEGER_CELLS.fullmatch(block):
                 return None
             try:
                 values[rows] = list(map(int, block.split(b"\0")))
@@ -138,7 +138,9 @@ class LogTable(NamedTuple):
         if isinstance(value, str):
             cells = self.text(column)
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
-        return np.asarray(self.numbers(column) == (float(value) if abs(value) < MAX_WHOLE_NUMBER else np.inf))
+        return np.asarray(
+            self.numbers(column) == (float(value) if abs(value) < MAX_INTEGER_TEXT_VALUE else np.inf)
+        )
 
     def rows_where(self, is_kept: np.ndarray) -> "LogTable":
         """Return the rows where `is_kept` is true."""

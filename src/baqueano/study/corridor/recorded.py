@@ -20,7 +20,7 @@ from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
 from baqueano.identify.sensor_calibration import calibrate
 from baqueano.messages.language import translate as _
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.runs.interpolated import poses_at
+from baqueano.runs.interpolation import interpolate_poses
 from baqueano.study.corridor.result import Instant
 from baqueano.study.estimation.errors import WINDOWS_S
 from baqueano.study.estimation.judging import fit_subject
@@ -84,7 +84,7 @@ def windows(vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: s
 
     kernel = scan(step, carry, example_filter_tick(ekf), backend=backend)
     t_ns = np.asarray(ticks.t_ns)
-    eta = poses_at(t_ns, truth.t_ns, truth.eta)
+    eta = interpolate_poses(t_ns, truth.t_ns, truth.eta)
     edges = np.searchsorted(t_ns, t_ns[0] + np.arange(0.0, (t_ns[-1] - t_ns[0]) * 1e-9, window_s) * 1e9)
     out = []
     for a, b in pairwise(edges.tolist()):

@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.compare.errors import absolute, align_trajectory
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.messages.language import mark as N_
-from baqueano.runs.interpolated import poses_at, true_speed
+from baqueano.runs.interpolation import interpolate_poses, true_speed
 from baqueano.runs.run import TruthLog
 from baqueano.signals import seconds
 
@@ -63,7 +63,11 @@ def block_errors(
 ) -> dict[str, BlockSums]:
     """Return the squared errors of `ours` and `reference` at the ticks `t_ns` (N,) against the truth, summed
     by block."""
-    eta, speed, t_s = poses_at(t_ns, truth.t_ns, truth.eta), true_speed(t_ns, truth), seconds(t_ns, t_ns[0])
+    eta, speed, t_s = (
+        interpolate_poses(t_ns, truth.t_ns, truth.eta),
+        true_speed(t_ns, truth),
+        seconds(t_ns, t_ns[0]),
+    )
     block_index = (t_s // BLOCK_S).astype(int)
     errors = {
         SPEED: _sums((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, block_index),

@@ -13,7 +13,7 @@ from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.runs.interpolated import true_speed
+from baqueano.runs.interpolation import true_speed
 from baqueano.study.estimation.errors import BlockSums, EstimatedPath, block_errors
 from baqueano.study.estimation.references import dead_reckoning, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors

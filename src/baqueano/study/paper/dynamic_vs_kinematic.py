@@ -18,7 +18,7 @@ from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.runs.interpolated import at_times
+from baqueano.runs.interpolation import interpolate_rows
 from baqueano.vehicle_file import VehicleFile, parse
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def _evaluate_model(model: str, fit: Fit, run: "Run", validation_run: "Run", bac
     log = replay_run.estimate
     assert log is not None
     assert validation_run.truth is not None
-    error = log.nu - at_times(log.t_ns, validation_run.truth.t_ns, validation_run.truth.nu)
+    error = log.nu - interpolate_rows(log.t_ns, validation_run.truth.t_ns, validation_run.truth.nu)
     return JudgedModel(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from baqueano.compare.consistency import normalised_squared_error, whiten
-from baqueano.runs.interpolated import at_times, poses_at
+from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 from baqueano.signals import NANOSECONDS
 
@@ -85,7 +85,7 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     log = run.estimate
     eta, nu, cov = _poses(log, t), _rates(log, t), None
     if log is not None and len(log.t_ns):
-        cov = at_times(t, log.t_ns, log.cov.reshape(len(log.t_ns), -1)).reshape(n, 6, 6)
+        cov = interpolate_rows(t, log.t_ns, log.cov.reshape(len(log.t_ns), -1)).reshape(n, 6, 6)
     columns |= {f"eta.{a}": eta[:, k] for k, a in enumerate(ETA)}
     columns |= {f"P.{a}": silent if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
     columns |= {f"nu.{a}": nu[:, k] for k, a in enumerate(NU)}
@@ -109,13 +109,13 @@ def _poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
     """Return the poses (N, 3) of a log at the ticks, all NaN without a log."""
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
-    return poses_at(t_ns, log.t_ns, log.eta)
+    return interpolate_poses(t_ns, log.t_ns, log.eta)
 
 
 def _rates(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
-    return at_times(t_ns, log.t_ns, log.nu)
+    return interpolate_rows(t_ns, log.t_ns, log.nu)
 
 
 def _readings(run: Run) -> dict[str, np.ndarray]:

@@ -212,15 +212,15 @@ def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.door.remote import connect
     from baqueano.drive.verbs import route_of
     from baqueano.runs import read_run
-    from baqueano.runs.folder import claim, release
+    from baqueano.runs.folder import release_path, reserve_path
     from baqueano.runs.route_file import write_route
 
-    path = claim(request["folder"], request["kind"])
+    path = reserve_path(request["folder"], request["kind"])
     try:
         with connect(request["host"]) as robot:
             robot.fetch(request["run"], path)
     finally:
-        release(path)
+        release_path(path)
     routes, no_route = _routes(request), None
     if request["route"]:
         try:

@@ -14,29 +14,29 @@ MAX_GAP_S = 0.5  # longest gap that is interpolated
 HALF_WINDOW_S = 0.15  # of the parabola
 
 
-def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return `rows` (K, m), sampled at `of_ns` (K,), interpolated at `t_ns` (N,): (N, m).
+def interpolate_rows(t_ns: np.ndarray, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return `rows` (K, m), sampled at `sample_ns` (K,), interpolated at `t_ns` (N,): (N, m).
 
     The result is NaN before the first sample, after the last sample, and in gaps longer than MAX_GAP_S.
     """
-    if not len(of_ns):
+    if not len(sample_ns):
         return np.full((len(t_ns), rows.shape[1]), np.nan)
-    values = np.column_stack([np.interp(t_ns, of_ns, column, np.nan, np.nan) for column in rows.T])
-    next_rows = np.clip(np.searchsorted(of_ns, t_ns, side="left"), 1, max(len(of_ns) - 1, 1))
-    exact = np.isin(t_ns, of_ns)
+    values = np.column_stack([np.interp(t_ns, sample_ns, column, np.nan, np.nan) for column in rows.T])
+    next_rows = np.clip(np.searchsorted(sample_ns, t_ns, side="left"), 1, max(len(sample_ns) - 1, 1))
+    exact = np.isin(t_ns, sample_ns)
     is_in_gap = (
-        of_ns[np.minimum(next_rows, len(of_ns) - 1)] - of_ns[next_rows - 1]
+        sample_ns[np.minimum(next_rows, len(sample_ns) - 1)] - sample_ns[next_rows - 1]
     ) / NANOSECONDS > MAX_GAP_S
     values[is_in_gap & ~exact] = np.nan
     return values
 
 
-def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray:
+def interpolate_poses(t_ns: np.ndarray, sample_ns: np.ndarray, eta: np.ndarray) -> np.ndarray:
     """Return poses (K, 3) interpolated at other times: (N, 3). The heading takes the shorter direction across ±π."""
     unwrapped = eta.copy()
     is_known = np.isfinite(unwrapped[:, 2])
     unwrapped[is_known, 2] = np.unwrap(unwrapped[is_known, 2])
-    poses = at_times(t_ns, of_ns, unwrapped)
+    poses = interpolate_rows(t_ns, sample_ns, unwrapped)
     poses[:, 2] = wrap(poses[:, 2])
     return poses
 
@@ -44,10 +44,10 @@ def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray
 def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
     """Return ν_x (N,) [m/s] of the truth, from its positions if it lacks velocities; NaN if it is not known."""
     if np.isfinite(truth.nu[:, 0]).any():
-        return at_times(t_ns, truth.t_ns, truth.nu)[:, 0]
+        return interpolate_rows(t_ns, truth.t_ns, truth.nu)[:, 0]
     eta = truth.eta[has_pose := np.isfinite(truth.eta).all(axis=1)]
-    of_ns, speeds = truth.t_ns[has_pose], np.full(len(t_ns), np.nan)
-    since_s = seconds(of_ns, t_ns[0])
+    sample_ns, speeds = truth.t_ns[has_pose], np.full(len(t_ns), np.nan)
+    since_s = seconds(sample_ns, t_ns[0])
     for i, t_s in enumerate(seconds(t_ns, t_ns[0])):
         a, b = np.searchsorted(since_s, [t_s - HALF_WINDOW_S, t_s + HALF_WINDOW_S])
         near_s = since_s[a:b] - t_s

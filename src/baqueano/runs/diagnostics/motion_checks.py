@@ -23,9 +23,9 @@ from baqueano.runs.diagnostics.signal_map import (
     MIN_WINDOWS,
     Hypothesis,
     MappedChannel,
-    ratios,
-    relation,
+    channel_regression,
     signal_map,
+    unit_ratios,
 )
 from baqueano.runs.run import Run
 
@@ -57,15 +57,15 @@ def motion_findings(run: Run, m: "ColumnMap") -> list[ImportFinding]:
     entries = {name: signal.entries for name, signal in m.sensors.items()}
     imu = entries[motion.imu_name] if motion.imu_name else ()
     if motion.wheels_name:
-        findings += _wheels(motion, imu)
+        findings += _wheel_findings(motion, imu)
     is_opposed = run.truth is None and any(d.code == "inverted" for d in findings)
     speed = entries[motion.speed_name][0] if motion.speed_name else None
     findings += (
         _truth_findings(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
     )
     findings += _truth_findings(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
-    findings += _accelerometer(motion, imu, speed, is_opposed) if imu else []
-    return findings + _steering(motion)
+    findings += _accelerometer_findings(motion, imu, speed, is_opposed) if imu else []
+    return findings + _steering_findings(motion)
 
 
 def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> ImportFinding:
@@ -78,17 +78,17 @@ def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagn
             if hypothesis.meaning
             else scale_note
         )
-    return ImportFinding(hypothesis.code, "error", None, _reason(hypothesis, entry, code), line)
+    return ImportFinding(hypothesis.code, "error", None, _finding_reason(hypothesis, entry, code), line)
 
 
-def _reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
+def _finding_reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
     r = hypothesis.relation
     return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
 
-def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]:
+def _lines_by_ratio(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]:
     """Return ratio → map line for each other unit that `entry` can have."""
-    units = ratios(measures, entry.unit).items()
+    units = unit_ratios(measures, entry.unit).items()
     return {
         r: note("recording.write-unit", unit_of_it=unit, key=entry.key)
         for r, unit in units
@@ -104,19 +104,19 @@ def _truth_findings(
     if not np.std(true_of(0.0)) > MIN_SPEED_STD or not np.isfinite(z).all():
         return []
     true, findings = _shifted_truth(motion, entry, z, true_of)
-    units = _lines(measures, entry)
+    units = _lines_by_ratio(measures, entry)
     double_units = {1.0 / r: note("recording.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
     (hypothesis,) = signal_map(
         z[:, None], true[:, None], [MappedChannel(1.0 / MAX_SCALE, MAX_SCALE, double_units | units)]
     )
-    r, reason = hypothesis.relation, _reason(hypothesis, entry, "recording.against-truth")
+    r, reason = hypothesis.relation, _finding_reason(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
         findings.append(
             _finding(hypothesis, entry, "recording.against-truth", note("recording.check-unit-and-scale"))
         )
     elif hypothesis.is_clear:
         findings += [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
-    elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
+    elif np.all(z >= 0.0) and channel_regression(z, np.abs(true)).is_clear():
         findings.append(ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key)))
     elif r.gain < MIN_GAIN:
         findings.append(ImportFinding("unrelated", "warning", None, reason))
@@ -131,10 +131,10 @@ def _shifted_truth(
     residual.
     """
     lags = np.linspace(-MAX_OFFSET_S, MAX_OFFSET_S, 51)
-    relations = [relation(z, true_of(float(lag))) for lag in lags]
-    r = np.array([relation.correlation for relation in relations])
+    channel_regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
+    r = np.array([channel_regression.correlation for channel_regression in channel_regressions])
     k, best_lag, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
-    if not relations[k].is_clear():
+    if not channel_regressions[k].is_clear():
         return true_of(0.0), []
     late_s, true = float(lags[k]), true_of(float(lags[k]))
     if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[best_lag] ** 2):
@@ -148,7 +148,7 @@ def _shifted_truth(
     return true, [ImportFinding("clock", "info", None, reason, line)]
 
 
-def _wheels(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
+def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
     """Return the findings about left and right wheel compared with the truth, or else with the gyro.  (2)"""
     difference, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
     if not np.std(rate) > MIN_TURN_STD_RAD_S or not np.isfinite(difference).all():
@@ -161,7 +161,7 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
         "correlation": r.correlation,
     }
     if hypothesis.code == "inverted":
-        return [_opposition(motion, note("recording.turns-against", **figures), wheels, imu)]
+        return [_opposite_sign_finding(motion, note("recording.turns-against", **figures), wheels, imu)]
     if hypothesis.code:
         line = note("recording.check-track", wheels=wheels, by=figures["by"])
         return [
@@ -172,14 +172,16 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
     return []
 
 
-def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu") -> ImportFinding:
+def _opposite_sign_finding(
+    motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu"
+) -> ImportFinding:
     """Return an error about the gyro if the sideways acceleration contradicts the gyro, else about gyro or wheels.
     With a truth the error is about the wheels.
     """
     if motion.run.truth is not None:
         return ImportFinding("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
     figures: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
-    sideways = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
+    sideways = channel_regression(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if sideways.is_clear() and sideways.slope < 0.0:
         both_reasons = note(
             "recording.and-sideways", cause=reason, key=imu[1].key, correlation=sideways.correlation
@@ -191,7 +193,7 @@ def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu
     return ImportFinding("inverted", "error", None, reason, line)
 
 
-def _accelerometer(
+def _accelerometer_findings(
     motion: LoggedMotion, imu: "Imu", speed: "Entry | None", is_opposed: bool
 ) -> list[ImportFinding]:
     """Return the findings if a_x and a_y are swapped, inverted, or in another unit.  (3)
@@ -201,11 +203,14 @@ def _accelerometer(
     a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(predicted), np.std(a[:, 1])) > MIN_ACCELERATION_STD_M_S2 or not np.isfinite(a).all():
         return []
-    speed_lines = {1.0 / r: line for r, line in _lines("speed", speed).items()} if speed else {}
-    lines_by_axis = [_lines("acceleration", x) | speed_lines, _lines("acceleration", y) | speed_lines]
+    speed_lines = {1.0 / r: line for r, line in _lines_by_ratio("speed", speed).items()} if speed else {}
+    lines_by_axis = [
+        _lines_by_ratio("acceleration", x) | speed_lines,
+        _lines_by_ratio("acceleration", y) | speed_lines,
+    ]
     if motion.run.truth is None:
-        in_g = _lines("acceleration", y, "g")
-        for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
+        in_g = _lines_by_ratio("acceleration", y, "g")
+        for r, line in _lines_by_ratio("angular rate", gyro, "rad/s", "deg/s").items():
             lines_by_axis[1] |= {1.0 / r: line} | {
                 unit_value / r: note("recording.list", first=line, then=more)
                 for unit_value, more in in_g.items()
@@ -227,7 +232,7 @@ def _accelerometer(
     ]
 
 
-def _steering(motion: LoggedMotion) -> list[ImportFinding]:
+def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
     """Return a finding if the command named steering does not turn the vehicle but the other command does.  (4)
     Also return a finding if positive steering turns the vehicle to the right. Only a run with two commands is checked.
     """

@@ -1,4 +1,4 @@
-"""Record a drive. A `RunWriter` writes it to a file, `RunInMemory` stores it in memory."""
+"""Record a drive. A `RunWriter` writes it to a file, `MemoryRecorder` stores it in memory."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -12,7 +12,7 @@ from baqueano.runs.run import Channel, EstimateLog, Event, ReferenceLog, Run, Tr
 from baqueano.signals import Motion, measured_ns
 
 
-class RunSink(Protocol):
+class RunRecorder(Protocol):
     """Protocol of a recorder of a drive, tick by tick."""
 
     @property
@@ -38,7 +38,7 @@ class RunSink(Protocol):
 
 
 @dataclass
-class RunInMemory:
+class MemoryRecorder:
     """A recorder with the methods of RunWriter that stores everything in memory."""
 
     vehicle_text: str
