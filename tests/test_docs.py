@@ -9,7 +9,7 @@ import pytest
 
 import baqueano as bq
 from baqueano.cli import VERBS, baqueano, command_of
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 from baqueano.vehicle_file.reference import reference_table
 
 ROOT = Path(__file__).parents[1]
@@ -22,7 +22,7 @@ DRAWINGS = ("path", "errors", "speed", "commands", "sensors", "estimates", "data
 )
 def test_the_reference_of_the_vehicle_file_is_current(language, page):
     """To renew both pages: `make golden`, and read the diff."""
-    with within(language):
+    with use_language(language):
         table = reference_table()
     if os.environ.get("REGENERATE"):
         (ROOT / page).write_text(table, encoding="utf-8")

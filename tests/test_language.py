@@ -9,7 +9,7 @@ from babel.messages import Catalog
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.messages import language, text
-from baqueano.messages.language import LANGUAGES, current, number, translate
+from baqueano.messages.language import LANGUAGES, current_language, number, translate
 from tests.catalogues import compiled, differs, faults, places, read_catalogue
 
 OTHERS = [language for language in LANGUAGES if language != "en"]
@@ -20,7 +20,7 @@ def _undone(monkeypatch):
     for name in ("BAQUEANO_LANG", "LC_ALL", "LC_MESSAGES", "LANG", "LANGUAGE"):
         monkeypatch.delenv(name, raising=False)
     yield
-    language.choose("")
+    language.choose_language("")
 
 
 @pytest.mark.parametrize("language", OTHERS)
@@ -61,25 +61,25 @@ def test_different_placeholders_of_a_translation_are_reported(english, translati
 
 
 def test_command_line_variable_and_locale_set_the_language_in_this_order(monkeypatch):
-    assert current() == "en"
+    assert current_language() == "en"
     monkeypatch.setenv("LANG", "es_AR.UTF-8")
-    assert current() == "es"
+    assert current_language() == "es"
     monkeypatch.setenv("LC_ALL", "C.UTF-8")
-    assert current() == "en"
+    assert current_language() == "en"
     monkeypatch.setenv("BAQUEANO_LANG", "es")
-    assert current() == "es"
-    language.choose("en")
-    assert current() == "en"
+    assert current_language() == "es"
+    language.choose_language("en")
+    assert current_language() == "en"
 
 
 def test_a_sentence_is_spanish_and_its_numbers_have_a_decimal_comma():
     note = fault("vehicle.setting", setting="x")
     timed = Diagnostic("vehicle.tilt", figures={"tilt_deg": 12.0, "max_tilt_rad": 0.5})
     english = text(note), text(timed)
-    language.choose("es")
+    language.choose_language("es")
     assert text(note) != english[0]
     assert text(timed) == "el vehículo está inclinado 12°: max_tilt_rad es 0,5"
-    language.choose("en")
+    language.choose_language("en")
     assert (text(note), text(timed)) == english
 
 
@@ -89,13 +89,13 @@ def test_a_sentence_is_spanish_and_its_numbers_have_a_decimal_comma():
      ("0.25", "", "0.25"), (float("nan"), ".1f", "nan")],
 )  # fmt: skip
 def test_numbers_are_written_as_in_spanish(value, spec, text_written):
-    language.choose("es")
+    language.choose_language("es")
     assert f"{number(value):{spec}}" == text_written
     assert f"{number([value])[0]:{spec}}" == text_written
 
 
 def test_a_text_without_a_translation_stays_english():
-    language.choose("es")
+    language.choose_language("es")
     assert translate("a sentence of tomorrow", "no.code") == "a sentence of tomorrow"
     assert translate("") == ""
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baqueano.drive.by_hand import screen
-from baqueano.messages.printable import in_lines, one_line, printable, words
+from baqueano.messages.printable import in_lines, one_line, printable, printable_json
 
 DANGEROUS = "\x1b\x07\r\b\x7f\x9b\x85\u200e\u202e\u2066\u2028\u2029\ufeff\ud800\x00"
 
@@ -48,7 +48,7 @@ def test_printable_json_contains_no_control_character(data):
         if isinstance(value, str):
             yield value
 
-    assert all(one_line(text) == text for text in texts(words(data)))
+    assert all(one_line(text) == text for text in texts(printable_json(data)))
 
 
 def test_the_display_of_a_drive_contains_no_external_control_character():

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.messages.language import shown_unit, within
+from baqueano.messages.language import shown_unit, use_language
 from tests.catalogues import read_catalogue
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -49,7 +49,7 @@ def templates(language: str) -> list[re.Pattern[str]]:
 
 def printed_in(language: str, cell: str) -> bool:
     """Return if the program prints this part of a line in a language."""
-    with within(language):
+    with use_language(language):
         unit = shown_unit("N per unit of u").removeprefix("N ")
     words = TYPED.sub("", cell.replace(unit, ""))
     if not re.search(r"[^\W\d]{4,}", words) or cell in texts(language):

@@ -17,7 +17,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from baqueano import controllers, estimators, guides, routes, sensors, vehicles, worlds
     from baqueano.compare import compare
-    from baqueano.compare.corridor_ahead import corridor_ahead as forecast
+    from baqueano.compare.corridor_forecast import forecast_corridor as forecast
     from baqueano.drive import experiment, repeat, replay, teach
     from baqueano.identify import FitOptions, excitation, identify, measure_noise
     from baqueano.project import new
@@ -64,7 +64,7 @@ __getattr__ = front_door(
     __name__,
     {
         "compare": ("compare",),
-        "compare.corridor_ahead": ("corridor_ahead as forecast",),
+        "compare.corridor_forecast": ("forecast_corridor as forecast",),
         "drive": ("experiment", "repeat", "replay", "teach"),
         "identify": ("FitOptions", "excitation", "identify", "measure_noise"),
         "project": ("new",),

@@ -96,7 +96,7 @@ def in_strange_letters(monkeypatch):
     }
     monkeypatch.setattr(language, "_catalogue", lambda name: renamed)
     yield
-    language.choose("")
+    language.choose_language("")
 
 
 def words_of(command: click.Command) -> list[str]:
@@ -166,13 +166,13 @@ def test_each_option_has_a_help_text():
 
 
 def test_spanish_help_uses_the_third_person_and_one_default_wording():
-    language.choose("es")
+    language.choose_language("es")
     try:
         wordings = [
             (name, wording) for name, command in helps() for wording in words_of(in_language(command))
         ]
     finally:
-        language.choose("")
+        language.choose_language("")
     assert len(wordings) > 250
     assert [wording for wording in wordings if INFINITIVE.match(wording[1])] == [], "Guarda, not Guardar"
     assert [wording for wording in wordings if OTHER_DEFAULT.search(wording[1])] == [], "predeterminado"
@@ -187,7 +187,7 @@ def test_the_names_of_values_are_spanish(capsys):
             + said_by("repeat --help", capsys)
         )
     finally:
-        language.choose("")
+        language.choose_language("")
     assert "-o, --out ARCHIVO" in help_text
     assert "COMANDO [ARGUMENTOS]..." in help_text
     assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", help_text)
@@ -200,7 +200,7 @@ def test_comments_of_map_drafts_and_new_projects_are_in_spanish(in_lab, capsys):
         said_by("new car --vehicle car", capsys)
         said_by("new small --vehicle small", capsys)
     finally:
-        language.choose("")
+        language.choose_language("")
     assert "ninguna columna parece un comando" in Path("odd.toml").read_text(encoding="utf-8")
     for name in ("car", "small"):
         comments = re.findall(r"#.*", Path(name, "vehicle.toml").read_text(encoding="utf-8"))
@@ -224,7 +224,7 @@ def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
     try:
         figures_text = TYPED.sub("", said_by(line, capsys))
     finally:
-        language.choose("")
+        language.choose_language("")
     assert not POINT.findall(figures_text)
     assert re.search(r"\d,\d", figures_text)
 
@@ -234,7 +234,7 @@ def test_files_and_json_retain_decimal_points_and_english(in_lab, capsys):
         reply = said_by("compare 1 --json", capsys)
         said_by("simulate --vehicle small --seconds 0.3 -o tiny.mcap", capsys)
     finally:
-        language.choose("")
+        language.choose_language("")
     assert '"verdict": "' in reply
     assert re.search(r"\d\.\d", reply)
     assert not re.search(r": -?\d+,\d", reply)
@@ -243,7 +243,7 @@ def test_files_and_json_retain_decimal_points_and_english(in_lab, capsys):
 def test_steps_on_the_vehicle_use_the_language_of_the_laptop(in_strange_letters):
     from baqueano.robot.setup.install import steps_in_this_language
 
-    with language.within("es"):
+    with language.use_language("es"):
         text = steps_in_this_language()
     scope: dict = {"__name__": "steps"}
     exec(compile(text, "steps.py", "exec"), scope)
@@ -259,17 +259,17 @@ def test_import_warnings_are_stored_as_data_in_english(in_lab, capsys):
         for warning in warnings:
             assert warning.diagnostic.figures["cause"].code.startswith("recording.")
             assert warning.text == in_english(warning.diagnostic)
-            with language.within("es"):
+            with language.use_language("es"):
                 assert warning.sentence != warning.text
     finally:
-        language.choose("")
+        language.choose_language("")
 
 
 def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
     try:
         said_by("new proyecto", capsys)
     finally:
-        language.choose("")
+        language.choose_language("")
     texts = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
     assert "Ejecute las celdas" in texts["first_evening.ipynb"]
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):

@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.errors import AnswerNo
 from baqueano.messages import text
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 
 
 @pytest.fixture
@@ -145,7 +145,7 @@ def test_the_advice_for_unclear_points_can_be_used_without_a_map(lab, tmp_path, 
     end = lab("route", "import", "points.csv", "box")
     assert (end.code, end.reason.code) == (3, code)
     for language in ("en", "es"):
-        with within(language):
+        with use_language(language):
             sentence = text(end.reason)
         assert not any(
             key in sentence for key in ("[files", "where =", "header =", "decimal =", "encoding =")

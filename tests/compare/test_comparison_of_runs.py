@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.compare import compare
 from baqueano.compare.consistency import NOT_REPORTED, Band
-from baqueano.compare.divergence import NoCovariance
+from baqueano.compare.divergence import InvalidCovariance
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.diagnostics import note
 from baqueano.errors import UsageError
@@ -161,9 +161,9 @@ def test_an_invalid_covariance_is_named():
     cov = run.estimate.cov.copy()
     cov[100:] *= -1.0
     comparison = compare(run_with(estimate=run.estimate._replace(cov=cov)))
-    assert comparison.runs[0].no_covariance == NoCovariance(N - 100, N, pytest.approx(1.0))
+    assert comparison.runs[0].invalid_covariance == InvalidCovariance(N - 100, N, pytest.approx(1.0))
     assert comparison.verdict == "INCONSISTENT"
-    figures = comparison.runs[0].no_covariance._asdict()
+    figures = comparison.runs[0].invalid_covariance._asdict()
     assert text(note("compare.no-covariance", **figures)) in " ".join(comparison.table().split())
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.compare import compare
 from baqueano.compare.corridor import corridor, corridor_of, corridor_row
-from baqueano.compare.corridor_ahead import corridor_ahead
+from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.guides.shapes import circle, eight, sinuous_circle
 from baqueano.simulate import simulate_loop
 from baqueano.vehicle_file import load
@@ -79,7 +79,7 @@ def test_a_figure_eight_is_one_lap_although_its_path_crosses_the_start():
 
 def test_the_forecast_agrees_with_the_corridor_computed_after_the_drive():
     file, route = load("small"), sinuous_circle(0.6, 0.06, 5, 0.2)
-    ahead = corridor_ahead(file, route, 2)
+    ahead = forecast_corridor(file, route, 2)
     for seed in (1, 2):
         driven_corridor = corridor_of(simulate_loop(file, route, seed, laps=2))
         for row in ahead.rows():
@@ -90,7 +90,7 @@ def test_the_forecast_agrees_with_the_corridor_computed_after_the_drive():
 
 def test_a_forecast_reports_the_time_at_which_the_vehicle_is_lost():
     file = load("small").with_values({"sensors.imu.gyro_scale_std": 0.05})
-    ahead = corridor_ahead(file, circle(0.6, 0.2), 3)
+    ahead = forecast_corridor(file, circle(0.6, 0.2), 3)
     assert ahead.verdict == "LOST"
     assert ahead.corridor.message.code in ("corridor.lost", "corridor.lost-in-lap")
     assert np.isnan([row["across_m"] for row in ahead.rows()]).tolist() == [False, True, True]
@@ -116,7 +116,7 @@ def test_a_small_bias_or_scale_error_lies_inside_the_corridor(key, off):
 def test_two_turns_on_a_mark_shrink_the_corridor():
     route = sinuous_circle(0.6, 0.06, 5, 0.2)
     file = load("small").with_values({"estimator.disturbance_std": [0.01, 0.9]})  # as a fit finds it
-    before = corridor_ahead(file, route, 2).rows()[-1]
-    after = corridor_ahead(file.with_values(SHARP), route, 2).rows()[-1]
+    before = forecast_corridor(file, route, 2).rows()[-1]
+    after = forecast_corridor(file.with_values(SHARP), route, 2).rows()[-1]
     assert after["heading_rad"] < 0.3 * before["heading_rad"]
     assert after["area_m2"] < 0.5 * before["area_m2"]

@@ -39,7 +39,7 @@ def trajectories():
 )
 def test_absolute_errors_equal_the_results_of_evo(alignment, position, heading):
     _, eta, truth = trajectories()
-    off = errors.absolute(errors.align_trajectory(eta, truth, alignment), truth)
+    off = errors.absolute_pose_errors(errors.align_trajectory(eta, truth, alignment), truth)
     assert errors.rms(off.position_m) == pytest.approx(position, rel=1e-9)
     assert errors.rms(off.heading_rad) == pytest.approx(heading, rel=1e-7)
 
@@ -53,7 +53,7 @@ def test_a_truth_without_heading_is_aligned_by_the_umeyama_method():
     U, _, Vt = np.linalg.svd(b.T @ a)
     R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt  # Umeyama 1991, without scale
     errors_m = np.hypot(*(a @ R.T - b).T)
-    off = errors.absolute(errors.align_trajectory(eta, truth, "rigid"), truth)
+    off = errors.absolute_pose_errors(errors.align_trajectory(eta, truth, "rigid"), truth)
     np.testing.assert_allclose(off.position_m[7:], errors_m, atol=1e-12)
     assert np.isnan(off.heading_rad).all()
 
@@ -67,7 +67,7 @@ def test_a_truth_without_heading_cannot_be_aligned_at_the_start():
 
 def test_relative_errors_equal_the_results_of_evo():
     t_ns, eta, truth = trajectories()
-    drift = errors.relative(t_ns, eta, truth, span_s=1.0)
+    drift = errors.relative_pose_errors(t_ns, eta, truth, span_s=1.0)
     assert len(drift.position_m) == 190
     assert errors.rms(drift.position_m) == pytest.approx(0.039987329757444796, rel=1e-9)
     assert errors.rms(drift.heading_rad) == pytest.approx(0.017009035785507002, rel=1e-9)
@@ -76,7 +76,7 @@ def test_relative_errors_equal_the_results_of_evo():
 def test_relative_errors_do_not_span_a_gap():
     t_ns, eta, truth = trajectories()
     keep = (t_ns < 5e9) | (t_ns > 9e9)
-    drift = errors.relative(t_ns[keep], eta[keep], truth[keep], span_s=1.0)
+    drift = errors.relative_pose_errors(t_ns[keep], eta[keep], truth[keep], span_s=1.0)
     assert len(drift.position_m) == 190 - 41 - 10
 
 
@@ -122,7 +122,10 @@ def test_errors_are_invariant_under_rotation_of_the_world():
             [p[:, :2] @ np.array([[c, s], [-s, c]]) + [5, -7], wrap(p[:, 2] + 2.0 + 2 * np.pi)]
         )
 
-    a, b = errors.relative(t_ns, eta, truth), errors.relative(t_ns, turn(eta), turn(truth))
+    a, b = (
+        errors.relative_pose_errors(t_ns, eta, truth),
+        errors.relative_pose_errors(t_ns, turn(eta), turn(truth)),
+    )
     np.testing.assert_allclose(a.position_m, b.position_m, atol=1e-12)
     np.testing.assert_allclose(a.heading_rad, b.heading_rad, atol=1e-12)
     path = errors.cross_track(t_ns, eta[:, :2], t_ns, truth[:, :2])

@@ -21,45 +21,47 @@ def steady(value=0.2):
 
 
 def test_a_constant_speed_error_leaves_the_drive_even():
-    pace = evenness.pace(T_NS, steady(0.23), steady())
+    pace = evenness.speed_errors(T_NS, steady(0.23), steady())
     assert pace.error_m_s == pytest.approx(0.03)
     assert pace.error == pytest.approx(0.15)
     assert pace.uneven == pytest.approx(0.0, abs=1e-12)
 
 
 def test_speed_ripple_is_measured_by_its_rms():
-    pace = evenness.pace(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S), steady())
+    pace = evenness.speed_errors(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S), steady())
     assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
     assert pace.uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
 
 
 def test_a_slow_speed_error_hardly_changes_the_evenness():
-    pace = evenness.pace(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 0.1 * T_S), steady())
+    pace = evenness.speed_errors(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 0.1 * T_S), steady())
     assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.05)
     assert pace.uneven < 0.01
 
 
 def test_speed_that_follows_a_changing_reference_is_even():
     requested = 0.2 + 0.1 * np.sign(np.sin(T_S))
-    assert evenness.pace(T_NS, requested, requested) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    assert evenness.speed_errors(T_NS, requested, requested) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
 def test_the_start_from_rest_is_excluded_from_the_evenness():
     speed = np.where(T_S < 0.9, 0.0, 0.2)
-    assert evenness.pace(T_NS, speed, steady()).error == 0.0
-    assert evenness.pace(T_NS, speed, steady(), after_s=0.0).error > 0.1
+    assert evenness.speed_errors(T_NS, speed, steady()).error == 0.0
+    assert evenness.speed_errors(T_NS, speed, steady(), after_s=0.0).error > 0.1
 
 
 def test_backward_driving_is_judged_like_forward_driving():
-    back = evenness.pace(T_NS, steady(-0.23), steady(-0.2))
+    back = evenness.speed_errors(T_NS, steady(-0.23), steady(-0.2))
     assert back.error == pytest.approx(0.15)
 
 
 def test_unknown_figures_of_evenness_are_nan():
-    assert np.isnan(evenness.pace(T_NS, steady(), steady(0.0)).error)
-    assert np.isnan(evenness.pace(T_NS, np.full(N, np.nan), steady())).all()
-    assert np.isnan(evenness.pace(T_NS[:0], steady()[:0], steady()[:0])).all()
-    assert np.isnan(evenness.pace(T_NS[:50], steady()[:50], steady()[:50])).all(), "shorter than a second"
+    assert np.isnan(evenness.speed_errors(T_NS, steady(), steady(0.0)).error)
+    assert np.isnan(evenness.speed_errors(T_NS, np.full(N, np.nan), steady())).all()
+    assert np.isnan(evenness.speed_errors(T_NS[:0], steady()[:0], steady()[:0])).all()
+    assert np.isnan(evenness.speed_errors(T_NS[:50], steady()[:50], steady()[:50])).all(), (
+        "shorter than a second"
+    )
     assert np.isnan(evenness.sign_changes(T_NS[:1], steady()[:1]))
     assert np.isnan(evenness.share_at_limit(np.zeros((0, 3)), WHEELS))
 
@@ -67,13 +69,13 @@ def test_unknown_figures_of_evenness_are_nan():
 def test_gaps_in_the_speed_do_not_change_the_evenness():
     speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
     speed[1000:1500] = np.nan
-    assert evenness.pace(T_NS, speed, steady()).uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.02)
+    assert evenness.speed_errors(T_NS, speed, steady()).uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.02)
 
 
 def test_timestamps_since_1970_give_the_same_evenness():
     speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
     late = T_NS + 1_700_000_000_000_000_000
-    assert evenness.pace(late, speed, steady()) == evenness.pace(T_NS, speed, steady())
+    assert evenness.speed_errors(late, speed, steady()) == evenness.speed_errors(T_NS, speed, steady())
     assert evenness.sign_changes(late, speed - 0.2) == evenness.sign_changes(T_NS, speed - 0.2)
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from baqueano.block_checks import check_controller
 from baqueano.compare.errors import cross_track, rms
-from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.compare.evenness import limits_of, share_at_limit, sign_changes, speed_errors
 from baqueano.controllers import ModelFollower, PdFeedforward, Tracking
 from baqueano.geometry import compose, map_from_body
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
@@ -124,7 +124,7 @@ def test_commands_are_invariant_under_motions_of_the_world(law, move, x, y, psi,
 def test_the_garage_vehicle_drives_evenly(shape, perfect):
     """The PD of the paper with its old gains had a speed error of 51 to 124 %, and changed its sign often."""
     run = simulate_loop(SMALL, SHAPES[shape](0.2), perfect=perfect)
-    evenness = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
+    evenness = speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
     assert evenness.error < 0.05
     assert evenness.uneven < 0.03
     assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
@@ -140,7 +140,7 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
         across.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))
-        assert pace(t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.02
+        assert speed_errors(t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.02
     assert across[0] < 0.003
     assert across[1] < 0.006
 
@@ -204,7 +204,7 @@ def test_the_vehicle_drives_evenly_around_the_corners_of_a_rectangle(law):
     run = simulate_loop(SMALL, SHAPES["rectangle"](0.2), perfect=True, controller=SMALL.controller(law))
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(across) < 0.003
-    assert pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.03
+    assert speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.03
     assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
     assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
 
@@ -250,7 +250,7 @@ def test_a_custom_control_law_can_be_used_as_a_controller():
     own = ByHeading(SMALL.vehicle, limit=np.ones(3))
     assert check_controller(own) == []
     run = simulate_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=own, duration_s=5.0)
-    assert pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).error < 0.05
+    assert speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).error < 0.05
 
 
 def test_a_controller_without_a_law_names_the_missing_method():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.by_hand.screen import Screen, Status, lines
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 
 
 def terminal_screen(frames, rows=24):
@@ -34,7 +34,7 @@ def test_the_driver_display_fits_a_small_terminal_without_wrapping(columns):
 @pytest.mark.parametrize("language", ["en", "es"])
 @pytest.mark.parametrize("hold", [0.03, np.nan, None])
 def test_the_heading_control_line_fits_into_eighty_columns(language, hold):
-    with within(language):
+    with use_language(language):
         narrow, wide = (
             [row for row in lines(Status("robot", hold=hold), columns) if "u_psi" in row]
             for columns in (80, 160)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.compare.evenness import limits_of, share_at_limit, sign_changes, speed_errors
 from baqueano.drive import experiment, repeat
 from baqueano.guides.shapes import rectangle, sinuous_circle
 from baqueano.identify import identify
@@ -30,7 +30,7 @@ def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route
     world.robot.close()
     going = run.reference.done < 1.0
     true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
-    evenness = pace(run.reference.t_ns[going], true, run.reference.nu[going, 0])
+    evenness = speed_errors(run.reference.t_ns[going], true, run.reference.nu[going, 0])
     assert evenness.error < 0.05
     assert evenness.uneven < 0.03
     assert share_at_limit(run.sent[going], limits_of(fitted_file.text)) == 0.0

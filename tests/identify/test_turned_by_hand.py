@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
-from baqueano.compare.corridor_ahead import corridor_ahead
+from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import FitOptions, identify
@@ -156,5 +156,5 @@ def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
     )
     assert "gyro_bias_std" not in after.text  # a rest today does not predict the next bias
     route = circle(0.6, 0.2)
-    wide, narrow = (corridor_ahead(file, route, 3).rows()[-1] for file in (small, after))
+    wide, narrow = (forecast_corridor(file, route, 3).rows()[-1] for file in (small, after))
     assert narrow["heading_rad"] < 0.6 * wide["heading_rad"]

@@ -14,7 +14,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.report.animation import picture_file
-from baqueano.report.animation.bars import PartialFit
+from baqueano.report.animation.partial_fits import PartialFit
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import paths

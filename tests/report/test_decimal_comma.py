@@ -3,9 +3,9 @@
 import html
 import re
 
-from baqueano.messages.language import within
-from baqueano.report.lab import panel
-from baqueano.report.of_run import page_of_run
+from baqueano.messages.language import use_language
+from baqueano.report.libraries import panel
+from baqueano.report.run_report import page_of_run
 from tests.report.test_page import a_run
 
 POINT = re.compile(r"(?<![\w./#=-])\d+\.\d+(?![\w./])")
@@ -20,14 +20,14 @@ def shown_text(page: str) -> str:
 
 
 def test_the_numbers_of_a_spanish_report_have_a_decimal_comma():
-    with within("es"):
+    with use_language("es"):
         text = shown_text(page_of_run(a_run()).html())
     assert POINT.findall(text) == []
     assert len(re.findall(r"\d,\d", text)) > 20
 
 
 def test_the_axes_of_a_spanish_figure_have_a_decimal_comma():
-    with within("es"):
+    with use_language("es"):
         figure, axes = panel((4.0, 3.0))
         axes.plot([0.0, 1.0], [0.0, 1e-7])
         figure.canvas.draw()

@@ -11,8 +11,8 @@ from baqueano.drive import repeat
 from baqueano.guides.shapes import circle
 from baqueano.messages import text as sentence_of
 from baqueano.report import figures
-from baqueano.report.of_run import page_of_run
 from baqueano.report.page import NARROW_IN, Page, Section, Table, draw
+from baqueano.report.run_report import page_of_run
 from baqueano.vehicle_file import load
 
 # the width inside a card of 390 px; size of the smallest letters

@@ -14,7 +14,7 @@ from baqueano.compare.filter_consistency import STATE_NAMES, filter_consistency
 from baqueano.monitor import REFUSED_SOURCE, Refusals, refusal_event
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import page_of_fit
-from baqueano.report.of_run import page_of_run
+from baqueano.report.run_report import page_of_run
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load
 

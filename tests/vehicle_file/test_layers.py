@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import FileError, UsageError
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 from baqueano.signals import Command
 from baqueano.vehicle_file import changes, load, override, parse
 from baqueano.vehicle_file.reference import reference_table, rows
@@ -238,7 +238,7 @@ def test_documented_defaults_are_valid_toml():
 
 def test_the_spanish_documentation_has_the_same_keys_and_no_english():
     english = rows()
-    with within("es"):
+    with use_language("es"):
         spanish, page = rows(), reference_table()
     assert [row["key"] for row in spanish] == [row["key"] for row in english]
     assert "| `mass_kg` | masa m | kg |  | 0,001 a 100000 | obligatorio |" in page

@@ -6,7 +6,7 @@ The package judges the faults that a browser requests, and refuses unknown fault
 from typing import Any
 
 from baqueano.messages import text
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 from baqueano.worlds.faults.fault import Fault
 
 
@@ -57,7 +57,7 @@ class Faults:
         else:
             fields = {name: value for name, value in word.items() if name not in ("is", "robot")}
             fault, number = Fault.of_words(fields | {"at_s": t_s}), len(self.rows) + 1
-            with within(language):
+            with use_language(language):
                 subject = text(fault.message(number))
             self.rows.append({
                 "number": number, "t_s": t_s, "until_s": None, "over": fault.kind == "push", "fault": fault.to_json(),

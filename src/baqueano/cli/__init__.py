@@ -99,7 +99,7 @@ def command_of(verb: str) -> click.Command:
 
 def in_language(command: click.Command) -> click.Command:
     """Return a copy of a command, or of a group, with help in the current language."""
-    if language.current() == "en":
+    if language.current_language() == "en":
         return command
     command = copy(command)
     command._help_option = None  # click caches it in the first requested language
@@ -175,7 +175,10 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
         from baqueano.blocks import permit_blocks
 
         ctx.with_resource(permit_blocks())
-    for variable, choices in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
+    for variable, choices in (
+        ("BAQUEANO_BACKEND", BACKENDS),
+        (language.LANGUAGE_VARIABLE, tuple(language.LANGUAGES)),
+    ):
         setting = os.environ.get(variable) or choices[0]
         if setting not in choices:
             from baqueano.diagnostics import fault
@@ -197,7 +200,7 @@ def main(args: list[str] | None = None) -> None:
     anywhere = [flag for flag in ("--debug", "--allow-blocks") if flag in args]
     args = [arg for arg in args if arg not in anywhere]
     args, tag = _without_language(args)
-    language.choose(tag if tag in language.LANGUAGES else "")
+    language.choose_language(tag if tag in language.LANGUAGES else "")
     with warnings.catch_warnings():
         if not debug and not sys.warnoptions:  # an overflow during a search does not concern the user
             warnings.simplefilter("ignore", RuntimeWarning)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.messages import row_of, text
+from baqueano.messages import json_row, text
 from baqueano.messages.language import number
 from baqueano.messages.printable import one_line, printable
 
@@ -93,7 +93,7 @@ def answer(
     reply = {"rows": [_finite_row(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
         reply["reasons"] = [
-            row_of(reason) if isinstance(reason, Diagnostic) else reason for reason in result.reasons
+            json_row(reason) if isinstance(reason, Diagnostic) else reason for reason in result.reasons
         ]
     reply |= {name: list(map(_finite_row, rows)) for name, rows in beside.items()}
     printed_objects.append(json.dumps(reply, allow_nan=False))

@@ -10,8 +10,8 @@ from baqueano.compare.consistency import Band
 from baqueano.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from baqueano.compare.corridor_ahead import CorridorAhead
+    from baqueano.compare.corridor_forecast import CorridorForecast
 
 __all__ = ["Comparison", "compare"]
 
-__getattr__ = on_demand(__name__, {"corridor_ahead": ("CorridorAhead",)})
+__getattr__ = on_demand(__name__, {"corridor_forecast": ("CorridorForecast",)})

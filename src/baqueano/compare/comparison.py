@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
-from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance, until_diverged
+from baqueano.compare.divergence import InvalidCovariance, cut_at_divergence, diverged_s, invalid_covariance
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.compare.laps import DriveLap, laps_of
 from baqueano.compare.table import LINE_LETTERS, table
@@ -28,12 +28,12 @@ from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
 if TYPE_CHECKING:
-    from baqueano.compare.evenness import Pace
+    from baqueano.compare.evenness import SpeedErrors
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs.run import Run
 
 
-class Path(NamedTuple):
+class PathDistances(NamedTuple):
     """The distances of a vehicle from a path over a run: rms, 95 % quantile, and largest value."""
 
     rms_m: float
@@ -41,7 +41,7 @@ class Path(NamedTuple):
     max_m: float
 
 
-UNKNOWN_PATH = Path(float("nan"), float("nan"), float("nan"))
+UNKNOWN_DISTANCES = PathDistances(float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,17 +57,17 @@ class RunComparison:
     speed_error_m_s: float  # ν_x, ν_y of the estimate against the truth, rms
     yaw_rate_error_rad_s: float
     end_error_m: float  # estimate against truth at the last time of both
-    across_true: Path  # cross-track error of the vehicle, by the truth
-    across_estimate: Path  # the same, by the estimate
-    across_first: Path  # cross-track distance of the vehicle from the path of the first run
-    pace_true: "Pace"  # forward speed against the reference speed, by the truth
-    pace_estimate: "Pace"  # the same, by the estimate
+    across_true: PathDistances  # cross-track error of the vehicle, by the truth
+    across_estimate: PathDistances  # the same, by the estimate
+    across_first: PathDistances  # cross-track distance of the vehicle from the path of the first run
+    pace_true: "SpeedErrors"  # forward speed against the reference speed, by the truth
+    pace_estimate: "SpeedErrors"  # the same, by the estimate
     sign_changes_per_s: float  # of the forward command that was sent
     at_limit: float  # share of ticks at which a sent command, or a wheel, is at its limit
     consistency: FilterConsistency
     corridor: Corridor | None  # None: the estimator does not report a covariance of the pose
     diverged_s: float  # time from which the estimate has diverged; NaN: never
-    no_covariance: NoCovariance | None  # None: the covariance is valid at every tick
+    invalid_covariance: InvalidCovariance | None  # None: the covariance is valid at every tick
     refusals: tuple[
         Refusals, ...
     ] = ()  # how often the estimator rejected each channel; empty: rejections are not recorded
@@ -80,7 +80,7 @@ class RunComparison:
         """
         if np.isfinite(self.diverged_s):
             return DIVERGED
-        return self.consistency.verdict if self.no_covariance is None else NOT_DEFINITE
+        return self.consistency.verdict if self.invalid_covariance is None else NOT_DEFINITE
 
     @property
     def too_sure(self) -> bool:
@@ -122,8 +122,8 @@ class RunComparison:
         """
         if np.isfinite(self.diverged_s):
             return (text(note("compare.diverged", t_s=self.diverged_s)),)
-        if self.no_covariance is not None:
-            return (text(note("compare.no-covariance", **self.no_covariance._asdict())),)
+        if self.invalid_covariance is not None:
+            return (text(note("compare.no-covariance", **self.invalid_covariance._asdict())),)
         corridor_sentences = () if self.corridor is None else (self.corridor.sentence,)
         return (*self._lap_sentences(), *corridor_sentences, self.consistency.sentence)
 
@@ -289,7 +289,7 @@ def compare(
 
 
 def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> RunComparison:
-    lost_s, run = diverged_s(run), until_diverged(run)  # the errors are those before the divergence
+    lost_s, run = diverged_s(run), cut_at_divergence(run)  # the errors are those before the divergence
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
@@ -298,11 +298,11 @@ def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s:
     return RunComparison(
         name, run.duration_s, **figures,
         across_true=_path_distances(run.truth, run), across_estimate=_path_distances(run.estimate, run),
-        across_first=_distances_between_runs(run, first), pace_true=_pace(run.truth, run),
-        pace_estimate=_pace(run.estimate, run),
+        across_first=_distances_between_runs(run, first), pace_true=_speed_errors(run.truth, run),
+        pace_estimate=_speed_errors(run.estimate, run),
         **_command_figures(run), consistency=filter_consistency(run, alignment),
         refusals=refusals_of(run.events), laps=laps_of(run), corridor=corridor_of(run), diverged_s=lost_s,
-        no_covariance=no_covariance(run))  # fmt: skip
+        invalid_covariance=invalid_covariance(run))  # fmt: skip
 
 
 def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float]:
@@ -315,8 +315,8 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
         eta = errors.align_trajectory(est.eta, eta_true, alignment)
     except UsageError as error:
         raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
-    pose_errors = errors.absolute(eta, eta_true)
-    drift = errors.relative(est.t_ns, eta, eta_true, over_s)
+    pose_errors = errors.absolute_pose_errors(eta, eta_true)
+    drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, over_s)
     known_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]
     e_nu = est.nu - nu_true
     return {
@@ -330,25 +330,27 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
     }
 
 
-def _path_distances(log: Any, run: "Run") -> Path:
+def _path_distances(log: Any, run: "Run") -> PathDistances:
     """Return the distances of a log from the reference path of its run, until the guide finished."""
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
-        return UNKNOWN_PATH
+        return UNKNOWN_DISTANCES
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: the run has no reference path
-        return UNKNOWN_PATH
+        return UNKNOWN_DISTANCES
     rows = _until_done(log.t_ns, ref)
-    return _path(errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2]))
+    return _distance_statistics(
+        errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2])
+    )
 
 
-def _pace(log: Any, run: "Run") -> "Pace":
-    """Compare the forward speed of a log with the reference speed of its run, until the guide finished."""
+def _speed_errors(log: Any, run: "Run") -> "SpeedErrors":
+    """Return the errors of the forward speed of a log against the reference speed, until the guide finished."""
     ref = run.guide_reference
     if log is None or ref is None or not len(ref.t_ns):
-        return evenness.UNKNOWN_PACE
+        return evenness.UNKNOWN_SPEED_ERRORS
     k = _until_done(log.t_ns, ref)
     reference_speed = interpolate_rows(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
-    return evenness.pace(log.t_ns[k], log.nu[k, 0], reference_speed)
+    return evenness.speed_errors(log.t_ns[k], log.nu[k, 0], reference_speed)
 
 
 def _command_figures(run: "Run") -> dict[str, float]:
@@ -369,18 +371,22 @@ def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
     return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
 
 
-def _distances_between_runs(run: "Run", first: "Run") -> Path:
+def _distances_between_runs(run: "Run", first: "Run") -> PathDistances:
     """Return the distances of the vehicle from the path of another run; times begin with each run."""
     if run is first:
-        return UNKNOWN_PATH
+        return UNKNOWN_DISTANCES
     a, b = (r.truth if r.truth is not None else r.estimate for r in (run, first))
     if a is None or b is None or len(b.t_ns) < 2 or not len(a.t_ns):
-        return UNKNOWN_PATH
+        return UNKNOWN_DISTANCES
     a_ns, b_ns = a.t_ns - a.t_ns[0], b.t_ns - b.t_ns[0]
     is_common = a_ns <= b_ns[-1]
-    return _path(errors.cross_track(a_ns[is_common], a.eta[is_common, :2], b_ns, b.eta[:, :2]))
+    return _distance_statistics(errors.cross_track(a_ns[is_common], a.eta[is_common, :2], b_ns, b.eta[:, :2]))
 
 
-def _path(distance: np.ndarray) -> Path:
+def _distance_statistics(distance: np.ndarray) -> PathDistances:
     d = np.abs(distance[np.isfinite(distance)])
-    return Path(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d))) if d.size else UNKNOWN_PATH
+    return (
+        PathDistances(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d)))
+        if d.size
+        else UNKNOWN_DISTANCES
+    )

@@ -21,7 +21,7 @@ MAX_SPEED_M_S = 100.0
 ROUNDING_SHARE = 1e-9  # of the largest eigenvalue
 
 
-class NoCovariance(NamedTuple):
+class InvalidCovariance(NamedTuple):
     """The number of ticks of a run at which the covariance is not valid, and the number of all ticks."""
 
     ticks: int
@@ -53,7 +53,7 @@ def diverged_s(run: Run) -> float:
     return float(t_s[np.argmax(is_lost)]) if is_lost.any() else float("nan")
 
 
-def until_diverged(run: Run) -> Run:
+def cut_at_divergence(run: Run) -> Run:
     """Return the run with its estimate cut at the time of divergence."""
     log, at_s = run.estimate, diverged_s(run)
     if log is None or not at_s > 0.0:
@@ -62,7 +62,7 @@ def until_diverged(run: Run) -> Run:
     return replace(run, estimate=log._make(None if x is None else x[is_before] for x in log))
 
 
-def no_covariance(run: Run) -> NoCovariance | None:
+def invalid_covariance(run: Run) -> InvalidCovariance | None:
     """Return the ticks at which the covariance of (η, ν) is not positive semidefinite; None if it always is.  (2)"""
     log = run.estimate
     if log is None or not len(log.t_ns):
@@ -72,6 +72,6 @@ def no_covariance(run: Run) -> NoCovariance | None:
     is_invalid = np.logical_not(is_finite) | (values[:, 0] < -ROUNDING_SHARE * np.abs(values).max(axis=1))
     if not is_invalid.any():
         return None
-    return NoCovariance(
+    return InvalidCovariance(
         int(is_invalid.sum()), len(is_invalid), float(seconds(log.t_ns, run.t_ns[0])[np.argmax(is_invalid)])
     )

@@ -54,13 +54,15 @@ def align_trajectory(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "no
     return np.column_stack([_rotate(eta[:, :2], angle) + shift, wrap(eta[:, 2] + angle)])
 
 
-def absolute(eta: np.ndarray, eta_true: np.ndarray) -> PoseErrors:
+def absolute_pose_errors(eta: np.ndarray, eta_true: np.ndarray) -> PoseErrors:
     """Return the errors of poses (N, 3) that are already aligned.  (1)"""
     d = eta - eta_true
     return PoseErrors(np.hypot(d[:, 0], d[:, 1]), wrap(d[:, 2]))
 
 
-def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, span_s: float = 1.0) -> PoseErrors:
+def relative_pose_errors(
+    t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, span_s: float = 1.0
+) -> PoseErrors:
     """Return the errors (M,) of the motion over `span_s`, from each time with a sample `span_s` later.  (2)"""
     span_ns = round(span_s * NANOSECONDS)
     later_rows = np.searchsorted(t_ns, t_ns + span_ns)

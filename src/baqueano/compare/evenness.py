@@ -28,7 +28,7 @@ DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller c
 LIMIT_SHARE = 1.0 - 1e-9  # of a limit: a command scaled down to the limit can differ from it by rounding
 
 
-class Pace(NamedTuple):
+class SpeedErrors(NamedTuple):
     """The errors of the forward speed against the reference speed."""
 
     error_m_s: float  # rms
@@ -44,27 +44,31 @@ class Limits(NamedTuple):
     channel: np.ndarray = np.full(1, np.inf)  # (k,) of each channel behind the mix, or (1,) of all
 
 
-UNKNOWN_PACE = Pace(float("nan"), float("nan"), float("nan"))
+UNKNOWN_SPEED_ERRORS = SpeedErrors(float("nan"), float("nan"), float("nan"))
 
 
-def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S) -> Pace:
+def speed_errors(
+    t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S
+) -> SpeedErrors:
     """Return (1) and (2) of a forward speed (N,) against the reference speed (N,) at the same times [m/s].
 
     The first `after_s` seconds are ignored. The result is NaN if the reference speed is always 0, because the vehicle
     then does not drive along a route.
     """
     if not len(t_ns):
-        return UNKNOWN_PACE
+        return UNKNOWN_SPEED_ERRORS
     e = speed - speed_ref
     is_late = seconds(t_ns, t_ns[0]) >= after_s
     is_known = is_late & np.isfinite(e)
     if not np.any(speed_ref[is_known]):
-        return UNKNOWN_PACE
+        return UNKNOWN_SPEED_ERRORS
     scale = float(np.mean(np.abs(speed_ref[is_known])))
-    return Pace(rms(e[is_late]), rms(e[is_late]) / scale, rms(about_mean(t_ns, e)[is_late]) / scale)
+    return SpeedErrors(
+        rms(e[is_late]), rms(e[is_late]) / scale, rms(minus_moving_mean(t_ns, e)[is_late]) / scale
+    )
 
 
-def about_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S) -> np.ndarray:
+def minus_moving_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S) -> np.ndarray:
     """Return x (N,) minus its centred mean over `window_s`; NaN if this span is not completely inside the data."""
     half_ns = round(0.5 * window_s * NANOSECONDS)
     first, last = np.searchsorted(t_ns, t_ns - half_ns), np.searchsorted(t_ns, t_ns + half_ns, side="right")

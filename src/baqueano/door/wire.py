@@ -4,7 +4,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from baqueano.diagnostics import Diagnostic
-from baqueano.messages.printable import words
+from baqueano.messages.printable import printable_json
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -27,7 +27,7 @@ def encode(message: "JsonObject") -> bytes:
 def decode(line: bytes) -> "JsonObject | None":
     """Return the message in a line, with each text printable and on one line; None if the message is invalid."""
     try:
-        message = words(json.loads(line))
+        message = printable_json(json.loads(line))
         message |= {
             k: Diagnostic.of_json(message[k]) for k in DIAGNOSTIC_FIELDS if isinstance(message.get(k), dict)
         }

@@ -23,7 +23,7 @@ ROOMS = (
     "recordings.damage", "recordings.data", "recordings.imports", "recordings.runs", "vehicle.door",
     "vehicle.hardware", "vehicle.robot",
 )  # fmt: skip
-NAMED = 5  # subjects that are named after the first, of messages that are alike
+MAX_LISTED_NAMES = 5  # subjects that are named after the first, of messages that are alike
 
 
 @cache
@@ -53,7 +53,7 @@ class _Arguments:
         return self.written(name)
 
 
-class _Words(str):
+class _TranslatedText(str):
     """A figure that is a text; the format `word` translates it."""
 
     __slots__ = ()
@@ -93,7 +93,7 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
 
 def in_english(message: "Diagnostic | str | None") -> str:
     """Return the English sentence of a diagnostic, for files."""
-    with language.within("en"):
+    with language.use_language("en"):
         return text(message)
 
 
@@ -111,7 +111,7 @@ def with_full_stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
 
 
-def row_of(message: Diagnostic) -> dict[str, Any]:
+def json_row(message: Diagnostic) -> dict[str, Any]:
     """Return a diagnostic for JSON: code, figures, and the sentence as `text`."""
     return message.to_json() | {"text": text(message)}
 
@@ -144,8 +144,8 @@ def _kind(message: Diagnostic) -> tuple[Any, ...]:
 def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
     first, subjects = same[0], [*dict.fromkeys(message.subject for message in same)][1:]
     if subjects:
-        rest = ", …" if len(subjects) > NAMED else ""
-        names = ", ".join(subjects[:NAMED]).replace("model.", "") + rest
+        rest = ", …" if len(subjects) > MAX_LISTED_NAMES else ""
+        names = ", ".join(subjects[:MAX_LISTED_NAMES]).replace("model.", "") + rest
         return Diagnostic("messages.others", first.severity, figures={"first": first, "others": names})
     return (
         first
@@ -161,7 +161,7 @@ def _figure_texts(message: Diagnostic, argument: Callable[[str], object]) -> dic
         if isinstance(value, Diagnostic)
         else f" {language.shown_unit(value)}"
         if name == "unit" and value
-        else _Words(value)
+        else _TranslatedText(value)
         if isinstance(value, str)
         else language.number(value)
         for name, value in message.figures.items()

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 LANGUAGES = {"en": "English", "es": "español"}
-VARIABLE = "BAQUEANO_LANG"
+LANGUAGE_VARIABLE = "BAQUEANO_LANG"
 DOMAIN = "baqueano"
 CATALOGUES = Path(__file__).parents[1] / "locale"
 Shown = TypeVar("Shown")
@@ -23,21 +23,21 @@ _language = ""
 _reader: ContextVar[str] = ContextVar("reader", default="")  # the language of the reader of a text
 
 
-def choose(language: str) -> None:
+def choose_language(language: str) -> None:
     """Choose one of LANGUAGES for this process and for the help of its command line; "" cancels the choice."""
     global _language
     _language = language
-    os.environ["LANGUAGE"] = current()
+    os.environ["LANGUAGE"] = current_language()
     gettext.bindtextdomain(DOMAIN, str(CATALOGUES))
     gettext.textdomain(DOMAIN)  # click uses it
 
 
 @contextmanager
-def within(language: str) -> Iterator[None]:
+def use_language(language: str) -> Iterator[None]:
     """Use this language within the context, for a page with readers of several languages.
 
-    >>> with within("es"):
-    ...     print(current(), f"{number(0.25):.2f}")
+    >>> with use_language("es"):
+    ...     print(current_language(), f"{number(0.25):.2f}")
     es 0,25
     """
     before = _reader.set(language)
@@ -47,13 +47,13 @@ def within(language: str) -> Iterator[None]:
         _reader.reset(before)
 
 
-def current() -> str:
+def current_language() -> str:
     """Return the present language, a key of LANGUAGES.
 
-    >>> current()
+    >>> current_language()
     'en'
     """
-    tag = _reader.get() or _language or os.environ.get(VARIABLE) or _system_locale()
+    tag = _reader.get() or _language or os.environ.get(LANGUAGE_VARIABLE) or _system_locale()
     language = tag.partition("_")[0].partition(".")[0].lower()
     return language if language in LANGUAGES else "en"
 
@@ -66,7 +66,7 @@ def translate(words: str, context: str = "", /, **figures: object) -> str:
     >>> translate("{laps} laps in {t_s:.1f} s", laps=3, t_s=12.0)
     '3 laps in 12.0 s'
     """
-    language = current()
+    language = current_language()
     if language != "en" and words:
         catalogue = _catalogue(language)
         words = catalogue.pgettext(context, words) if context else catalogue.gettext(words)
@@ -84,7 +84,7 @@ def number(value: Shown) -> Shown:
     >>> f"{number(0.25):.1f}"
     '0.2'
     """
-    if current() == "en":
+    if current_language() == "en":
         return value
     shown_value: object = value
     if isinstance(value, list | tuple):
@@ -103,7 +103,7 @@ _OF_UNITS = (N_("unit of u"), N_(" per "))
 def shown_unit(words: str) -> str:
     """Return a unit in the current language.
 
-    >>> with within("es"):
+    >>> with use_language("es"):
     ...     print(shown_unit("N per unit of u"))
     N por unidad de u
     """

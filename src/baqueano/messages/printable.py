@@ -12,22 +12,22 @@ from collections.abc import Iterable
 from typing import Any
 
 
-def baqueano_command(*words: object) -> str:
+def baqueano_command(*printable_json: object) -> str:
     """Return a baqueano command with these arguments, quoted for the shell of this machine.
 
     >>> baqueano_command("runs", "show", "my runs/0001.mcap")
     "baqueano runs show 'my runs/0001.mcap'"
     """
-    return shell_command("baqueano", *words)
+    return shell_command("baqueano", *printable_json)
 
 
-def shell_command(*words: object) -> str:
+def shell_command(*printable_json: object) -> str:
     """Return a command of these words, quoted for the shell of this machine.
 
     >>> shell_command("cd", "my lab")
     "cd 'my lab'"
     """
-    line = list(map(str, words))
+    line = list(map(str, printable_json))
     return " ".join(map(_for_powershell, line)) if os.name == "nt" else shlex.join(line)
 
 
@@ -48,7 +48,9 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(c if c in "\n\t" or _letter(c) else c.encode("unicode_escape").decode() for c in text)
+    return "".join(
+        c if c in "\n\t" or _is_printable_letter(c) else c.encode("unicode_escape").decode() for c in text
+    )
 
 
 def one_line(text: str) -> str:
@@ -65,14 +67,14 @@ def in_lines(rows: Iterable[str]) -> str:
     return "\n".join(map(one_line, rows))
 
 
-def words(decoded: object) -> Any:
+def printable_json(decoded: object) -> Any:
     """Return a value decoded from JSON, with all its texts and keys converted by `one_line`."""
     if isinstance(decoded, str):
         return one_line(decoded)
     if isinstance(decoded, dict):
-        return {one_line(key): words(value) for key, value in decoded.items()}
-    return [words(value) for value in decoded] if isinstance(decoded, list) else decoded
+        return {one_line(key): printable_json(value) for key, value in decoded.items()}
+    return [printable_json(value) for value in decoded] if isinstance(decoded, list) else decoded
 
 
-def _letter(c: str) -> bool:
+def _is_printable_letter(c: str) -> bool:
     return c.isprintable() or unicodedata.category(c) == "Zs"

@@ -6,7 +6,7 @@ from functools import singledispatch
 from typing import TYPE_CHECKING
 
 from baqueano.compare import Comparison
-from baqueano.compare.corridor_ahead import CorridorAhead
+from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import note
 from baqueano.drive import FirstDrive, TeachResult
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from baqueano.contracts.values import TableRow
 
-SHOWN, SENTENCES, COLUMNS = 12, 5, 8  # rows, sentences and columns; the rest is unfolded
+MAX_ROWS, MAX_SENTENCES, MAX_COLUMNS = 12, 5, 8  # rows, sentences and columns; the rest is unfolded
 DETAILS_LABEL = note("front.whole")
 COLOURS = {"good": "#1f7a3a", "warn": "#a86400", "bad": "#b3261e", "plain": "#33567f"}
 STYLE = """
@@ -80,7 +80,7 @@ def html_of(result: Tabular) -> str:
 def _table(rows: "Sequence[TableRow]") -> str:
     if not rows:
         return ""
-    rows_shown = [{key: cell(value, key) for key, value in row.items()} for row in rows[:SHOWN]]
+    rows_shown = [{key: cell(value, key) for key, value in row.items()} for row in rows[:MAX_ROWS]]
     number_keys = {key for key in rows[0] if any(isinstance(row[key], int | float) for row in rows)}
 
     def line(tag: str, values: dict[str, str]) -> str:
@@ -90,7 +90,7 @@ def _table(rows: "Sequence[TableRow]") -> str:
         )
         return f"<tr>{cells}</tr>"
 
-    hidden_count = len(rows) - SHOWN
+    hidden_count = len(rows) - MAX_ROWS
     more_html = (
         f"<p>{html.escape(text(note('front.rows-more', rows=hidden_count)))}</p>" if hidden_count > 0 else ""
     )
@@ -104,7 +104,7 @@ def card_of(result: Tabular) -> Card:
     The default rows are `rows()`, if they do not have too many columns.
     """
     rows = result.rows()
-    table_rows = rows if rows and len(rows[0]) <= COLUMNS else []
+    table_rows = rows if rows and len(rows[0]) <= MAX_COLUMNS else []
     return Card(type(result).__name__, str(getattr(result, "verdict", "")), table_rows)
 
 
@@ -112,7 +112,7 @@ def card_of(result: Tabular) -> Card:
 def _fit_card(result: Fit) -> Card:
     title = text(note("front.card-fit", vehicle=result.file.name, runs=result.runs))
     return Card(
-        title, result.verdict, [row_of(row) for row in result.rows()], verdict_lines(result)[:SENTENCES]
+        title, result.verdict, [row_of(row) for row in result.rows()], verdict_lines(result)[:MAX_SENTENCES]
     )
 
 
@@ -123,7 +123,7 @@ def _run_card(result: Run) -> Card:
     names = {"topic": "topic", "count": "count", "rate_hz": "rate [Hz]", "gaps": "gaps"}
     rows = [{heading: row[name] for name, heading in names.items()} for row in result.rows()]
     events = [event.sentence for event in result.events if event.level != "info"]
-    return Card(title, "", rows, events[:SENTENCES])
+    return Card(title, "", rows, events[:MAX_SENTENCES])
 
 
 @card_of.register(Comparison)
@@ -138,7 +138,7 @@ def _comparison_card(result: Comparison) -> Card:
     ]  # fmt: skip
     sentences = [f"{run.name}: {sentence}" for run in result.runs for sentence in run.sentences]
     return Card(
-        text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, sentences[:SENTENCES]
+        text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, sentences[:MAX_SENTENCES]
     )
 
 
@@ -169,8 +169,8 @@ def _forecast_card(result: Forecast) -> Card:
     return Card(text(note("front.card-forecast")), "", (), result.sentences)
 
 
-@card_of.register(CorridorAhead)
-def _corridor_card(result: CorridorAhead) -> Card:
+@card_of.register(CorridorForecast)
+def _corridor_card(result: CorridorForecast) -> Card:
     return Card(text(note("front.card-forecast")), result.verdict, (), result.table().splitlines())
 
 
@@ -202,7 +202,7 @@ def _import_card(result: ImportedRun) -> Card:
         run.title,
         result.verdict,
         run.rows,
-        [finding.advice for finding in result.without_common_findings.findings][:SENTENCES],
+        [finding.advice for finding in result.without_common_findings.findings][:MAX_SENTENCES],
     )
 
 
@@ -253,4 +253,4 @@ def _history_card(result: ParameterHistory) -> Card:
     sentences = texts([change.message for change in result.changes]) or [
         _("No parameter changed beyond its error bars.")
     ]
-    return Card(title, result.verdict, rows, sentences[:SENTENCES])
+    return Card(title, result.verdict, rows, sentences[:MAX_SENTENCES])

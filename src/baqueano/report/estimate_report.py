@@ -4,7 +4,7 @@ import numpy as np
 
 from baqueano.compare import Comparison, RunComparison
 from baqueano.compare.corridor import Corridor, corridor_of
-from baqueano.compare.divergence import until_diverged
+from baqueano.compare.divergence import cut_at_divergence
 from baqueano.compare.errors import align_trajectory
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.geometry import map_from_body, wrap
@@ -93,7 +93,7 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
             turn = map_from_body(eta[last_index, 2] - corridor.eta[last_index, 2])[:2, :2]
             end = figures.ellipse(eta[last_index, :2], turn @ run.estimate.cov[last_index, :2, :2] @ turn.T)
     if beside is not None and beside.estimate is not None:
-        second_run = until_diverged(beside)
+        second_run = cut_at_divergence(beside)
         assert second_run.estimate is not None
         lines[beside.name] = _aligned_path(second_run, alignment)[:, :2]
     if not lines:
@@ -125,7 +125,7 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
     band = 2.0 * np.sqrt(np.maximum(np.einsum("kii->ki", run.estimate.cov[:, :4, :4]), 0.0))
     second_errors = {}
     if beside is not None and beside.estimate is not None:
-        second_errors[beside.name] = _errors_against_truth(until_diverged(beside), run, alignment)
+        second_errors[beside.name] = _errors_against_truth(cut_at_divergence(beside), run, alignment)
     panels = []
     for k, label in enumerate(
         (_("x error [m]"), _("y error [m]"), _("heading error [°]"), _("ν_x error [m/s]"))

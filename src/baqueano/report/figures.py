@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.messages.language import translate as _
-from baqueano.report.lab import panel, panels, with_style
+from baqueano.report.libraries import panel, panels, with_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import Verdict, fault, nearest
 from baqueano.errors import UsageError
-from baqueano.messages.language import current, number
+from baqueano.messages.language import current_language, number
 from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
@@ -24,8 +24,16 @@ TONES = {
     Verdict.USABLE: "good", "OK": "good", Verdict.WARN: "warn", Verdict.REFUSED: "bad", Verdict.STOPPED: "bad",
     Verdict.CONSISTENT: "good", Verdict.INCONSISTENT: "warn", "KNOWN": "good", "LOST": "bad",
 }  # fmt: skip
-WIDE_IN, NARROW_IN, LEAST_IN = 8.0, 4.4, 2.4  # of figures: over time; on a phone
-AS_TYPED = {"name", "parameter", "run", "command", "number", "gain", "unit"}  # columns of identifiers
+WIDE_IN, NARROW_IN, MIN_IN = 8.0, 4.4, 2.4  # of figures: over time; on a phone
+UNTRANSLATED_COLUMNS = {
+    "name",
+    "parameter",
+    "run",
+    "command",
+    "number",
+    "gain",
+    "unit",
+}  # columns of identifiers
 FORMATS, DPI = ("svg", "pdf", "png"), 300  # of figures as files; dots per inch of a png
 
 
@@ -67,7 +75,7 @@ class Drawing:
         wide_in, high_in = self.figure.get_size_inches()
         if self.narrow and wide_in > NARROW_IN:
             scale = 1.0 if wide_in > WIDE_IN else NARROW_IN / wide_in  # panels over time keep their height
-            self.figure.set_size_inches(NARROW_IN, max(high_in * scale, LEAST_IN))
+            self.figure.set_size_inches(NARROW_IN, max(high_in * scale, MIN_IN))
             svg += _svg(self.figure, "narrow", self.caption)
             self.figure.set_size_inches(wide_in, high_in)
         return svg
@@ -116,13 +124,13 @@ class Page:
         """Return the whole page as text. Raise UsageError if jinja2 is not installed."""
         from importlib.resources import files
 
-        from baqueano.report.lab import jinja2
+        from baqueano.report.libraries import jinja2
 
         environment = jinja2().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
         environment.filters |= {"cell": cell, "word": _}
         template = files("baqueano.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
         tone = TONES.get(self.verdict, "plain")
-        return environment.from_string(template).render(page=self, tone=tone, language=current())
+        return environment.from_string(template).render(page=self, tone=tone, language=current_language())
 
     @property
     def footer(self) -> str:
@@ -130,7 +138,7 @@ class Page:
         return _("Written by baqueano. SI units; angles in degrees if stated.")
 
     @property
-    def again(self) -> str:
+    def reproduce_sentence(self) -> str:
         """Return the sentence before the command `reproduce`."""
         return _("To reproduce these numbers:")
 
@@ -188,7 +196,7 @@ def check_format(file_format: str, width: str | float | None = None) -> None:
     if file_format not in FORMATS:
         raise UsageError(fault("front.format-unknown", found=file_format, near=nearest(file_format, FORMATS)))
     if width is not None:
-        from baqueano.report.lab import matplotlib
+        from baqueano.report.libraries import matplotlib
 
         matplotlib()
         from baqueano.report.canvas import width_mm
@@ -204,7 +212,7 @@ def save_text(path: str | Path, text: str) -> Path:
 def cell(value: object, key: str = "") -> str:
     """Return the text of a cell in column `key`: a float with four significant digits, a dash for an unknown value.
 
-    Words are in the current language, except in the columns AS_TYPED.
+    Words are in the current language, except in the columns UNTRANSLATED_COLUMNS.
     """
     if value is None or value != value:
         return "–"
@@ -212,7 +220,7 @@ def cell(value: object, key: str = "") -> str:
         return _("yes") if value else _("no")
     if isinstance(value, float):
         return f"{number(value):.4g}"
-    return str(value) if key in AS_TYPED else _(str(value))
+    return str(value) if key in UNTRANSLATED_COLUMNS else _(str(value))
 
 
 def draw(figure: "Figure", caption: str, narrow: bool = True) -> Drawing:

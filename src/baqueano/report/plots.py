@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.compare import Comparison
 from baqueano.compare.comparison import RunComparison
-from baqueano.compare.corridor_ahead import CorridorAhead
+from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import fault, nearest
 from baqueano.drive import FirstDrive, TeachResult
@@ -26,11 +26,11 @@ from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import draw_most_motion, label, without_model_prefix
-from baqueano.report.lab import draw_onto, panel, panels, with_style
-from baqueano.report.of_run import commands_section, errors, paths, sensors_of, speed_drawing
+from baqueano.report.libraries import draw_onto, panel, panels, with_style
 from baqueano.report.page import Drawing, Table
-from baqueano.report.pages.at_rest import allan_curves, by_sensor
-from baqueano.report.pages.parameter_drift import curves, with_curves
+from baqueano.report.pages.at_rest import allan_curves, channels_by_sensor
+from baqueano.report.pages.parameter_drift import curves, parameters_with_curves
+from baqueano.report.run_report import commands_section, errors, paths, sensors_of, speed_drawing
 from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from baqueano.identify.result.fit_result import ChannelFit
-    from baqueano.report.lab import Target
+    from baqueano.report.libraries import Target
 
 Draw = Callable[[], "Figure | None"]  # None: the result has no data for it
 
@@ -154,12 +154,14 @@ def _examined_route_drawings(result: RouteReport) -> dict[str, Draw]:
 
 @drawings_of.register(Noise)
 def _noise_drawings(result: Noise) -> dict[str, Draw]:
-    return {"deviations": lambda: plot_deviations(result)}
+    return {"deviations": lambda: plot_noise(result)}
 
 
 @drawings_of.register(RestMeasurement)
 def _rest_drawings(result: RestMeasurement) -> dict[str, Draw]:
-    return {sensor: partial(allan_curves, channels) for sensor, channels in by_sensor(result).items()}
+    return {
+        sensor: partial(allan_curves, channels) for sensor, channels in channels_by_sensor(result).items()
+    }
 
 
 @drawings_of.register(Calibration)
@@ -180,7 +182,7 @@ def _closure_drawings(result: Closure) -> dict[str, Draw]:
 
 @drawings_of.register(ParameterHistory)
 def _history_drawings(result: ParameterHistory) -> dict[str, Draw]:
-    entries = with_curves(result)
+    entries = parameters_with_curves(result)
     return {"parameters": lambda: curves(result, entries)} if entries else {}
 
 
@@ -194,8 +196,8 @@ def _tune_drawings(result: TuneResult) -> dict[str, Draw]:
     return {"search": lambda: plot_search(result), "cost": lambda: plot_cost_around(result)}
 
 
-@drawings_of.register(CorridorAhead)
-def _corridor_drawings(result: CorridorAhead) -> dict[str, Draw]:
+@drawings_of.register(CorridorForecast)
+def _corridor_drawings(result: CorridorForecast) -> dict[str, Draw]:
     return {
         "path": partial(_first_figure, lambda: paths(result.run)),
         "corridor": lambda: plot_corridor(result),
@@ -204,7 +206,7 @@ def _corridor_drawings(result: CorridorAhead) -> dict[str, Draw]:
 
 @drawings_of.register(Forecast)
 def _forecast_drawings(result: Forecast) -> dict[str, Draw]:
-    return {"drives": lambda: plot_drives(result)}
+    return {"drives": lambda: plot_forecast(result)}
 
 
 @drawings_of.register(Ensemble)
@@ -294,7 +296,7 @@ def plot_cost_around(result: TuneResult) -> "Figure":
 
 
 @with_style
-def plot_corridor(result: CorridorAhead) -> "Figure":
+def plot_corridor(result: CorridorForecast) -> "Figure":
     """Draw the half-width of the 95 % corridor across the path over time."""
     figure, axes = panel((7.2, 3.0))
     corridor_ = result.corridor
@@ -345,7 +347,7 @@ def plot_demand(result: RouteReport) -> "Figure":
 
 
 @with_style
-def plot_deviations(result: Noise) -> "Figure":
+def plot_noise(result: Noise) -> "Figure":
     """Draw the standard deviation of each channel and state, in motion and at rest."""
     rows = [row for row in result.rows() if row["unit"] != "s"]  # a fade time is not a deviation
     figure, axes = panel((7.2, 0.32 * len(rows) + 1.4))
@@ -365,7 +367,7 @@ def plot_deviations(result: Noise) -> "Figure":
 
 
 @with_style
-def plot_drives(result: Forecast) -> "Figure":
+def plot_forecast(result: Forecast) -> "Figure":
     """Draw the standard deviation of the final position of each drive."""
     figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
     rows = np.arange(len(result.ahead))[::-1]

@@ -24,12 +24,12 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.report import Headline, Page, Section, Table
-from baqueano.report.animation.bars import bars
+from baqueano.report.animation.partial_fits import partial_fits
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.fit_report import sections_of_fit
-from baqueano.report.of_run import driving_sections, headlines
+from baqueano.report.run_report import driving_sections, headlines
 from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import resolve_backend
@@ -165,7 +165,9 @@ class Demo:
         guess, options = load("small").with_values(GUESS), FitOptions(backend=backend)
         fits = [(s, identify(run.cut(0.0, s), guess, options=options)) for s in STAGES_S]
         truth = dict(zip(self.fit.names, self.true_values, strict=True))
-        stages = bars([*fits, (run.duration_s, self.fit)], list(labels), [truth[name] for name in labels])
+        stages = partial_fits(
+            [*fits, (run.duration_s, self.fit)], list(labels), [truth[name] for name in labels]
+        )
         return animation(scene(self.repeated), stages, list(labels.values()))
 
     def page(self) -> Page:

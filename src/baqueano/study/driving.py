@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
-from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
+from baqueano.compare.evenness import limits_of, share_at_limit, sign_changes, speed_errors
 from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Verdict
 from baqueano.estimators import KnownState
@@ -365,7 +365,7 @@ def _lap(
     """Return the errors of an EvenDrive from true poses and speeds (N, 4), commands (N, 3), reference poses (N, 3)
     and reference speeds (N,).
     """
-    pace_figures = pace(t_ns, truth[:, 3], speed_ref)
+    pace_figures = speed_errors(t_ns, truth[:, 3], speed_ref)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
     is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
     cross_track_rms_m = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))

@@ -12,7 +12,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.report.card import Card, card_of
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE
-from baqueano.report.lab import panel, with_style
+from baqueano.report.libraries import panel, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.pages.result_page import page_of
 from baqueano.report.plots import drawings_of

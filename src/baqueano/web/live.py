@@ -16,7 +16,7 @@ from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, 
 from baqueano.door import VERSION
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError
 from baqueano.messages import text
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 from baqueano.messages.printable import one_line
 from baqueano.web.feed import Feed, field_rows
 from baqueano.web.foxglove.bridge import Foxglove
@@ -92,7 +92,7 @@ class Live:
 
     def hello(self, visitor: Visitor) -> "JsonObject":
         """Return the part of `hello` that describes the vehicle."""
-        with within(visitor.language):
+        with use_language(visitor.language):
             state = self._description()
         about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
         return {
@@ -282,7 +282,7 @@ class Live:
         about = word.get("about")
         for visitor in [self._last_sender] if self._last_sender in set(self._all()) else self._all():
             if visitor is not None:
-                with within(visitor.language):
+                with use_language(visitor.language):
                     reason = text(about) if isinstance(about, Diagnostic) else one_line(str(word["why"]))
                 visitor.send({"is": "no", "why": reason, "code": getattr(about, "code", ""), "to": "mission"})
 
@@ -318,7 +318,7 @@ class Live:
             self._say_ledger(visitor)
 
     def _say_ledger(self, visitor: Visitor) -> None:
-        with within(visitor.language):
+        with use_language(visitor.language):
             visitor.send({"is": "ledger", "rows": ledger_rows(self._ledger)})
 
     def _on_done(self, word: "JsonObject") -> None:
@@ -375,7 +375,7 @@ class Live:
         words: dict[str, JsonObject] = {}
         for visitor in self._all():
             if visitor.language not in words:
-                with within(visitor.language):
+                with use_language(visitor.language):
                     words[visitor.language] = self._description()
             visitor.send(words[visitor.language])
 
@@ -393,5 +393,5 @@ class Live:
             visitor.send(message)
 
     def _say_event(self, visitor: Visitor, t_s: float, message: Diagnostic) -> None:
-        with within(visitor.language):
+        with use_language(visitor.language):
             visitor.send({"is": "event", "t": t_s, "severity": str(message.severity), "text": text(message)})

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages import text
-from baqueano.messages.language import LANGUAGES, within
+from baqueano.messages.language import LANGUAGES, use_language
 from baqueano.messages.printable import one_line
 from baqueano.web import PROTOCOL
 from baqueano.web.guard import Guard
@@ -120,7 +120,7 @@ class BrowserPage:
 
     def refuse(self, visitor: Visitor, word: "JsonObject", reason: Diagnostic) -> None:
         """Answer a message with `no` and the reason, and disconnect a browser without a role."""
-        with within(visitor.language):
+        with use_language(visitor.language):
             visitor.send(
                 {"is": "no", "why": text(reason), "code": str(reason.code), "to": word["is"][:LONGEST_NAME]}
             )
@@ -147,7 +147,7 @@ class BrowserPage:
             raise UsageError(fault("web.token"))
         self._count += 1
         visitor_name = one_line(str(word.get("name") or ""))[:LONGEST_NAME].strip()
-        with within(visitor.language):
+        with use_language(visitor.language):
             visitor.name = visitor_name or text(note("web.visitor", number=self._count))
         about = await self._about_run() if self.live is None else self.live.hello(visitor)
         visitor.role = role
@@ -226,7 +226,7 @@ class BrowserPage:
             raise UsageError(fault("web.no-vehicle", word="write"))
         self.live.may_change(visitor)
         message = await self.questions.write(visitor, word)
-        with within(visitor.language):
+        with use_language(visitor.language):
             visitor.send({"is": "event", "t": 0.0, "severity": "warning", "text": text(message)})
 
     async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -269,7 +269,7 @@ class BrowserPage:
                     yield frame
                 yield start | {"done": True, "seconds": about["seconds"]}
             except BaqueanoError as error:
-                with within(visitor.language):
+                with use_language(visitor.language):
                     yield {
                         "is": "no",
                         "why": text(error.diagnostic),
@@ -280,7 +280,7 @@ class BrowserPage:
     def _about(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
         """Return the description of a run for a browser, in the language of the browser."""
         whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
-        with within(visitor.language):
+        with use_language(visitor.language):
             figures = {name: about[name] for name in ("kind", "seconds")}
             sentence = text(note("web.recorded", events=len(about["events"]), **figures))
         brief = {name: about[name] for name in ("name", "kind", "seconds")}
@@ -300,7 +300,7 @@ def with_sentence(event: "JsonObject", language: str) -> "JsonObject":
     """Return an event of a run, with its text as a sentence in this language."""
     severity = SEVERITIES.get(event["severity"], event["severity"])
     message = event["text"]
-    with within(language):
+    with use_language(language):
         return event | {
             "severity": severity,
             "text": text(Diagnostic.of_json(message) if isinstance(message, dict) else message),
@@ -309,7 +309,7 @@ def with_sentence(event: "JsonObject", language: str) -> "JsonObject":
 
 def label_fields(fields: "list[JsonObject]", language: str) -> "list[JsonObject]":
     """Return the fields, each with a label in this language: the name of the quantity or of the channel."""
-    with within(language):
+    with use_language(language):
         return [field | {"label": _label(field["name"], field["group"])} for field in fields]
 
 

@@ -124,7 +124,7 @@ def command(
     answer(comparison, as_json, laps=comparison.laps())
     options.advise_to_fit(comparison, [run], options.naming_options(vehicle_file, folder), folder)
     if report:
-        from baqueano.report.of_run import page_of_run
+        from baqueano.report.run_report import page_of_run
 
         report.write(lambda: page_of_run(run))
     options.raise_stop(run, path)

@@ -81,7 +81,7 @@ def command(
     answer(comparison, as_json)
     options.advise_to_fit(comparison, [recorded_run] * len(several), vehicle_options, folder)
     if report:
-        from baqueano.report.of_run import page_of_run
+        from baqueano.report.run_report import page_of_run
 
         original = recorded_run if recorded_run.estimate is not None else None
         report.write(lambda: page_of_run(replayed, align, original))

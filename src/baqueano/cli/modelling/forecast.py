@@ -21,15 +21,15 @@ def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], laps: int, backend: str, report: ReportFiles,
     as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.compare.corridor_ahead import corridor_ahead
+    from baqueano.compare.corridor_forecast import forecast_corridor
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file)
     taught_route = options.find_route(route)
     with show_activity(note("cli.driving-ahead", laps=laps)):
-        corridor = corridor_ahead(vehicle_file, taught_route, laps, backend)
+        corridor = forecast_corridor(vehicle_file, taught_route, laps, backend)
     answer(corridor, as_json)
     if report:
-        from baqueano.report.of_run import page_of_run
+        from baqueano.report.run_report import page_of_run
 
         report.write(lambda: page_of_run(corridor.run), reproducible=True)

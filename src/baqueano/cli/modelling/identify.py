@@ -10,7 +10,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
-from baqueano.messages import row_of, text
+from baqueano.messages import json_row, text
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -156,7 +156,7 @@ def command(
     if as_json or report.page is None:
         answer(
             result, as_json, _extra_rows(fit, validation), forecast=drive_forecast.rows() if drive_forecast else [],
-            findings=list(map(row_of, fit.findings)),
+            findings=list(map(json_row, fit.findings)),
         )  # fmt: skip
     else:
         print_result(result.table(reported=True))
@@ -235,7 +235,7 @@ def _extra_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
     if validation is None:
         return per_run_rows
 
-    reasons, outside_rows = (list(map(row_of, table)) for table in (validation.reasons, validation.outside))
+    reasons, outside_rows = (list(map(json_row, table)) for table in (validation.reasons, validation.outside))
     summary = {
         "verdict": validation.verdict, "sentence": validation.sentence, "reasons": reasons, "outside": outside_rows,
     }  # fmt: skip

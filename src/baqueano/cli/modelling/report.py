@@ -29,8 +29,8 @@ def command(
     from baqueano.report.animation import picture_file
     from baqueano.report.animation.picture import animation as moving_picture
     from baqueano.report.animation.scene import scene
-    from baqueano.report.of_run import page_of_run
     from baqueano.report.page import save_text
+    from baqueano.report.run_report import page_of_run
 
     picture_path = None if animation is None else picture_file(animation)
 

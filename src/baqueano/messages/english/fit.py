@@ -1,6 +1,6 @@
 """English sentences about a fit: verdict, parameters that were not identified, choice of the cost, held-out runs."""
 
-HELD = "the parameter is fixed at {at:.4g}"
+FIXED_AT_TEXT = "the parameter is fixed at {at:.4g}"
 
 TEMPLATES: dict[str, str] = {
     "verdict.refused": "the vehicle file stays as it is",
@@ -64,12 +64,12 @@ TEMPLATES: dict[str, str] = {
     ),
     "identifiability.weakly": "{subject} is poorly identified{why}. {needs}",
     "identifiability.weakly-beside": "{subject} and {others} cannot be separated reliably{why}. {needs}",
-    "identifiability.not": f"the data do not determine {{subject}}{{why}}; {HELD}. {{needs}}",
+    "identifiability.not": f"the data do not determine {{subject}}{{why}}; {FIXED_AT_TEXT}. {{needs}}",
     "identifiability.not-beside": (
         "{subject} and {others} cannot be separated reliably{why}; {subject} is fixed at {at:.4g}. {needs}"
     ),
     "identifiability.scale": (
-        f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {HELD}. {{needs}}"
+        f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {FIXED_AT_TEXT}. {{needs}}"
     ),
     "identifiability.tied": (
         "{subject} and {others} are not separable: only their combination affects the data. {subject} is fixed at "

@@ -1,6 +1,6 @@
 """English error messages about fits, their noise, and experiments."""
 
-ASK = (
+TURN_STEPS = (
     "Leave the vehicle on its mark for 3 s. Turn it by hand on the floor, two whole turns, and put it back on the "
     "mark. "
     "Leave it there for 3 s again."
@@ -241,12 +241,14 @@ TEMPLATES: dict[str, str] = {
         "the gyro of {run} is at full scale, {limit_rad_s:.3g} rad/s, at {at_s:.1f} s. Turn the vehicle "
         "more slowly."
     ),
-    "turns.few-rests": (f"{{run}} contains {{rests}} rests of {{rest_s:g}} s or more: expected two. {ASK}"),
-    "turns.not-turned": (f"In {{run}} the vehicle was not turned between its rests. {ASK}"),
+    "turns.few-rests": (
+        f"{{run}} contains {{rests}} rests of {{rest_s:g}} s or more: expected two. {TURN_STEPS}"
+    ),
+    "turns.not-turned": (f"In {{run}} the vehicle was not turned between its rests. {TURN_STEPS}"),
     "turns.not-whole": (
         "between the rests of {run} at {from_s:.0f} s and {to_s:.0f} s the gyro measured {turns:.2f} turns; expected "
         "{expected:g}. "
-        f"{ASK}"
+        f"{TURN_STEPS}"
     ),
     "use.not-in-all": (
         "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in all runs: "

@@ -1,15 +1,15 @@
 """English sentences about chosen terms, noise, calibration, predictions, and parameters over time."""
 
-AGAIN = (
+INCONSISTENT_NOISE_TEXT = (
     "noise: the covariances of the fitted runs are inconsistent with {runs} (NIS {nis}). They were estimated again "
     "from all runs (NIS {again})"
 )
 HELD_OUT = "To test whether accelerometers improve it, hold out a run with a camera or an odometer: {fix}"
-RATIO = (
+ERROR_RATIO_TEXT = (
     "its error is {ratio:.2f} × the error without them ({low:.2f} to {high:.2f}), measured by {by} of {runs}."
 )
 LAP = "A lap cannot be predicted"
-MOVED = (
+CHANGE_TEXT = (
     "{before:.4g} ± {before_sd:.1g} → {after:.4g} ± {after_sd:.1g}{unit} ({percent:+.0f} %, {z:.1f} standard "
     "errors)"
 )
@@ -50,8 +50,8 @@ TEMPLATES: dict[str, str] = {
         "noise: the covariances are inconsistent with a simulation of the fitted vehicle (NEES {nees}): "
         "too small for {too_sure}, too large for {too_careful}."
     ),
-    "noise.found-again": f"{AGAIN}.",
-    "noise.still-off": f"{AGAIN}: too small for {{too_sure}}, too large for {{too_careful}}.",
+    "noise.found-again": f"{INCONSISTENT_NOISE_TEXT}.",
+    "noise.still-off": f"{INCONSISTENT_NOISE_TEXT}: too small for {{too_sure}}, too large for {{too_careful}}.",
     "noise.lifted": "{subject}: {lifted} of {of} variances were raised to the lower limit",
     "noise.correlations-reduced": "{subject}: correlations were reduced, so that the matrix is positive definite",
     "noise.of-the-file": "Q of {subject} comes from the file: not all of its channels were part of the fit",
@@ -64,8 +64,8 @@ TEMPLATES: dict[str, str] = {
         "speed: {runs} is too short to test the accelerometers ({pieces} of {least} segments of "
         "{block_s:g} s). The speed is obtained from the model."
     ),
-    "speed.corrected": f"speed: corrected by {{channels}}; {RATIO}",
-    "speed.left": f"speed: obtained only from the model. With {{channels}}, the best choice, {RATIO}",
+    "speed.corrected": f"speed: corrected by {{channels}}; {ERROR_RATIO_TEXT}",
+    "speed.left": f"speed: obtained only from the model. With {{channels}}, the best choice, {ERROR_RATIO_TEXT}",
     "at-rest.bursts": (
         "{subject}: the timestamps come in bursts (step: median {median_ms:.3g} ms, mean {mean_ms:.4g} ms, "
         "longest {longest_ms:.3g} ms), so they are times of arrival. The samples were spaced evenly, at "
@@ -90,8 +90,8 @@ TEMPLATES: dict[str, str] = {
         "the clock offset is known only to ± {half_ms:.0f} ms: change speed and turn often"
     ),
     "calibration.clock-at-end": "the clock offset {offset_s:.2f} s is at the end of the searched range",
-    "over-time.step": f"{{subject}} changed between {{first}} and {{second}}: {MOVED}",
-    "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {MOVED}",
+    "over-time.step": f"{{subject}} changed between {{first}} and {{second}}: {CHANGE_TEXT}",
+    "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {CHANGE_TEXT}",
     "over-time.refused": "the fit of {subject} is refused, so it is excluded",
     "forecast.off": (
         "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit "

@@ -12,11 +12,11 @@ import numpy as np
 
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.report.animation.bars import PartialFit
+from baqueano.report.animation.partial_fits import PartialFit
 from baqueano.report.animation.scene import Scene
 
-WIDE, HIGH, LEFT, MARGIN = 860, 430, 440, 26  # of the picture; of the part with the path
-FIT_S, LAP_S, LONGEST_S, REST_S = 4.0, 3.4, 11.0, 2.6  # the fit, a lap, all laps, the end
+WIDTH_PX, HEIGHT_PX, MAP_SIZE_PX, MARGIN = 860, 430, 440, 26  # of the picture; of the part with the path
+FIT_S, LAP_S, MAX_LAPS_S, REST_S = 4.0, 3.4, 11.0, 2.6  # the fit, a lap, all laps, the end
 # the largest error that is drawn, relative to the truth; half an axis and a row in px
 BAR, AXIS, ROW = 0.2, 96.0, 29.0
 STYLE = """
@@ -49,9 +49,9 @@ def animation(scene: Scene, partial_fits: Sequence[PartialFit] = (), labels: Seq
     keyframes = "".join(f"@keyframes {name}{{{steps}}}" for name, steps in clock.frames.items())
     title = _("A taught path, driven again; shaded: where the vehicle may be, 95 %")
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {HIGH}" role="img">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH_PX} {HEIGHT_PX}" role="img">'
         f"<title>{escape(title)}</title><style>{STYLE}{keyframes}</style>"
-        f'<rect width="{WIDE}" height="{HIGH}" rx="12" fill="var(--paper)"/>{"".join(parts)}</svg>\n'
+        f'<rect width="{WIDTH_PX}" height="{HEIGHT_PX}" rx="12" fill="var(--paper)"/>{"".join(parts)}</svg>\n'
     )
 
 
@@ -60,7 +60,7 @@ class _Clock:
 
     def __init__(self, scene: Scene, teaches: bool) -> None:
         self.begin_s = FIT_S if teaches else 0.6
-        self.laps_s = min(LAP_S * scene.laps, LONGEST_S)
+        self.laps_s = min(LAP_S * scene.laps, MAX_LAPS_S)
         self.period_s = self.begin_s + self.laps_s + REST_S
         self.frames: dict[str, str] = {}
         self._end_s = float(scene.t_s[-1])
@@ -100,13 +100,13 @@ class _Map:
         margin_m = max(scene.radius_m, widest) * 1.15
         low, high = xy.min(axis=0) - margin_m, xy.max(axis=0) + margin_m
         self.scale = float(
-            min((LEFT - MARGIN) / (high[0] - low[0]), (HIGH - 2 * MARGIN) / (high[1] - low[1]))
+            min((MAP_SIZE_PX - MARGIN) / (high[0] - low[0]), (HEIGHT_PX - 2 * MARGIN) / (high[1] - low[1]))
         )
         self._middle = (low + high) / 2
 
     def __call__(self, xy: np.ndarray) -> np.ndarray:
         """Return the position (…, 2) in the picture [px]."""
-        centre = np.array([(LEFT + MARGIN) / 2 + 6, HIGH / 2])
+        centre = np.array([(MAP_SIZE_PX + MARGIN) / 2 + 6, HEIGHT_PX / 2])
         return centre + self.scale * (xy - self._middle) * np.array([1.0, -1.0])
 
     def pose(self, eta: np.ndarray, turned_deg: float) -> str:
@@ -224,7 +224,7 @@ def _readout(scene: Scene, clock: _Clock, y: float) -> list[str]:
             error_m = float(np.hypot(*(scene.true[k] - scene.estimated[k])[:2]))
             lines.append(_("true error at the end: {distance}", distance=_length(error_m)))
         texts = "".join(
-            f'<text x="{LEFT + 50}" y="{y + 22 * row:.0f}"{_kind(row)}>{escape(line)}</text>'
+            f'<text x="{MAP_SIZE_PX + 50}" y="{y + 22 * row:.0f}"{_kind(row)}>{escape(line)}</text>'
             for row, line in enumerate(lines)
         )
         elements.append(f'<g{"" if is_last else _FADING} style="{style}">{texts}</g>')
@@ -248,7 +248,7 @@ def _legend(scene: Scene, y: float) -> list[str]:
              ("band", _("corridor, 95 %"), scene.half_m is not None),
              ("sure", _("estimated path"), scene.estimated is not None),
              ("true", _("true path"), scene.true is not None)]  # fmt: skip
-    elements, x = [], LEFT + 50
+    elements, x = [], MAP_SIZE_PX + 50
     for k, (kind, label, _visible) in enumerate([entry for entry in entries if entry[2]]):
         at_x, at_y = x + 160 * (k % 2), y + 24 * (k // 2) + 14
         mark = (
@@ -262,7 +262,7 @@ def _legend(scene: Scene, y: float) -> list[str]:
 
 def _fit_parts(partial_fits: Sequence[PartialFit], labels: Sequence[str], clock: _Clock) -> list[str]:
     """Return the intervals, which narrow from stage to stage, and the duration and verdict of each stage."""
-    x, zero, top = LEFT + 50, WIDE - MARGIN - AXIS - 24, 98.0
+    x, zero, top = MAP_SIZE_PX + 50, WIDTH_PX - MARGIN - AXIS - 24, 98.0
     each_s = (clock.begin_s - 0.4) / len(partial_fits)
     title, subtitle = _("Learning during a drive"), _("error bars of the fit, 95 %; dotted: the truth")
     elements = [f'<text class="title" x="{x}" y="46">{escape(title)}</text>']

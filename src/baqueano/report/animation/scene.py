@@ -13,7 +13,7 @@ from baqueano.runs import Run
 from baqueano.runs.interpolation import interpolate_poses
 from baqueano.signals import NANOSECONDS, seconds
 
-A_LAP, MOST = 72, 216  # instants of a lap, of a run
+INSTANTS_PER_LAP, MAX_INSTANTS = 72, 216  # instants of a lap, of a run
 RADIUS_M = 0.07  # of the body, if the vehicle file does not contain its size
 
 
@@ -50,7 +50,7 @@ def scene(run: Run) -> Scene:
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s
     laps = max(1, round(end_s / lap_s))
-    t_s = np.linspace(0.0, end_s, min(A_LAP * laps, MOST) + 1)
+    t_s = np.linspace(0.0, end_s, min(INSTANTS_PER_LAP * laps, MAX_INSTANTS) + 1)
     t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
     logs = [
         None if log is None else _filled(interpolate_poses(t_ns, log.t_ns, log.eta))

@@ -10,7 +10,7 @@ from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
-from baqueano.report.lab import panel, with_style
+from baqueano.report.libraries import panel, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 def page_of_rest(result: RestMeasurement) -> Page:
     """Return the page of `at_rest`."""
     sections = [Section(_("Figures"), "\n".join(texts(result.findings)), [Table(result.rows())])]
-    for sensor, channels in by_sensor(result).items():
+    for sensor, channels in channels_by_sensor(result).items():
         caption = _(
             "Overlapping Allan deviation with its 95 % interval; dashed: the coefficients that explain it."
         )
@@ -48,7 +48,7 @@ def page_of_rest(result: RestMeasurement) -> Page:
     )
 
 
-def by_sensor(rest: RestMeasurement) -> dict[str, list[ChannelAtRest]]:
+def channels_by_sensor(rest: RestMeasurement) -> dict[str, list[ChannelAtRest]]:
     """Return the channels of each sensor."""
     sensors = dict.fromkeys(c.sensor for c in rest.channels)
     return {sensor: [c for c in rest.channels if c.sensor == sensor] for sensor in sensors}

@@ -9,7 +9,7 @@ from baqueano.messages import text
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
-from baqueano.report.lab import panels, with_style
+from baqueano.report.libraries import panels, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def page_of_drift(history: "ParameterHistory") -> Page:
     sentences = "\n".join(text(change.message) for change in history.changes) or _(
         "No parameter changed beyond its error bars."
     )
-    entries = with_curves(history)
+    entries = parameters_with_curves(history)
     caption = _("Each run by itself with its 95 % interval (blue), and the estimate from all runs (green).")
     return Page(
         title=_("{vehicle} over {runs} runs", vehicle=history.last.file.name, runs=len(history.runs)),
@@ -50,7 +50,7 @@ def page_of_drift(history: "ParameterHistory") -> Page:
     )
 
 
-def with_curves(history: "ParameterHistory") -> list[int]:
+def parameters_with_curves(history: "ParameterHistory") -> list[int]:
     """Return the indices of the parameters with estimates from at least two runs."""
     return [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
 

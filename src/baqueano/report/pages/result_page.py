@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from baqueano.compare import Comparison
-from baqueano.compare.corridor_ahead import CorridorAhead
+from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import fault
 from baqueano.drive import FirstDrive, TeachResult
@@ -20,11 +20,11 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report.card import card_of
 from baqueano.report.fit_report import page_of_fit
-from baqueano.report.of_run import page_of_run
 from baqueano.report.page import Headline, Page, Section, Table, check_format, draw
 from baqueano.report.pages.at_rest import page_of_rest
 from baqueano.report.pages.parameter_drift import page_of_drift
 from baqueano.report.plots import plot_comparison
+from baqueano.report.run_report import page_of_run
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 
@@ -44,7 +44,7 @@ def report(
 
     Parameters
     ----------
-    result : Run, Fit, Comparison, CorridorAhead, SweepResult, RestMeasurement or ParameterHistory
+    result : Run, Fit, Comparison, CorridorForecast, SweepResult, RestMeasurement or ParameterHistory
         The subject of the page. The results of `teach`, of an import and of a first drive have the page of their run.
     path : path, optional
         File to which the page is written, as self-contained HTML.
@@ -102,8 +102,8 @@ def _page_of_its_run(result: TeachResult | ImportedRun | FirstDrive, alignment: 
     return page_of_run(result.run, alignment)
 
 
-@page_of.register(CorridorAhead)
-def _corridor_page(result: CorridorAhead, alignment: str = "none") -> Page:
+@page_of.register(CorridorForecast)
+def _corridor_page(result: CorridorForecast, alignment: str = "none") -> Page:
     return page_of_run(result.run)
 
 

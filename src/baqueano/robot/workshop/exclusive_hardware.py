@@ -20,9 +20,9 @@ from baqueano.errors import (
     UsageError,
     error_of_exit_code,
 )
-from baqueano.messages.language import VARIABLE, current
+from baqueano.messages.language import LANGUAGE_VARIABLE, current
 from baqueano.messages.language import translate as _
-from baqueano.messages.printable import baqueano_command, words
+from baqueano.messages.printable import baqueano_command, printable_json
 from baqueano.robot import SERVICE
 from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop.floor_tests import FloorTests
@@ -110,7 +110,7 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     """
     output, code = answer_of(ssh(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"])))
     try:
-        rows = words(json.loads(output)["rows"])
+        rows = printable_json(json.loads(output)["rows"])
         if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
             return rows
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -139,7 +139,7 @@ def result_from_host(of: "Callable[[list[TableRow]], Result]", host: str, *verb:
 
 def _language_setting() -> list[str]:
     """Return the words before a command that make the vehicle answer in the current language, [] for English."""
-    return [] if current() == "en" else ["env", f"{VARIABLE}={current()}"]
+    return [] if current_language() == "en" else ["env", f"{LANGUAGE_VARIABLE}={current_language()}"]
 
 
 def _run_quietly(command: list[str]) -> subprocess.CompletedProcess[str]:

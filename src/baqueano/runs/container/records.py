@@ -350,9 +350,8 @@ class _RecordReader:
             raise DamageError(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
         _check_size(compression, payload, size)
         memory_bytes = len(self.data) + self.contents.kept_bytes
-        allowed_bytes = max(
-            (memory_limit.limit_bytes(len(self.data)) - memory_bytes) // 2, 0
-        )  # for the records, and for their stored parts
+        # for the records, and for their stored parts
+        allowed_bytes = max((memory_limit.limit_bytes(len(self.data)) - memory_bytes) // 2, 0)
         records = decompress(compression, payload, min(size, allowed_bytes))
         self.unpacked += len(records)
         used_bytes = size if len(records) > allowed_bytes else len(records)

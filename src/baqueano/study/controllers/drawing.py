@@ -8,9 +8,9 @@ import numpy as np
 from baqueano.contracts.values import TableRow
 from baqueano.messages import texts
 from baqueano.messages.language import translate as _
-from baqueano.report.card import SENTENCES, Card, card_of
+from baqueano.report.card import MAX_SENTENCES, Card, card_of
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE
-from baqueano.report.lab import panels, with_style
+from baqueano.report.libraries import panels, with_style
 from baqueano.report.plots import Draw, drawings_of
 from baqueano.study.controllers.result import Controllers
 
@@ -35,7 +35,7 @@ def _card(result: Controllers) -> Card:
             cells |= {median: 1e3 * row[f"{view}_median_m"], ratio: row[f"{view}_ratio"]}
         rows.append(cells)
     title = result.table().partition("\n")[0]
-    return Card(title, result.verdict, rows, texts(result.reasons)[:SENTENCES])
+    return Card(title, result.verdict, rows, texts(result.reasons)[:MAX_SENTENCES])
 
 
 @with_style

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.compare.errors import absolute, align_trajectory
+from baqueano.compare.errors import absolute_pose_errors, align_trajectory
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.messages.language import mark as N_
 from baqueano.runs.interpolation import interpolate_poses, true_speed
@@ -91,7 +91,7 @@ def _squared_distance(eta: np.ndarray, eta_true: np.ndarray) -> np.ndarray:
     """Return the squared distance (N,) [m²] from the truth, after alignment at the first true pose."""
     if not np.isfinite(eta_true).all(axis=1).any():
         return np.full(len(eta), np.nan)
-    return absolute(align_trajectory(eta, eta_true, "start"), eta_true).position_m ** 2
+    return absolute_pose_errors(align_trajectory(eta, eta_true, "start"), eta_true).position_m ** 2
 
 
 def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:

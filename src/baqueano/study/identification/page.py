@@ -11,7 +11,7 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
-from baqueano.report.lab import panel, with_style
+from baqueano.report.libraries import panel, with_style
 from baqueano.study.identification.result import LIMITS, POOL, Identification
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from math import erf, nan, sqrt
 import numpy as np
 
 from baqueano.compare.corridor import QUANTILE_95
-from baqueano.compare.corridor_ahead import corridor_ahead
+from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
 from baqueano.study.driving import SHAPES
@@ -119,7 +119,7 @@ def forecast(vehicle_file: VehicleFile, fix: str, route: Route, count: int, back
     """Return the probability that a robot stays within MAX_DISTANCE_M of the route, from the predicted corridor of
     the first laps. It is 0 if the filter loses the vehicle in these laps.
     """
-    corridor = corridor_ahead(
+    corridor = forecast_corridor(
         with_fix(vehicle_file, fix, route), route, min(count, SETTLING_LAPS), backend
     ).corridor
     if np.isfinite(corridor.lost_s):

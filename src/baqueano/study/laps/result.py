@@ -2,7 +2,7 @@
 
 NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a conservative one                      (1)
 within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most MAX_HEADING_STD_RAD           (2)
-forecast    mean over the robots of P(|n| < d / σ), d = MAX_DISTANCE_M, σ the largest in corridor_ahead.py  (3)
+forecast    mean over the robots of P(|n| < d / σ), d = MAX_DISTANCE_M, σ the largest in corridor_forecast.py  (3)
 
 A robot stays on the route if its true distance from the route is at most MAX_DISTANCE_M in all laps, and it is never
 stopped.

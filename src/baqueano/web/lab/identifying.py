@@ -21,7 +21,7 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import Diagnostic
 from baqueano.errors import BaqueanoError
 from baqueano.messages import text
-from baqueano.messages.language import translate, within
+from baqueano.messages.language import translate, use_language
 from baqueano.web.lab.handle import Lab
 from baqueano.web.visitor import Visitor
 
@@ -143,7 +143,7 @@ class Identifying:
 
 def with_sentences(reply: "JsonObject", language: str) -> "JsonObject":
     """Return an answer of the worker with its diagnostics as sentences in this language."""
-    with within(language):
+    with use_language(language):
         return {name: _in_words(value, name) for name, value in reply.items()}
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages import text
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 from baqueano.messages.printable import one_line
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.shelf import Shelf
@@ -80,7 +80,7 @@ class Questions:
             visitor.send({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     def _refusal(self, visitor: Visitor, reason: Diagnostic) -> "JsonObject":
-        with within(visitor.language):
+        with use_language(visitor.language):
             return {"no": text(reason), "code": str(reason.code)}
 
     def _is_newest(self, visitor: Visitor, word: "JsonObject") -> bool:
@@ -151,7 +151,7 @@ class Questions:
 
     async def _check(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         reply, _ = await self.slow.request("check", **self._block_word(word))
-        with within(visitor.language):
+        with use_language(visitor.language):
             return {"findings": [text(Diagnostic.of_json(finding)) for finding in reply["findings"]]}
 
     def _block_word(self, word: "JsonObject") -> "JsonObject":

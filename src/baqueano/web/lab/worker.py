@@ -152,11 +152,11 @@ def _compare(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.compare import compare
     from baqueano.compare.table import sections_of
     from baqueano.messages import text
-    from baqueano.messages.language import within
+    from baqueano.messages.language import use_language
     from baqueano.runs import read_run
 
     comparison = compare([read_run(Path(path)) for path in request["paths"]])
-    with within(request["language"]):
+    with use_language(request["language"]):
         return {
             "names": [run.name for run in comparison.runs], "sections": sections_of(comparison),
             "sentences": [list(run.sentences) for run in comparison.runs],

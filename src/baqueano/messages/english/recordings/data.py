@@ -1,8 +1,8 @@
 """English sentences about the data of a fit, and about its residuals."""
 
-CURE = "Log each sample once, with the time of its measurement."
+LOG_ONCE = "Log each sample once, with the time of its measurement."
 MAP = "With this correction the residual falls ({less}) and the commands agree with the vehicle file."
-WRITE = "Write in the map: scale = -1.0 for the"
+SET_SIGN = "Write in the map: scale = -1.0 for the"
 
 TEMPLATES: dict[str, str] = {
     "data.not-finite": "{subject}: {lost} entries that are not finite were excluded",
@@ -35,13 +35,13 @@ TEMPLATES: dict[str, str] = {
     "time.which-unit": "in which unit is the time",
     "time.bursts": (
         "the timestamps of {subject} come in bursts. They were spaced evenly, with shifts of up to {moved_ms:.0f} ms, "
-        f"so the data can be late or early by that time. {CURE}"
+        f"so the data can be late or early by that time. {LOG_ONCE}"
     ),
     "time.stamps-far": (
         "{subject}: the timestamps of {lost} samples differ by more than {late_s:g} s from their arrival, "
         "so they were excluded. Did the clock of the sensor jump?"
     ),
-    "time.stamps-back": f"{{subject}}: {{lost}} timestamps repeat or go back; their samples were excluded. {CURE}",
+    "time.stamps-back": f"{{subject}}: {{lost}} timestamps repeat or go back; their samples were excluded. {LOG_ONCE}",
     "time.jump": (
         "time jumps {jumps} times, by up to {most_s:.3g} s. The run was cut there into {pieces} segments of at least "
         "{least_s:g} s, each with its own start"
@@ -91,12 +91,12 @@ TEMPLATES: dict[str, str] = {
     "mount.swapped": (
         f"The first two columns of {{subject}} are swapped. {MAP} Swap the first two entries of z in the map"
     ),
-    "mount.first-inverted": f"The first column of {{subject}} is inverted. {MAP} {WRITE} first entry of z",
+    "mount.first-inverted": f"The first column of {{subject}} is inverted. {MAP} {SET_SIGN} first entry of z",
     "mount.second-inverted": (
-        f"The second column of {{subject}} is inverted. {MAP} {WRITE} second entry of z"
+        f"The second column of {{subject}} is inverted. {MAP} {SET_SIGN} second entry of z"
     ),
-    "mount.third-inverted": f"The third column of {{subject}} is inverted. {MAP} {WRITE} third entry of z",
-    "mount.half-turn": f"The mounting of {{subject}} is turned by half a turn. {MAP} {WRITE} first two entries of z",
+    "mount.third-inverted": f"The third column of {{subject}} is inverted. {MAP} {SET_SIGN} third entry of z",
+    "mount.half-turn": f"The mounting of {{subject}} is turned by half a turn. {MAP} {SET_SIGN} first two entries of z",
     "mount.quarter-turn-second": (
         f"The mounting of {{subject}} is turned by a quarter turn. {MAP} In the map, swap the first two entries "
         "of z, then write scale = -1.0 for the second one"

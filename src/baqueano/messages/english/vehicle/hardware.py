@@ -1,6 +1,6 @@
 """English sentences about the hardware: bus, IMU, Uno, its card, its setup and its calibration."""
 
-REMEDY = (
+UNO_REMEDY = (
     "Is it an Uno with its own boot-loader? Are D0 and D1 unconnected? Press its reset button once, and type the same "
     "line again."
 )
@@ -152,8 +152,8 @@ TEMPLATES: dict[str, str] = {
         "avrdude is not installed here. Type: sudo apt-get install avrdude. Without internet, connect the "
         "Uno to a computer that has avrdude, and type there: baqueano robot flash"
     ),
-    "flash.too-slow": f"{{where}}: avrdude did not finish within {{within_s:g}} s. {REMEDY}",
-    "flash.failed": f"{{where}}: avrdude could not write the firmware: {{said}} {REMEDY}",
+    "flash.too-slow": f"{{where}}: avrdude did not finish within {{within_s:g}} s. {UNO_REMEDY}",
+    "flash.failed": f"{{where}}: avrdude could not write the firmware: {{said}} {UNO_REMEDY}",
     "uno.refused-number": "the Uno rejected the settings: sent {question}, stored {said}.",
     "uno.answer-not-whole": (
         "the Uno's answer to {question} was not complete within {within_s:g} s: the line is "

@@ -2,12 +2,12 @@
 
 from baqueano.diagnostics import StopReason as S
 
-ENCODER = (
+ENCODER_HELP = (
     "Does that wheel turn? If it does, check its encoder: 5 V, ground, wire A. Without an encoder: {fix}"
 )
-MISSION = "the service ended in the middle of a mission: {kind}, recorded in {run}, with {blocks}."
-ENDED = "One of its blocks ended, crashed or blocked the program, or the service was killed"
-OTHERWISE = (
+MISSION_ENDED_TEXT = "the service ended in the middle of a mission: {kind}, recorded in {run}, with {blocks}."
+BLOCK_ENDED_TEXT = "One of its blocks ended, crashed or blocked the program, or the service was killed"
+IMU_RESET_ADVICE = (
     "Disconnect the IMU's supply for a second. If that does not help, SDA (pin 3) and SCL (pin 5) touch ground or each "
     "other."
 )
@@ -48,10 +48,10 @@ TEMPLATES: dict[str, str] = {
     S.IMU_BUS_HELD: (
         "the IMU is silent: its I2C bus is stuck low. Clock pulses will free it while the vehicle is at rest"
     ),
-    S.IMU_BUS_STILL_HELD: f"the IMU is silent: {{cause}}. {OTHERWISE}",
+    S.IMU_BUS_STILL_HELD: f"the IMU is silent: {{cause}}. {IMU_RESET_ADVICE}",
     S.SERVICE_ENDED: "another process ended the service",
-    S.MISSION_UNFINISHED: f"{MISSION} {ENDED}",
-    S.MISSION_UNFINISHED_AT: f"{MISSION} It was at {{file}} line {{line}}. {ENDED}",
+    S.MISSION_UNFINISHED: f"{MISSION_ENDED_TEXT} {BLOCK_ENDED_TEXT}",
+    S.MISSION_UNFINISHED_AT: f"{MISSION_ENDED_TEXT} It was at {{file}} line {{line}}. {BLOCK_ENDED_TEXT}",
     S.NOT_CHECKED: "the hardware has not been checked yet",
     S.CHECKED_AGAIN: "the vehicle was stopped, and is being checked again",
     "error.BaqueanoError": "{words}",
@@ -89,7 +89,7 @@ TEMPLATES: dict[str, str] = {
         "The IMU did not store its settings: it answers {found}, expected {expected}. Disconnect its supply for a "
         "second."
     ),
-    "imu.bus-cannot-be-asked": f"{{path}} is stuck low, so no device can answer. {{cause}}. {OTHERWISE}",
+    "imu.bus-cannot-be-asked": f"{{path}} is stuck low, so no device can answer. {{cause}}. {IMU_RESET_ADVICE}",
     "bus.scl-held": "SCL (GPIO 3) is stuck low, so clock pulses cannot free the bus.",
     "bus.scl-held-later": (
         "SCL (GPIO 3) is stuck low after {clocks} clock pulses, so more pulses cannot be sent."
@@ -113,8 +113,8 @@ TEMPLATES: dict[str, str] = {
         "both encoders count nothing, although both motors have a high command. Do the wheels turn? If they do, "
         "check the encoders: 5 V, ground, wire A. Without encoders: {fix}"
     ),
-    "encoders.left-silent": f"the left encoder counts nothing, although its motor has a high command. {ENCODER}",
-    "encoders.right-silent": f"the right encoder counts nothing, although its motor has a high command. {ENCODER}",
+    "encoders.left-silent": f"the left encoder counts nothing, although its motor has a high command. {ENCODER_HELP}",
+    "encoders.right-silent": f"the right encoder counts nothing, although its motor has a high command. {ENCODER_HELP}",
     "drive.ticks": (
         "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {over_half} were more than half a "
         "period late, {missed} were skipped"

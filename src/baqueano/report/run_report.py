@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.compare import compare, evenness
-from baqueano.compare.divergence import until_diverged
+from baqueano.compare.divergence import cut_at_divergence
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -46,7 +46,7 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     comparison = compare([run] if beside is None else [run, beside], alignment=alignment)
     run_figures = comparison.runs[0]
     row, drove = run_figures.row(), comparison.of_drives
-    run = until_diverged(run)
+    run = cut_at_divergence(run)
     drawings = paths(run, alignment, beside)
     sections = [Section(_("Path"), sentence_of_path(run_figures, alignment), drawings)] if drawings else []
     sections += comparison_section(comparison) if beside is not None else []

@@ -22,7 +22,7 @@ class PartialFit(NamedTuple):
     half_width: np.ndarray  # (p,) half-width of the 95 % interval, relative to the truth
 
 
-def bars(
+def partial_fits(
     fits: Sequence[tuple[float, "Fit"]], names: Sequence[str], truth: Sequence[float]
 ) -> list[PartialFit]:
     """Return a stage per (seconds, fit) for the parameters `names` with the nonzero true values `truth`."""

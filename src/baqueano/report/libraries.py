@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.messages.language import current
+from baqueano.messages.language import current_language
 from baqueano.messages.language import mark as N_
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def panels(
 
 def _use_decimal_comma(axes: np.ndarray) -> None:
     """Format the numbers at the axes with the decimal comma of the current language."""
-    if current() == "en":
+    if current_language() == "en":
         return
     from baqueano.report.canvas import CommaFormatter
 

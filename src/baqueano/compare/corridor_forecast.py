@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CorridorAhead(Result):
+class CorridorForecast(Result):
     """The predicted corridor at the end of each lap, or of an open route.
 
     Attributes
@@ -84,9 +84,9 @@ class CorridorAhead(Result):
         return min(int(np.searchsorted(self.corridor.t_s, lap * self.lap_s)), len(self.corridor.t_s) - 1)
 
 
-def corridor_ahead(
+def forecast_corridor(
     vehicle_file: "VehicleFile", route: "Route", laps: int = 1, backend: str = "auto"
-) -> CorridorAhead:
+) -> CorridorForecast:
     """Predict the 95 % corridor of a vehicle on a route, before it drives there.
 
     Parameters
@@ -102,7 +102,7 @@ def corridor_ahead(
 
     Returns
     -------
-    CorridorAhead
+    CorridorForecast
         A row per lap.
 
     Raises
@@ -114,7 +114,7 @@ def corridor_ahead(
     --------
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
-    >>> ahead = corridor_ahead(load("small"), circle(0.3, 0.2), 2)
+    >>> ahead = forecast_corridor(load("small"), circle(0.3, 0.2), 2)
     >>> [row["lap"] for row in ahead.rows()], ahead.rows()[0]["heading_rad"] < ahead.rows()[1]["heading_rad"]
     ([1, 2], True)
     """
@@ -124,4 +124,4 @@ def corridor_ahead(
     if corridor is None:
         kind = vehicle_file.data["estimator"].get("kind", N_("of this vehicle"))
         raise AnswerNo(fault("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind))
-    return CorridorAhead(corridor, laps, float(route.t_s[-1]), run)
+    return CorridorForecast(corridor, laps, float(route.t_s[-1]), run)
