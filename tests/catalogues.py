@@ -19,7 +19,7 @@ from babel.messages.extract import extract_from_file
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
-from baqueano.cli import VERBS, baqueano, command_of
+from baqueano.cli import SUBCOMMANDS, baqueano, command_of
 from baqueano.identify.parameters.free import AXIS_NAMES, ORDINALS
 from baqueano.messages import templates
 from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES
@@ -29,7 +29,7 @@ OF_CLICK = {"_": None, "ngettext": (1, 2)}
 OF_PARAMETERS = {"shown_by", "measured_by", "label"}
 COMMENT = re.compile(r'# (.*)|^about = "(.*)"', re.MULTILINE)
 CODE = re.compile(
-    rf"`[^`\n]+`|--[a-z][a-z-]+|baqueano (?:{'|'.join(VERBS)})\b|\[[a-z_]{{3,}}(?:\.[a-z_]+)*\](?!\()"
+    rf"`[^`\n]+`|--[a-z][a-z-]+|baqueano (?:{'|'.join(SUBCOMMANDS)})\b|\[[a-z_]{{3,}}(?:\.[a-z_]+)*\](?!\()"
 )
 MARKED = {"_": 0, "N_": 0, "parameter": 1}  # function → argument that contains text
 
@@ -49,7 +49,7 @@ def required_catalogue() -> Catalog:
         catalogue.add(template, context=code)
     for words in help_of(baqueano):
         catalogue.add(words)
-    for words in VERBS.values():
+    for words in SUBCOMMANDS.values():
         catalogue.add(words)
     for path in sorted(SOURCE.rglob("*.py")):
         for words in words_in(path):
@@ -98,7 +98,7 @@ def help_of(command: click.Command) -> Iterator[str]:
     )
     yield from (param.help for param in command.params if isinstance(param, click.Option) and param.help)
     below = [*getattr(command, "commands", {}).values()]
-    for verb in map(command_of, VERBS) if command is baqueano else below:
+    for verb in map(command_of, SUBCOMMANDS) if command is baqueano else below:
         yield from help_of(verb)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import baqueano as bq
-from baqueano.cli import VERBS, baqueano, command_of
+from baqueano.cli import SUBCOMMANDS, baqueano, command_of
 from baqueano.messages.language import use_language
 from baqueano.vehicle_file.reference import reference_table
 
@@ -102,7 +102,7 @@ PAGES = (
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_names_only_existing_commands_and_options(page):
-    verbs = {name: command_of(name) for name in VERBS}
+    verbs = {name: command_of(name) for name in SUBCOMMANDS}
     options = options_of(baqueano).union(*map(options_of, verbs.values()))
     text = (ROOT / page).read_text(encoding="utf-8")
     assert {

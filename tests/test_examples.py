@@ -45,7 +45,7 @@ HAVE_ONE = """
     robot.uno.serial_port: open_uno
     project.folder: new
     report.pages.result_page: report
-    vehicle_file.checked: check
+    vehicle_file.block_check: check
     runs.importing.recordings: import_run
     runs.container.reader: read_run
     runs.container.writer: RunWriter write_run

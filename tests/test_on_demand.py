@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import baqueano
-from baqueano.cli import VERBS as COMMANDS
+from baqueano.cli import SUBCOMMANDS as COMMANDS
 from baqueano.on_demand import on_demand
 
 ROOT = Path(baqueano.__file__).parent
@@ -67,13 +67,21 @@ def fresh(code: str) -> str:
     return done.stdout.strip()
 
 
-VERBS = ["compare", "identify", "report", "simulate", "tune"]  # functions with the names of their packages
+SUBCOMMANDS = [
+    "compare",
+    "identify",
+    "report",
+    "simulate",
+    "tune",
+]  # functions with the names of their packages
 
 
 def test_importing_a_package_does_not_hide_the_function_of_the_same_name():
-    rooms = "; ".join(f"import baqueano.{verb}" for verb in VERBS)
-    printed = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
-    assert printed == str(VERBS)
+    rooms = "; ".join(f"import baqueano.{verb}" for verb in SUBCOMMANDS)
+    printed = fresh(
+        f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {SUBCOMMANDS}])"
+    )
+    assert printed == str(SUBCOMMANDS)
     assert (
         fresh("from baqueano.tune import TuneResult; import baqueano as bq; print(callable(bq.tune))")
         == "True"

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from baqueano.sweep import sweep
     from baqueano.tune import tune
     from baqueano.vehicle_file import load
-    from baqueano.vehicle_file.checked import check
+    from baqueano.vehicle_file.block_check import check
 
 __version__ = "0.1.0"
 
@@ -74,7 +74,7 @@ __getattr__ = front_door(
         "sweep": ("sweep",),
         "tune": ("tune",),
         "vehicle_file": ("load",),
-        "vehicle_file.checked": ("check",),
+        "vehicle_file.block_check": ("check",),
     },
     ("controllers", "estimators", "guides", "routes", "sensors", "vehicles", "worlds"),
 )

@@ -10,14 +10,14 @@ import click
 import pytest
 
 import baqueano as package
-from baqueano.cli import VERBS, command_of
+from baqueano.cli import SUBCOMMANDS, command_of
 from baqueano.diagnostics import nearest
 from baqueano.messages import templates, text
 from baqueano.messages.printable import baqueano_command
 
 SOURCE = Path(package.__file__).parent
 WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # a command line within a sentence
-LINE = re.compile(rf"baqueano ((?:{'|'.join(VERBS)})\b(?: [a-z-]+(?=[ ,.;:)]|$))?(?: (?:{WORD}))*)")
+LINE = re.compile(rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b(?: [a-z-]+(?=[ ,.;:)]|$))?(?: (?:{WORD}))*)")
 OPEN = "1"  # replaces a word that is known only at run time
 
 
@@ -49,7 +49,7 @@ def advised():
                 yield f"{place}:{node.lineno}", list(of_call(node))
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 command = re.fullmatch(
-                    rf"baqueano ((?:{'|'.join(VERBS)})\b[^.]*(?:\.toml[^.]*)?)", node.value
+                    rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b[^.]*(?:\.toml[^.]*)?)", node.value
                 )
                 if command and "\n" not in node.value:
                     yield f"{place}:{node.lineno}", [command[1].split()]
@@ -91,7 +91,7 @@ def test_each_advised_command_line_can_be_parsed(place, readings):
 
 
 def test_the_source_quotes_every_argument_of_an_advised_line():
-    unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(VERBS)}) [^\"]*\{{")
+    unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(SUBCOMMANDS)}) [^\"]*\{{")
     offenders = [
         path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))
     ]

@@ -22,7 +22,7 @@ from baqueano.drive.session import marks_of, stop_of
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import circle, eight
 from baqueano.runs import read_run
-from baqueano.vehicle_file.history import Provenance
+from baqueano.vehicle_file.provenance import Provenance
 from tests.codes import refused
 from tests.drive.test_closure import drive_of_turns
 from tests.drive.test_lap_closure import NOISE

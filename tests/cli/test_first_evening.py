@@ -128,11 +128,11 @@ def test_an_unfitted_vehicle_file_replays_a_run_with_any_estimator(baqueano, kin
 
 def test_noise_stated_in_the_file_is_used_unchanged():
     half = parse(BARE + "accel_noise_std = [0.2, 0.0]\ngyro_noise_std = 0.01\n", "half.toml")
-    assert half.noiseless == ("imu",)
+    assert half.sensors_without_noise == ("imu",)
     np.testing.assert_allclose(np.diag(half.estimator().sensors.imu.cov), [0.04, 0.01, 0.0001])
     assert not half.sensors.imu.cov[1, 1], "the simulated vehicle equals the file"
     whole = parse(BARE + "accel_noise_std = [0.2, 0.1]\ngyro_noise_std = 0.01\n", "whole.toml")
-    assert (whole.noiseless, whole.estimator().sensors is whole.sensors) == ((), True)
+    assert (whole.sensors_without_noise, whole.estimator().sensors is whole.sensors) == ((), True)
 
 
 def test_measuring_advice_names_the_vehicle_and_its_path(capsys, tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import pytest
 
-from baqueano.cli import VERBS as ALL
+from baqueano.cli import SUBCOMMANDS as ALL
 from baqueano.cli import baqueano, command_of, in_language, main
 from baqueano.messages import in_english, language
 from baqueano.runs import read_run
@@ -31,7 +31,7 @@ TUTEO = re.compile(r"\b(tú|dale|tienes|puedes|quieres|tu|tus|tenés|podés)\b",
 FIELD = re.compile(r"(\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd])")
 POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?![\w.]*[./]\w)(?!\w)")
 STRANGE = str.maketrans("abcdefghijklmnopqrstuvwxyz", "αвɔđєƒɢнιʝκʟмиσρφяѕτυνωχуζ")
-VERBS = [
+SUBCOMMANDS = [
     "--help",
     "runs ls",
     "runs show 1",
@@ -135,7 +135,7 @@ def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("line", VERBS)
+@pytest.mark.parametrize("line", SUBCOMMANDS)
 def test_a_command_prints_no_english_with_a_translation(line, in_lab, in_strange_letters, capsys):
     assert not english_in(said_by(line, capsys))
 

@@ -4,7 +4,7 @@ import pytest
 
 from baqueano.cli.arguments import OPTIONS, Option
 from baqueano.cli.modelling.identify import command
-from baqueano.cli.next_line import next_line
+from baqueano.cli.next_command import next_command
 from baqueano.diagnostics import fault
 from baqueano.messages import Argument
 
@@ -59,22 +59,23 @@ def test_the_error_about_a_missing_run_advises_to_list_the_runs(baqueano):
 def test_an_error_about_a_missing_path_lists_existing_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     args, cause = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
-    advice = next_line(cause, 3, args)
+    advice = next_command(cause, 3, args)
     assert (advice.code, dict(advice.figures)) == (
         "next.no-file",
         {"folder": tmp_path.name, "suffix": ".csv"},
     )
     for name in ("a.csv", "b.csv", "c.csv", "d.csv", "e.csv", "f.csv", "notes.txt"):
         (tmp_path / name).touch()
-    figures = next_line(cause, 3, args).figures
+    figures = next_command(cause, 3, args).figures
     assert (figures["files"], figures["more"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
 
 
 def test_the_error_about_a_damaged_file_does_not_advise_the_same_command():
     assert (
-        next_line(fault("toml.syntax", file="mine.toml"), 3, ["experiment", "--vehicle", "mine.toml"]) is None
+        next_command(fault("toml.syntax", file="mine.toml"), 3, ["experiment", "--vehicle", "mine.toml"])
+        is None
     )
-    advice = next_line(fault("map.wrong", map="map.toml"), 3, ["runs", "import", "map.toml"])
+    advice = next_command(fault("map.wrong", map="map.toml"), 3, ["runs", "import", "map.toml"])
     assert advice.fix == "baqueano runs import --help"
 
 
@@ -95,11 +96,11 @@ def test_a_decimal_comma_is_reported_and_corrected(baqueano, line, right):
 
 def test_two_numbers_of_a_bound_are_not_read_as_a_decimal_comma():
     args = ["identify", "1", "--bound", "model.mass_kg=0,10"]
-    assert next_line(fault("cli.usage"), 2, args).code == "next.options"
+    assert next_command(fault("cli.usage"), 2, args).code == "next.options"
 
 
 def test_an_error_that_contains_advice_gets_no_second_advice():
     inside = fault("cli.own-block", cause=fault("block.unknown", "baqueano blocks ls"))
-    assert next_line(fault("cli.hand-options", "--driver keys"), 2, ["teach"]) is None
-    assert next_line(inside, 3, ["repeat"]) is None
-    assert next_line(fault("cli.fit-refused"), 1, ["identify", "x"]) is None
+    assert next_command(fault("cli.hand-options", "--driver keys"), 2, ["teach"]) is None
+    assert next_command(inside, 3, ["repeat"]) is None
+    assert next_command(fault("cli.fit-refused"), 1, ["identify", "x"]) is None

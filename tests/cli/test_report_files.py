@@ -7,7 +7,7 @@ import click
 import numpy as np
 import pytest
 
-from baqueano.cli import VERBS, command_of
+from baqueano.cli import SUBCOMMANDS, command_of
 from baqueano.report import Page, Section, draw, figures
 from tests.figure_files import width_mm
 
@@ -36,7 +36,7 @@ def commands(name: str, command: click.Command):
 
 def test_every_command_with_a_report_has_the_same_options_for_its_figures():
     of_report = {}
-    for name, command in (pair for verb in VERBS for pair in commands(verb, command_of(verb))):
+    for name, command in (pair for verb in SUBCOMMANDS for pair in commands(verb, command_of(verb))):
         options = [param for param in command.params if isinstance(param, click.Option)]
         helps = {name: option.help for option in options for name in option.opts}
         if "--report" in helps or name in ("report", "demo"):

@@ -8,7 +8,7 @@ from importlib import import_module
 import pytest
 
 from baqueano import __version__
-from baqueano.cli import VERBS
+from baqueano.cli import SUBCOMMANDS
 from baqueano.diagnostics import fault
 
 
@@ -81,8 +81,8 @@ def test_every_command_has_help(baqueano):
     for flag in ("-h", "--help"):
         help_end = baqueano(flag)
         assert help_end.code == 0
-        assert all(verb in help_end.out for verb in VERBS)
-    for verb in VERBS:
+        assert all(verb in help_end.out for verb in SUBCOMMANDS)
+    for verb in SUBCOMMANDS:
         help_end = baqueano(verb, "-h")
         assert help_end.code == 0
         assert help_end.out.startswith(f"Usage: baqueano {verb}")
@@ -120,8 +120,8 @@ def test_help_imports_no_command_module_and_no_numpy():
     code = (
         "import sys\nfrom baqueano.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "from baqueano.cli import VERBS_BY_SUBPACKAGE\n"
-        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in VERBS_BY_SUBPACKAGE))\n"
+        "from baqueano.cli import SUBCOMMANDS_BY_SUBPACKAGE\n"
+        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in SUBCOMMANDS_BY_SUBPACKAGE))\n"
         "print([m for m in sys.modules if m.startswith(rooms)])"
     )
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -8,7 +8,7 @@ import numpy as np
 from baqueano import vehicle_file
 from baqueano.drive.verbs import lesson
 from baqueano.vehicle_file import override
-from baqueano.vehicle_file.history import Provenance
+from baqueano.vehicle_file.provenance import Provenance
 
 UNEQUAL = (1.075, 0.925)  # 15 % between the wheels
 WAY_M = 5.0

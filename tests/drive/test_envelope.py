@@ -25,7 +25,7 @@ def small():
     return load("small").with_values({}, envelope=envelope)
 
 
-def flags(run):
+def range_warnings(run):
     """Return the notes of a run that the vehicle left the envelope."""
     events = [event.diagnostic for event in run.events if event.source == "model"]
     return [event for event in events if event.code == "envelope.left"]
@@ -50,12 +50,12 @@ def test_a_fit_writes_the_range_of_its_motion(small):
 
 
 def test_a_drive_within_the_envelope_is_not_flagged(small):
-    assert flags(experiment(small, SLOW)) == []
-    assert flags(simulate(small, SLOW)) == []
+    assert range_warnings(experiment(small, SLOW)) == []
+    assert range_warnings(simulate(small, SLOW)) == []
 
 
 def test_a_drive_beyond_the_envelope_is_flagged(small):
-    events = flags(experiment(small, FAST))
+    events = range_warnings(experiment(small, FAST))
     assert len(events) == 1
     assert (events[0].code, events[0].subject) == ("envelope.left", "u_x")
     assert events[0].figures["most"] == 0.9
@@ -64,25 +64,25 @@ def test_a_drive_beyond_the_envelope_is_flagged(small):
 
 def test_a_replay_beyond_the_envelope_is_flagged(small):
     run = experiment(load("small"), FAST)
-    assert flags(run) == []
-    assert len(flags(replay(run, small))) == 1
+    assert range_warnings(run) == []
+    assert len(range_warnings(replay(run, small))) == 1
 
 
 def test_a_yaw_rate_beyond_the_envelope_is_flagged_without_commands(small):
     slower = small.with_values({}, envelope=small.envelope._replace(high=np.array([1.0, 0, 1, 0.1])))
-    assert flags(experiment(slower, SLOW))[0].subject == "imu[2]"
+    assert range_warnings(experiment(slower, SLOW))[0].subject == "imu[2]"
 
 
 def test_a_repetition_beyond_the_envelope_is_flagged(small):
-    assert any(event.subject == "u_x" for event in flags(repeat(small, circle(0.3, 0.4))))
+    assert any(event.subject == "u_x" for event in range_warnings(repeat(small, circle(0.3, 0.4))))
     assert any(
         event.subject == "u_x"
-        for event in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
+        for event in range_warnings(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
     )
 
 
 def test_a_simulation_beyond_the_envelope_is_flagged_for_one_or_many_vehicles(small):
-    assert len(flags(simulate(small, FAST))) == 1
+    assert len(range_warnings(simulate(small, FAST))) == 1
     many = simulate_many(small, FAST, vary={"model.mass_kg": np.linspace(0.5, 0.7, 4)})
     assert (many.verdict, many.reasons) == (Verdict.WARN, many.outside)
 
@@ -90,7 +90,7 @@ def test_a_simulation_beyond_the_envelope_is_flagged_for_one_or_many_vehicles(sm
 def test_the_envelope_refuses_a_run_with_other_commands(small):
     run = simulate(small, SLOW)
     with refused("vehicle.commands-differ", UsageError):
-        small.envelope.flags(replace(run, applied=run.applied[:, :2]))
+        small.envelope.range_warnings(replace(run, applied=run.applied[:, :2]))
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from baqueano.identify.design.room import (
 )
 from baqueano.identify.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.vehicle_file import load
-from baqueano.vehicle_file.history import ParameterCov
+from baqueano.vehicle_file.provenance import ParameterCov
 from tests.codes import of_code
 
 SECONDS = 15.0

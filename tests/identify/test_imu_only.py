@@ -142,13 +142,13 @@ def test_a_fit_started_at_its_estimate_returns_the_same_estimate():
 def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     _, run, fit = fitted
     inside = fit.envelope
-    assert inside.flags(run) == ()
+    assert inside.range_warnings(run) == ()
     faster = replace(run, applied=run.applied * np.array([1.4, 1.0]))
-    flags = inside.flags(faster)
+    flags = inside.range_warnings(faster)
     assert len(flags) == 1
     assert (flags[0].code, flags[0].subject) == ("envelope.left", "throttle")
     with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
-        inside.flags(replace(run, applied=run.applied[:, :1]))
+        inside.range_warnings(replace(run, applied=run.applied[:, :1]))
     with pytest.raises(UsageError, check=of_code("runs.no-command")):
         identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
 

@@ -105,7 +105,7 @@ def test_lg9_an_ambiguous_or_wrong_csv_is_refused_with_a_remedy(lab, text, code,
     assert "board.csv" in reason.figures.values()
 
 
-def numbers_of(cells):
+def model_values(cells):
     """Return the values read from a column of these cells, or the refusal of its first invalid cell."""
     table = LogTable("log.csv", {"v": cells}, np.arange(2, 2 + len(cells)))
     try:
@@ -120,7 +120,7 @@ def numbers_of(cells):
     )
 )
 def test_reading_a_whole_column_gives_the_same_as_reading_each_cell(cells):
-    at_once, slowly = numbers_of(cells), numbers_of([*cells, "true"])  # a word: each cell is examined
+    at_once, slowly = model_values(cells), model_values([*cells, "true"])  # a word: each cell is examined
     assert repr(at_once) == repr(slowly if isinstance(slowly, str) else slowly[:-1])
 
 
@@ -131,7 +131,7 @@ def test_a_point_between_decimal_commas_is_not_guessed():
 
 @pytest.mark.parametrize("cell", ["1_000", "١", "+-3", "1e", ".", "0x10", "1 2"])
 def test_unusual_python_number_formats_are_refused(cell):
-    assert "line 3, column 'v'" in numbers_of(["1", cell])
+    assert "line 3, column 'v'" in model_values(["1", cell])
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def test_swapped_or_inverted_channels_and_their_units_are_identified(is_swapped,
     channels = signal_map(z, h, [MappedChannel(0.4, 2.5, UNITS)] * 2)
     for i, channel in enumerate(channels):
         assert channel.prediction_index == (1 - i if is_swapped else i)
-        assert np.sign(channel.relation.slope) == sign
+        assert np.sign(channel.regression.slope) == sign
         assert channel.ratio == ratio
 
 
@@ -62,5 +62,5 @@ def test_a_slope_reduced_by_noise_of_the_prediction_is_not_reported_as_a_unit():
     x, e = np.random.default_rng(5).normal(size=(2, 2000, 1))
     (channel,) = signal_map(x, x + 1.8 * e, [MappedChannel(0.4, 2.5, UNITS)])
     assert channel.code == ""
-    assert channel.relation.is_clear()
-    assert channel.relation.slope == pytest.approx(0.24, abs=0.02)
+    assert channel.regression.is_clear()
+    assert channel.regression.slope == pytest.approx(0.24, abs=0.02)

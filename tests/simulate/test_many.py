@@ -10,7 +10,7 @@ from baqueano.errors import UsageError
 from baqueano.simulate import simulate, simulate_many
 from baqueano.simulate.many import _chunks, draw_parameters
 from baqueano.simulate.system import System
-from baqueano.vehicle_file.history import ParameterCov
+from baqueano.vehicle_file.provenance import ParameterCov
 from tests.codes import refused
 
 U = np.repeat(np.random.default_rng(3).uniform(-1, 1, (4, 3)) * [1.0, 0.0, 1.0], 25, axis=0)

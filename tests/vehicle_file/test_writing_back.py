@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import FileError, UsageError
-from baqueano.vehicle_file import ParameterCov, Provenance, changes, load, parse
+from baqueano.vehicle_file import ParameterCov, Provenance, changed_values, load, parse
 from tests.codes import refused
 
 LINEAR = np.array([3.4123456789, 41.0, 0.0123])
@@ -146,13 +146,13 @@ def test_the_difference_of_two_files_lists_changed_values_and_their_significance
     later = first.with_values(
         {key: LINEAR + np.array([0.1, 0.0, 0.0]), "model.drivetrain.lag_s": 0.07}, provenance={key: FITTED}
     )
-    rows = {row["key"]: row for row in changes(first, later)}
+    rows = {row["key"]: row for row in changed_values(first, later)}
     assert set(rows) == {key, "model.drivetrain.lag_s"}
     assert rows[key]["sds"] == pytest.approx(0.1 / np.hypot(0.02, 0.02), rel=1e-2)
     assert rows["model.drivetrain.lag_s"] == {
         "key": "model.drivetrain.lag_s", "before": 0.06, "after": 0.07, "sds": None,
     }  # fmt: skip
-    assert changes(first, first) == []
+    assert changed_values(first, first) == []
 
 
 def test_an_invalid_value_is_not_written():
@@ -257,12 +257,12 @@ def test_lg10_an_interruption_while_saving_leaves_a_complete_file(tmp_path):
     path = load("small").save(tmp_path / "my.toml")
     code = (
         "import sys, os, pathlib\n"
-        "from baqueano.vehicle_file.text.edit import write_whole\n"
+        "from baqueano.vehicle_file.text.edit import write_file_text\n"
         "text = pathlib.Path(sys.argv[1]).read_text(encoding='utf-8')\n"
         "class File: path = None; on_disk = None; name = 'x'\n"
         "print('go', flush=True)\n"
         "while True:\n"
-        "    File.text = text; write_whole(File, sys.argv[1])\n"
+        "    File.text = text; write_file_text(File, sys.argv[1])\n"
     )
     expected = path.read_bytes()
     for k in range(3):

@@ -17,7 +17,7 @@ from tests.web.test_serve import START_S
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="DISPLAY and BROWSER")
 OPENS_S = 20.0
-ENDS_S = 600.0  # a demo on a busy machine
+END_TIMEOUT_S = 600.0  # a demo on a busy machine
 BROWSER = """
 import json, sys, time
 from pathlib import Path
@@ -55,7 +55,7 @@ def demo(tmp_path):
     start_s = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "baqueano", "demo", "--pace", "50"], cwd=tmp_path, env=environment,
-        timeout=ENDS_S, capture_output=True, text=True,
+        timeout=END_TIMEOUT_S, capture_output=True, text=True,
     )  # fmt: skip
     end = time.monotonic() + START_S
     while not log.exists():
@@ -129,7 +129,7 @@ def test_a_demo_without_a_page_starts_no_page_process(tmp_path, monkeypatch, wor
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("CI", raising=False)
-    monkeypatch.setattr("baqueano.cli.page.motion.subprocess.Popen", starts)
+    monkeypatch.setattr("baqueano.cli.page.playback.subprocess.Popen", starts)
     monkeypatch.setattr("baqueano.study.demo.demo", simulated)
     with pytest.raises(SimulationCall):
         command.main(list(words), standalone_mode=False)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.cli.page.motion import PageOfDrives, run_with_page
+from baqueano.cli.page.playback import PlaybackPage, run_with_page
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
 from baqueano.tune.tuned import Gain
@@ -133,7 +133,7 @@ def test_a_closed_page_does_not_end_the_work():
         stdin = io.BytesIO()
 
     Gone.stdin.close()
-    PageOfDrives(Gone()).show_event(note("web.demo-done", verdict="USABLE"))
+    PlaybackPage(Gone()).show_event(note("web.demo-done", verdict="USABLE"))
 
 
 def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
@@ -171,7 +171,7 @@ def test_tuned_gains_are_sent_as_valid_json_numbers():
     tuning = SimpleNamespace(
         history=np.array([[0, 3.0], [0, 4.0], [1, 1.0]]), gains=(gain,), cost=1.0, cost_before=3.0
     )
-    PageOfDrives(Program()).show_tuning(tuning)
+    PlaybackPage(Program()).show_tuning(tuning)
     messages = []
     read(io.BytesIO(pipe.getvalue()), messages.append)
     assert messages[0]["history"] == [3.0, 3.0, 1.0]  # the least so far

@@ -13,7 +13,7 @@ from baqueano.messages import language
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 
-VERBS = {
+SUBCOMMANDS = {
     "demo": "Run the whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",
     "new": "Make a project folder: vehicle file, blocks of your own and a notebook, ready to run.",
     "simulate": "Simulate one vehicle, or thousands, with a signal; write a run.",
@@ -39,7 +39,7 @@ VERBS = {
     "blocks": "List the blocks; check one of your own.",
 }
 
-VERBS_BY_SUBPACKAGE = {  # subpackage → verbs; the other verbs are modules of this package
+SUBCOMMANDS_BY_SUBPACKAGE = {  # subpackage → verbs; the other verbs are modules of this package
     "driving": ("drive", "experiment", "repeat", "replay", "route", "teach"),
     "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "sweep", "tune"),
     "page": ("serve", "view"),
@@ -54,7 +54,7 @@ USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
 BACKENDS = ("auto", "c", "python", "numpy")
 
 
-def unknown_verb_error(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
+def unknown_subcommand_error(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
     """Return the error for an unknown subcommand, with the nearest name."""
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
@@ -65,7 +65,7 @@ def unknown_verb_error(verb: str, verbs: list[str], ctx: click.Context) -> Excep
     return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=suggestion))
 
 
-class Verbs(click.Group):
+class SubcommandGroup(click.Group):
     """A group of subcommands."""
 
     def resolve_command(
@@ -73,7 +73,7 @@ class Verbs(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the typed subcommand. Raise UsageError, with the nearest name, for an unknown subcommand."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
-            raise unknown_verb_error(args[0], list(self.commands), ctx)
+            raise unknown_subcommand_error(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -88,9 +88,9 @@ class Verbs(click.Group):
 
 
 def command_of(verb: str) -> click.Command:
-    """Import a subcommand of VERBS, and return its command with help in the current language."""
+    """Import a subcommand of SUBCOMMANDS, and return its command with help in the current language."""
     subpackage = next(
-        (f"{subpackage}." for subpackage, verbs in VERBS_BY_SUBPACKAGE.items() if verb in verbs), ""
+        (f"{subpackage}." for subpackage, verbs in SUBCOMMANDS_BY_SUBPACKAGE.items() if verb in verbs), ""
     )
     command = importlib.import_module(f"baqueano.cli.{subpackage}{verb}").command
     command._help_option = None  # click caches the help option of the first call
@@ -127,28 +127,28 @@ def _metavar(option: click.Option) -> str | None:
     return language.translate(value_type.name.removesuffix(" range").upper())
 
 
-class _LazyVerbs(click.Group):
+class _LazySubcommandGroup(click.Group):
     """A group that imports a subcommand only when it is called, so that --help is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(VERBS)
+        return list(SUBCOMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return command_of(cmd_name) if cmd_name in VERBS else None
+        return command_of(cmd_name) if cmd_name in SUBCOMMANDS else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] not in VERBS and not args[0].startswith("-"):
-            raise unknown_verb_error(args[0], list(VERBS), ctx)
+        if args and args[0] not in SUBCOMMANDS and not args[0].startswith("-"):
+            raise unknown_subcommand_error(args[0], list(SUBCOMMANDS), ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section(_("Commands")):
-            formatter.write_dl([(verb, _(help_text)) for verb, help_text in VERBS.items()])
+            formatter.write_dl([(verb, _(help_text)) for verb, help_text in SUBCOMMANDS.items()])
 
 
-@click.group(cls=_LazyVerbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_LazySubcommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
 @click.option(
     "--lang",

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from baqueano.cli import Verbs, options
-from baqueano.cli.terminal import answer, print_message
+from baqueano.cli import SubcommandGroup, options
+from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
@@ -22,7 +22,7 @@ ESTIMATOR_ADVICE = (
 )
 
 
-@click.group(cls=Verbs, help="List the blocks; check one of your own.", epilog=ESTIMATOR_ADVICE)
+@click.group(cls=SubcommandGroup, help="List the blocks; check one of your own.", epilog=ESTIMATOR_ADVICE)
 def command() -> None: ...
 
 
@@ -33,7 +33,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     from baqueano.blocks import BLOCK_TARGETS, kinds
 
     vehicle_file = options.load_vehicle(vehicle, settings)
-    answer(
+    print_answer(
         RowsResult([{"role": role, "kind": kind} for role in BLOCK_TARGETS for kind in kinds(role)]),
         as_json,
     )
@@ -79,10 +79,10 @@ def check(
     block: str, role: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
 ) -> None:
     from baqueano.errors import AnswerNo
-    from baqueano.vehicle_file.checked import check
+    from baqueano.vehicle_file.block_check import check
 
     report = check(block, options.load_vehicle(vehicle or "small", settings), role)
-    answer(report, as_json)
+    print_answer(report, as_json)
     if report.findings:
         raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
     print_message(note("cli.block-sound", block=block))

@@ -9,7 +9,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.report_files import ReportFiles, figure_options
-from baqueano.cli.terminal import answer, print_message, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_message, show_activity, steps
 from baqueano.diagnostics import Diagnostic, note
 
 
@@ -70,7 +70,7 @@ def command(
     backend: str,
     as_json: bool,
 ) -> None:
-    from baqueano.cli.page.motion import run_with_page
+    from baqueano.cli.page.playback import run_with_page
 
     picture_path = None if animation is None else _picture_file(animation)
     out = out or unused_folder()
@@ -86,7 +86,7 @@ def command(
                 return begin(step)
 
             result = demo(out, seed, backend, begin_step, motion.show, motion.show_tuning)
-        answer(result, as_json)
+        print_answer(result, as_json)
         report.write(result.page, out / "report.html")
         if picture_path is not None:
             with show_activity(note("cli.drawing")):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import click
 
 from baqueano.cli.arguments import Option
-from baqueano.cli.next_line import next_line
+from baqueano.cli.next_command import next_command
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, user_code_place
 from baqueano.messages import text
@@ -55,7 +55,7 @@ class CommandError(NamedTuple):
 def command_error(error: BaseException, args: list[str]) -> CommandError:
     """Return reason, next command and exit code for an error. `args`: the command line, without `baqueano`."""
     diagnostic, code = _diagnosis(error, args)
-    return CommandError(diagnostic, next_line(diagnostic, code, args), code)
+    return CommandError(diagnostic, next_command(diagnostic, code, args), code)
 
 
 def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:

@@ -37,7 +37,7 @@ def _name(param: click.Parameter | None) -> str:
 
 
 seconds = Number("s", high=86_400.0)
-moment = Number("s", exclude_low=False)
+time_s = Number("s", exclude_low=False)
 speed = Number("m/s", high=100.0)
 length = Number("m", high=10_000.0)
 count = click.IntRange(min=1)

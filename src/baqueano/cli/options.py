@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
-OWN_FILE = Path("vehicle.toml")
+DEFAULT_FILE = Path("vehicle.toml")
 ROUTES = Path("routes")
 
 as_json = click.option(
@@ -142,8 +142,8 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
     from baqueano.vehicle_file import load
 
     if name is None:
-        name = str(OWN_FILE) if OWN_FILE.exists() else "small"
-        print_message(note("cli.vehicle" if OWN_FILE.exists() else "cli.vehicle-of-garage", name=name))
+        name = str(DEFAULT_FILE) if DEFAULT_FILE.exists() else "small"
+        print_message(note("cli.vehicle" if DEFAULT_FILE.exists() else "cli.vehicle-of-garage", name=name))
     vehicle_file = load(name)
     for setting in settings:
         print_message(note("cli.set", setting=setting))
@@ -167,7 +167,7 @@ def advise_to_measure(vehicle_file: "VehicleFile", robot: str = "simulated") -> 
     if is_measured(vehicle_file, robot):
         return
     vehicle_options, robot_options = (
-        naming_options(vehicle_file),
+        vehicle_and_runs_options(vehicle_file),
         [] if robot == "simulated" else ["--robot", robot],
     )
     print_message(
@@ -180,7 +180,7 @@ def advise_to_measure(vehicle_file: "VehicleFile", robot: str = "simulated") -> 
     )
 
 
-def naming_options(vehicle_file: "VehicleFile", folder: str = "runs") -> list[str]:
+def vehicle_and_runs_options(vehicle_file: "VehicleFile", folder: str = "runs") -> list[str]:
     """Return the options with which the next command uses the same vehicle and the same folder of runs."""
     name = vehicle_file.layers[0].removeprefix("garage: ")
     if vehicle_file.path is not None:
@@ -189,16 +189,16 @@ def naming_options(vehicle_file: "VehicleFile", folder: str = "runs") -> list[st
             if vehicle_file.path.is_relative_to(cwd := Path.cwd())
             else vehicle_file.path
         )
-    vehicle = [] if name == (str(OWN_FILE) if OWN_FILE.exists() else "small") else ["--vehicle", name]
+    vehicle = [] if name == (str(DEFAULT_FILE) if DEFAULT_FILE.exists() else "small") else ["--vehicle", name]
     return vehicle + _runs_option(folder)
 
 
-def own_naming_options(folder: str, run: "Run | None" = None) -> list[str]:
-    """Return the options of `naming_options` if only a run is known, but not its vehicle file.
+def run_options(folder: str, run: "Run | None" = None) -> list[str]:
+    """Return the options of `vehicle_and_runs_options` if only a run is known, but not its vehicle file.
 
     A replay of a `run` that contains a vehicle file does not need a vehicle option.
     """
-    vehicle = [] if OWN_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
+    vehicle = [] if DEFAULT_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
     return vehicle + _runs_option(folder)
 
 
@@ -277,7 +277,7 @@ def route_path(name: str) -> Path:
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 
-def own_block(vehicle_file: "VehicleFile | None", role: str, kind: str | None) -> str | None:
+def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) -> str | None:
     """Return `kind` of --estimator, --guide or --controller. Raise FileError if it cannot be loaded.
 
     `vehicle_file` is None without a vehicle file.
@@ -357,5 +357,5 @@ def save_update(vehicle_file: "VehicleFile", update: bool) -> None:
     if not update:
         print_message(note("cli.not-kept"))
         return
-    path = vehicle_file.save(None if vehicle_file.path is not None else OWN_FILE)
+    path = vehicle_file.save(None if vehicle_file.path is not None else DEFAULT_FILE)
     print_message(note("cli.written", path=path))

@@ -37,7 +37,7 @@ _LETTERS = {
 }  # fmt: skip
 
 
-def _spell(error: UnicodeError) -> tuple[str, int]:
+def _ascii_spelling(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
     characters = error.object[error.start : error.end]
     return "".join(_LETTERS.get(c, "?") for c in characters), error.end
@@ -46,7 +46,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 def replace_unprintable_letters(*streams: TextIO) -> None:
     """Replace characters that the terminal's encoding does not contain, such as ψ by psi, so that printing does
     not fail."""
-    codecs.register_error("baqueano", _spell)
+    codecs.register_error("baqueano", _ascii_spelling)
     for stream in streams:
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
@@ -77,7 +77,7 @@ def _print(line: str, stream: TextIO) -> None:
         os.close(nowhere)
 
 
-def answer(
+def print_answer(
     result: Any, as_json: bool, more: list["TableRow"] | None = None, **beside: list["TableRow"]
 ) -> None:
     """Print a result: its table for people, or one JSON object for programs.

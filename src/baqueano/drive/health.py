@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, merge_diagnostics, note
 from baqueano.monitor import REFUSED_SOURCE, Finding, Notice, Watching, refusal_event
 from baqueano.signals import Estimate, Tick, seconds
-from baqueano.vehicle_file.envelope import Envelope, Watch
+from baqueano.vehicle_file.envelope import Envelope, EnvelopeMonitor
 
 WINDOW_S = 5.0
 MAX_NIS = 2.0
@@ -39,7 +39,7 @@ class Health:
     """A monitor of model and sensors during one run; `envelope` is the range that the fit covered."""
 
     def __init__(self, envelope: Envelope | None = None, sensors: Watching | None = None) -> None:
-        self._watch = Watch(envelope)
+        self._watch = EnvelopeMonitor(envelope)
         self._sensors = sensors
         self._window: deque[tuple[int, float]] = deque()
         self._sum = 0.0
@@ -77,7 +77,7 @@ class Health:
 
     def envelope_notes(self) -> tuple[Diagnostic, ...]:
         """Return a message for each command and measurement that left the envelope."""
-        return self._watch.flags(note("envelope.this-run"))
+        return self._watch.range_warnings(note("envelope.this-run"))
 
     def count(self, tick: Tick) -> None:
         """Record the commands and measurements of a tick for `envelope_notes`."""

@@ -220,7 +220,7 @@ def _prepare(
         sensors.begin(*(settings.start[k : k + 3] for k in range(0, len(settings.start), 3)))
     noise_notes = (
         [note("drive.usual-noise", Severity.WARNING, sensors=names)]
-        if (names := vehicle_file.noiseless)
+        if (names := vehicle_file.sensors_without_noise)
         else []
     )
     return blocks, sensors, [*notes, *sensor_notes, *noise_notes]

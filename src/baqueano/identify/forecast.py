@@ -290,7 +290,7 @@ def _command_and_pose(outputs: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarr
 def _outside_envelope(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:
     """Return a message if the lap contains commands outside the range of the fit, else an empty tuple."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
-    flags = fit.envelope.flags(Run(_("The lap"), None, t_ns, u))
+    flags = fit.envelope.range_warnings(Run(_("The lap"), None, t_ns, u))
     return flags[:1]
 
 

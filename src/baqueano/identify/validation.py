@@ -169,7 +169,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
             )
             metrics.append(channel_metrics)
             messages += channel_findings
-    flags = tuple(flag for run in runs for flag in fit.envelope.flags(run))
+    flags = tuple(flag for run in runs for flag in fit.envelope.range_warnings(run))
     return Validation(
         tuple(metrics), tuple(channels), tuple(messages), flags, _basis(fit, runs, begins_at_rest_flags)
     )

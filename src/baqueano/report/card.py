@@ -26,7 +26,7 @@ from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.tune import TuneResult
-from baqueano.vehicle_file.checked import CheckedBlock
+from baqueano.vehicle_file.block_check import BlockCheck
 from baqueano.vehicle_file.file import VehicleFile
 
 if TYPE_CHECKING:
@@ -153,8 +153,8 @@ def _tune_card(result: TuneResult) -> Card:
     return Card(title, result.verdict, rows, texts(result.reasons))
 
 
-@card_of.register(CheckedBlock)
-def _check_card(result: CheckedBlock) -> Card:
+@card_of.register(BlockCheck)
+def _check_card(result: BlockCheck) -> Card:
     title = text(note("front.card-check", block=result.block, role=result.role))
     return Card(
         title,

@@ -27,7 +27,7 @@ from baqueano.simulate.open_loop import command_signal, tick_times
 from baqueano.simulate.system import System, parameter_labels, parameter_vector, value, with_parameters
 from baqueano.symbolic import get, scan
 from baqueano.symbolic.scan import Scan
-from baqueano.vehicle_file.envelope import Watch
+from baqueano.vehicle_file.envelope import EnvelopeMonitor
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
 from baqueano.worlds.simulated import rows_of_tick, step_vehicle, with_rows
@@ -219,9 +219,9 @@ def simulate_many(
         batches.append(_drive(kernel, start, u, theta[rows], record_ends, rngs, rows_per_tick))
     eta, nu = (np.concatenate(x) for x in zip(*batches, strict=True))
     t_s = seconds(tick_times(len(u), rate)[np.array(record_ends) - 1])
-    watch = Watch(vehicle_file.envelope)
+    watch = EnvelopeMonitor(vehicle_file.envelope)
     watch.count(u, {})
-    envelope_flags = watch.flags(note("envelope.this-signal"))
+    envelope_flags = watch.range_warnings(note("envelope.this-signal"))
     return Ensemble(
         tuple(parameter_labels(system, paths)),
         theta,

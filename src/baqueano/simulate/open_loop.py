@@ -130,7 +130,7 @@ def simulate(
 
 def envelope_events(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     """Return an event for each warning of the envelope: a command or measurement outside the data of the fit."""
-    flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
+    flags = vehicle_file.envelope.range_warnings(run) if vehicle_file.envelope else ()
     return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(flag), flag) for flag in flags)
 
 

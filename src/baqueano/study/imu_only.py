@@ -197,7 +197,7 @@ def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]
 def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     """Return the rows on the messages about the gyro's scale and about a run beyond the range of the fit."""
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.always_unobservable)
-    is_outside = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
+    is_outside = bool(fit.envelope.range_warnings(runs["a"]))  # a fit of run b
     return [
         row("cpm", _("the gyro's scale is reported as not identifiable"), is_reported, _("yes"), is_reported),
         row("cpm b → a", _("the run that leaves the envelope is flagged"), is_outside, _("yes"), is_outside),

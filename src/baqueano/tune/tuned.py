@@ -261,7 +261,7 @@ class TuneResult(Result):
 
     def updated_file(self) -> "VehicleFile":
         """Return a vehicle file with these gains; nothing is written to disk."""
-        from baqueano.vehicle_file.history import Provenance
+        from baqueano.vehicle_file.provenance import Provenance
 
         values = file_values(self.controller, self.values, self.kind)
         origin = Provenance(run=f"tune, {self.loop}", verdict=self.verdict)

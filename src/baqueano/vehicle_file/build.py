@@ -39,7 +39,7 @@ DEFAULT_KINDS = {
 ROUTE_FIELDS = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that the route fills
 
 
-class Surroundings(NamedTuple):
+class BuildContext(NamedTuple):
     """The values of other parts of the file that the table of a block can need."""
 
     folder: str | None  # the folder of "file.py:Class"
@@ -48,24 +48,24 @@ class Surroundings(NamedTuple):
     low_pass_hz: float | None = None  # of the IMU, from the setting of its chip; None if the file lacks it
 
 
-def vehicle(report: ReadReport, table: Any, surroundings: Surroundings) -> Any:
+def vehicle(report: ReadReport, table: Any, context: BuildContext) -> Any:
     """Return the block of [model], or None after a problem was added to `report`."""
-    block_class = _named_class(report, ("model",), "vehicle", table, None, surroundings)
+    block_class = _named_class(report, ("model",), "vehicle", table, None, context)
     if block_class is None:
         return None
     keys = keys_of(block_class, DERIVED_KEYS)
     values = arguments(report, ("model",), keys, table)
     if "inertia_kg_m2" in keys and "inertia_kg_m2" not in table and "mass_kg" in values:
-        inertia = solid_inertia(values["mass_kg"], surroundings.geometry)
+        inertia = solid_inertia(values["mass_kg"], context.geometry)
         if inertia is not None:
             values["inertia_kg_m2"] = inertia
     if (
         "friction" in keys
-        and surroundings.geometry.track_m is not None
+        and context.geometry.track_m is not None
         and isinstance(table.get("friction", {}), dict)
     ):
-        values["friction"] = {"track_m": surroundings.geometry.track_m, **values.get("friction", {})}
-    known_inertia = solid_inertia(1.0, surroundings.geometry) is not None
+        values["friction"] = {"track_m": context.geometry.track_m, **values.get("friction", {})}
+    known_inertia = solid_inertia(1.0, context.geometry) is not None
     missing_names = [k for k in missing_keys(keys, values) if k not in table]
     if missing_names := [k for k in missing_names if not (k == "inertia_kg_m2" and known_inertia)]:
         code = "vehicle.model-lacks-inertia" if "inertia_kg_m2" in missing_names else "vehicle.model-lacks"
@@ -73,11 +73,11 @@ def vehicle(report: ReadReport, table: Any, surroundings: Surroundings) -> Any:
     if report.problems:
         return None
     return construct(
-        report, ("model",), block_class, values, surroundings, commands=getattr(block_class, "commands", 3)
+        report, ("model",), block_class, values, context, commands=getattr(block_class, "commands", 3)
     )
 
 
-def sensors(report: ReadReport, tables: object, surroundings: Surroundings) -> Any:
+def sensors(report: ReadReport, tables: object, context: BuildContext) -> Any:
     """Return the NamedTuple of the sensor blocks of [sensors.…], in the order of the file."""
     blocks: JsonObject = {}
     for name, table in (tables if isinstance(tables, dict) else {}).items():
@@ -86,15 +86,15 @@ def sensors(report: ReadReport, tables: object, surroundings: Surroundings) -> A
             report.add_table_problem(path, "vehicle.sensor-name")
             continue
         default = name if name in kinds("sensor") else None
-        block_class = _named_class(report, path, "sensor", table, default, surroundings)
+        block_class = _named_class(report, path, "sensor", table, default, context)
         if block_class is not None:
-            blocks[name] = _sensor(report, path, block_class, table, surroundings)
+            blocks[name] = _sensor(report, path, block_class, table, context)
     if not isinstance(tables, dict):
         report.add_problem(("sensors",), "vehicle.sensors-not-table")
     return sensor_slots(tuple(blocks))(*blocks.values())
 
 
-def noiseless(sensors: ByName[Tree]) -> list[str]:
+def sensors_without_noise(sensors: ByName[Tree]) -> list[str]:
     """Return the names of the sensors with a channel whose noise is missing in the file, or 0."""
     return [name for name, sensor in sensors._asdict().items() if _lacks_noise(sensor)]
 
@@ -104,7 +104,7 @@ def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
 
     A simulation accepts an exact sensor; a filter would divide by 0.
     """
-    missing_names = {name: getattr(sensors, name) for name in noiseless(sensors)}
+    missing_names = {name: getattr(sensors, name) for name in sensors_without_noise(sensors)}
     return (
         sensors._replace(**{name: _with_usual_std(sensor) for name, sensor in missing_names.items()})
         if missing_names
@@ -125,21 +125,19 @@ def _with_usual_std(sensor: Tree) -> Tree:
     return replace(sensor, measurement_noise_cov=Q + np.diag(added_std**2))
 
 
-def _sensor(
-    report: ReadReport, path: KeyPath, block_class: type, table: Any, surroundings: Surroundings
-) -> Any:
+def _sensor(report: ReadReport, path: KeyPath, block_class: type, table: Any, context: BuildContext) -> Any:
     keys = keys_of(block_class, DERIVED_KEYS)
     values = arguments(report, path, keys, table)
-    if "track_m" in keys and "track_m" not in table and surroundings.geometry.track_m is not None:
-        values["track_m"] = surroundings.geometry.track_m
-    if "low_pass_hz" in keys and "low_pass_hz" not in table and surroundings.low_pass_hz is not None:
-        values["low_pass_hz"] = surroundings.low_pass_hz
+    if "track_m" in keys and "track_m" not in table and context.geometry.track_m is not None:
+        values["track_m"] = context.geometry.track_m
+    if "low_pass_hz" in keys and "low_pass_hz" not in table and context.low_pass_hz is not None:
+        values["low_pass_hz"] = context.low_pass_hz
     missing_names = [k for k in missing_keys(keys, values) if k not in table]
     if missing_names:
         report.add_table_problem(path, "vehicle.table-lacks", keys=missing_names)
     if missing_names or report.problems:
         return None
-    return construct(report, path, block_class, values, surroundings)
+    return construct(report, path, block_class, values, context)
 
 
 class RoleTable(NamedTuple):
@@ -156,7 +154,7 @@ def role_table(
     table: Any,
     given: "JsonObject",
     fallback: "JsonObject",
-    surroundings: Surroundings,
+    context: BuildContext,
     kind: str | type | None = None,
 ) -> RoleTable | None:
     """Return the content of the table of a role, or None after a problem was added to `report`.
@@ -166,7 +164,7 @@ def role_table(
     own_kind = table.get("kind", DEFAULT_KINDS[name]) if isinstance(table, dict) else DEFAULT_KINDS[name]
     named_table = {**table, "kind": kind} if kind else table
     block_class = _named_class(
-        report, path, name, named_table, DEFAULT_KINDS[name], surroundings, is_typed=kind is not None
+        report, path, name, named_table, DEFAULT_KINDS[name], context, is_typed=kind is not None
     )
     if block_class is None:
         return None
@@ -185,7 +183,7 @@ def construct(
     path: KeyPath,
     block_class: type,
     values: "JsonObject",
-    surroundings: Surroundings,
+    context: BuildContext,
     commands: int | None = None,
 ) -> Any:
     """Return an object of the class. If its constructor raises, add a problem of the table and return None."""
@@ -193,15 +191,15 @@ def construct(
     values = dict(values)
     for name, key in keys_of(block_class).items():
         if isinstance(values.get(name), dict):
-            values[name] = construct(report, (*path, name), key.type, values[name], surroundings, commands)
+            values[name] = construct(report, (*path, name), key.type, values[name], context, commands)
             if values[name] is None:
                 return None
         elif name == "drivetrain" and name not in values and commands is not None:
-            values[name] = construct(report, (*path, name), key.type, {}, surroundings, commands)
+            values[name] = construct(report, (*path, name), key.type, {}, context, commands)
     if "commands" in names and commands is not None:
         values["commands"] = commands
     if "delay_slots" in names and "delay_s" in names:
-        values["delay_slots"] = ceil(values.get("delay_s", 0.0) * surroundings.rate_hz - 1e-9)
+        values["delay_slots"] = ceil(values.get("delay_s", 0.0) * context.rate_hz - 1e-9)
     try:
         return block_class(**values)
     except (ValueError, TypeError) as error:
@@ -224,7 +222,7 @@ def _block_name(block_class: type) -> str:
 
 
 def _named_class(
-    report: ReadReport, path: KeyPath, role: str, table: object, default: str | None, surroundings: Surroundings,
+    report: ReadReport, path: KeyPath, role: str, table: object, default: str | None, context: BuildContext,
     is_typed: bool = False,
 ) -> type | None:  # fmt: skip
     """Return the class that a table names, or None after a problem. `is_typed`: the user typed the name."""
@@ -244,7 +242,7 @@ def _named_class(
         return None
     resolve_kind = resolve if is_typed else resolve_named
     try:
-        return resolve_kind(role, name, surroundings.folder)
+        return resolve_kind(role, name, context.folder)
     except FileError as error:
         report.add_problem((*path, "kind"), "vehicle.kind", kind=name, cause=error.diagnostic)
         return None

@@ -9,8 +9,8 @@
     beyond: a value outside [low, high] by more than RANGE_MARGIN (high − low)                                       (1)
 
 A model is fitted to data. Outside the range of the data, motors can saturate, tyres slip and batteries sag, which the
-model does not include. A fit writes the table. Every drive, replay and simulation with the file uses `Watch`, and so
-does the check of a fit with held-out runs.
+model does not include. A fit writes the table. Every drive, replay and simulation with the file uses `EnvelopeMonitor`,
+and so does the check of a fit with held-out runs.
 """
 
 import re
@@ -59,16 +59,16 @@ class Envelope(NamedTuple):
             f"{self.names[k]} from {self.low[k]:.2g} to {self.high[k]:.2g}" for k in self.moved_commands
         )
 
-    def flags(self, run: Any) -> tuple[Diagnostic, ...]:
+    def range_warnings(self, run: Any) -> tuple[Diagnostic, ...]:
         """Return a warning for each command and channel of a Run with more than the share MIN_REPORTED_SHARE of values
         outside.
         """
-        watch = Watch(self)
+        watch = EnvelopeMonitor(self)
         watch.count(run.applied, {name: channel.z for name, channel in run.sensors.items()})
-        return watch.flags(run.name)
+        return watch.range_warnings(run.name)
 
 
-class Watch:
+class EnvelopeMonitor:
     """A counter of the values outside an envelope. Without an envelope, the count is 0."""
 
     def __init__(self, envelope: Envelope | None) -> None:
@@ -100,13 +100,13 @@ class Watch:
         if self.envelope.names:
             self._ticks.append(tick)
         if len(self._ticks) >= BATCH_TICKS:
-            self._flush()
+            self._count_batch()
 
-    def flags(self, run: str | Diagnostic) -> tuple[Diagnostic, ...]:
+    def range_warnings(self, run: str | Diagnostic) -> tuple[Diagnostic, ...]:
         """Return a warning about `run` for each name with more than the share MIN_REPORTED_SHARE of its values
         outside.
         """
-        self._flush()
+        self._count_batch()
         envelope, warnings = self.envelope, []
         outside_share = self._outside_count / np.maximum(self._sample_count, 1)
         for k in np.flatnonzero(outside_share > MIN_REPORTED_SHARE):
@@ -122,7 +122,7 @@ class Watch:
             )
         return tuple(warnings)
 
-    def _flush(self) -> None:
+    def _count_batch(self) -> None:
         ticks, self._ticks = self._ticks, []
         if not ticks:
             return

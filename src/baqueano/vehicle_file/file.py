@@ -16,7 +16,7 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.sensors.imu_filter import low_pass_hz
 from baqueano.signals import ByName
 from baqueano.vehicle_file import build, garage
-from baqueano.vehicle_file.build import Surroundings
+from baqueano.vehicle_file.build import BuildContext
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
 from baqueano.vehicle_file.head import (
     TABLE_NAMES,
@@ -29,8 +29,8 @@ from baqueano.vehicle_file.head import (
     read_head,
     read_top,
 )  # fmt: skip
-from baqueano.vehicle_file.history import ParameterCov, Provenance, is_measured, numbers_of, read_history
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
+from baqueano.vehicle_file.provenance import ParameterCov, Provenance, is_measured, model_values, read_history
 from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
 from baqueano.vehicle_file.text.toml_text import read_text, tables
 
@@ -121,7 +121,7 @@ class VehicleFile:
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per key of the model, with the run that measured it."""
-        return numbers_of(self.data, self.provenance)
+        return model_values(self.data, self.provenance)
 
     def table(self) -> str:
         """Return the text of the whole file."""
@@ -178,9 +178,9 @@ class VehicleFile:
         """Write the text, completely or not at all, to `path` or to its present path, and return the path. Raise
         FileError if another program changed the file since it was read, or if it cannot be written. Raise UsageError
         for a file of the garage without `path`."""
-        from baqueano.vehicle_file.text.edit import write_whole
+        from baqueano.vehicle_file.text.edit import write_file_text
 
-        target = write_whole(self, path)
+        target = write_file_text(self, path)
         if target == self.path:
             object.__setattr__(self, "on_disk", self.text)  # the file now contains this text
         return target
@@ -226,9 +226,9 @@ class VehicleFile:
         return truth if setting is None else override(truth, [f"robot.imu_filter={setting}"])
 
     @property
-    def noiseless(self) -> tuple[str, ...]:
+    def sensors_without_noise(self) -> tuple[str, ...]:
         """Return the names of sensors without noise in the file; estimators use the usual noise of such sensors."""
-        return tuple(build.noiseless(self.sensors))
+        return tuple(build.sensors_without_noise(self.sensors))
 
     @property
     def folder(self) -> str | None:
@@ -236,8 +236,8 @@ class VehicleFile:
         return _folder(self.path, self.on_disk)
 
     @property
-    def _context(self) -> Surroundings:
-        return Surroundings(self.folder, self.rate_hz, self.geometry)
+    def _context(self) -> BuildContext:
+        return BuildContext(self.folder, self.rate_hz, self.geometry)
 
     def _block(
         self, role: str, kind: OwnBlock | None, changes: "JsonObject", arguments: "JsonObject | None" = None
@@ -255,7 +255,7 @@ class VehicleFile:
         content = build.role_table(
             report, role, self.data.get(role, {}), arguments, fallback, self._context, kind
         )
-        report.finish()
+        report.raise_problems()
         assert content is not None
         if keys := [k for k in content.missing_names if k not in changes]:
             advice = FINDING_COMMANDS.get(role, "")
@@ -267,7 +267,7 @@ class VehicleFile:
         block = build.construct(
             report, (role,), content.block_class, {**content.values, **changes}, self._context
         )
-        report.finish()
+        report.raise_problems()
         return block
 
 
@@ -345,17 +345,17 @@ def parse(
     top = read_top(report, data)
     channels, geometry, hardware, simulation = read_head(report, data)
     imu_filter_hz = low_pass_hz(hardware.imu_filter) if "imu_filter" in data.get("robot", {}) else None
-    surroundings = Surroundings(_folder(path, on_disk), top.rate_hz, geometry, imu_filter_hz)
+    surroundings = BuildContext(_folder(path, on_disk), top.rate_hz, geometry, imu_filter_hz)
     vehicle = build.vehicle(report, data["model"], surroundings)
     sensors = build.sensors(report, data.get("sensors", {}), surroundings)
-    report.finish()
+    report.raise_problems()
     command = read_command(report, channels, vehicle)
     check_body(report, vehicle, geometry)
     check_drive(report, vehicle, channels, top.rate_hz)
     check_sensors(report, sensors, geometry)
     provenance, parameter_cov = read_history(report, data, surroundings.folder)
     envelope = read_envelope(report, data, command.names, sensors)
-    report.finish()
+    report.raise_problems()
     vehicle_file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
         parameter_cov, envelope, tuple(report.notices), tuple(layers) or (name,), name, hardware, simulation, on_disk,
@@ -385,7 +385,7 @@ def _check_roles(report: ReadReport, vehicle_file: VehicleFile) -> None:
     for name, table in data.items():
         if name not in TOP_LEVEL_KEYS and name not in TABLE_NAMES:
             report_unknown_key(report, (name,), table, dict.fromkeys((*TOP_LEVEL_KEYS, *TABLE_NAMES), ""))
-    report.finish()
+    report.raise_problems()
 
 
 def _is_users(table: object) -> bool:

@@ -107,7 +107,7 @@ class Simulation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Top:
+class TopLevelKeys:
     """The keys above the first table."""
 
     format: int
@@ -160,19 +160,19 @@ class CommandSpec(NamedTuple):
     limit: np.ndarray
 
 
-def read_top(report: ReadReport, data: "JsonObject") -> Top:
+def read_top(report: ReadReport, data: "JsonObject") -> TopLevelKeys:
     """Return the keys above the first table. Raise FileError for a missing key, or for another format version."""
-    keys = keys_of(Top)
+    keys = keys_of(TopLevelKeys)
     if "format" not in data:
         report.add_problem(("format",), "vehicle.no-format", expected=FORMAT_VERSION)
-        report.finish()
+        report.raise_problems()
     if data["format"] != FORMAT_VERSION or isinstance(data["format"], bool):
         is_newer = isinstance(data["format"], int) and data["format"] > FORMAT_VERSION
         code, fix = ("newer-format", "pip install --upgrade baqueano") if is_newer else ("other-format", "")
         report.add_problem(
             ("format",), f"vehicle.{code}", fix, found=repr(data["format"]), expected=FORMAT_VERSION
         )
-        report.finish()
+        report.raise_problems()
     values = arguments(report, (), {k: keys[k] for k in TOP_LEVEL_KEYS}, data, other_keys=TABLE_NAMES)
     for name in missing_keys(keys, values):
         if name not in data:
@@ -180,8 +180,8 @@ def read_top(report: ReadReport, data: "JsonObject") -> Top:
     for table in ("command", "model"):
         if table not in data:
             report.add_table_problem((table,), "vehicle.no-table")
-    report.finish()
-    return Top(**values)
+    report.raise_problems()
+    return TopLevelKeys(**values)
 
 
 def _example(name: str) -> str:
@@ -198,7 +198,7 @@ def read_head(report: ReadReport, data: "JsonObject") -> tuple[Channels, Geometr
     simulation = arguments(
         report, ("simulation",), keys_of(Simulation), data.get("simulation", {}), other_keys=()
     )
-    report.finish()
+    report.raise_problems()
     return Channels(**values), Geometry(**geometry), Hardware(**hardware), Simulation(**simulation)
 
 
@@ -215,5 +215,5 @@ def read_command(report: ReadReport, channels: Channels, vehicle: "DynamicVehicl
     limit = channels.limit
     if limit.shape not in ((1,), (n,)):
         report.add_problem(("command", "limit"), "vehicle.command-limits", found=len(limit), expected=n)
-    report.finish()
+    report.raise_problems()
     return CommandSpec(names, channels.unit, np.broadcast_to(limit, (n,)).copy())

@@ -16,8 +16,8 @@ from baqueano.messages.language import N_, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE_FIELDS
-from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, Top
-from baqueano.vehicle_file.history import Provenance
+from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, TopLevelKeys
+from baqueano.vehicle_file.provenance import Provenance
 from baqueano.vehicle_file.tables import DERIVED_KEYS, NO_DEFAULT, Key, allowed_range, keys_of
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ DEFAULTS_FROM_FILE = {  # keys whose default is elsewhere in the file
     ("controller", "rate_hz"): N_("the rate of the file"),
     ("supervisor", "limit"): N_("the limit in [command]"),
 }
-GIVEN_FIELDS = {"vehicle", "sensors"}
+FIELDS_FROM_FILE = {"vehicle", "sensors"}
 INTRODUCTION = N_(
     "A key that is not required may be missing. Its default is written here as in the file, with a decimal "
     "point."
@@ -91,7 +91,7 @@ INTRODUCTION = N_(
 
 def rows() -> list["TableRow"]:
     """Return a row for each key, in the current language: table, kind, key, unit, shape, range, default, meaning."""
-    all_rows = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
+    all_rows = _rows("", "", TopLevelKeys) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
     all_rows += _rows("robot", "", Hardware) + _rows("simulation", "", Simulation)
     for role, kinds in BLOCK_TARGETS.items():
         for kind in kinds:
@@ -137,7 +137,7 @@ def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
     if kind and "." not in table.replace("sensors.NAME", ""):
         own_rows.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
     for name, key in keys_of(
-        block, {*DERIVED_KEYS, *GIVEN_FIELDS, *(ROUTE_FIELDS if table == "guide" else ())}
+        block, {*DERIVED_KEYS, *FIELDS_FROM_FILE, *(ROUTE_FIELDS if table == "guide" else ())}
     ).items():
         if isinstance(key.type, type) and is_dataclass(key.type):
             nested_rows += _rows(f"{table}.{name}", "", key.type)

@@ -67,7 +67,7 @@ class ReadReport:
         """Add a remark about a key, which does not prevent the use of the file."""
         self.notices.append(note(code, Severity.WARNING, place=self.location(path), **figures))
 
-    def finish(self) -> None:
+    def raise_problems(self) -> None:
         """Raise FileError with all problems; do nothing without problems."""
         problems, self.problems = self.problems, []
         if problems:
@@ -88,7 +88,7 @@ def keys_of(block_class: type, hidden_names: typing.Collection[str] = ()) -> dic
     """Return the keys of a block's table, in the order of its fields."""
     if not dataclasses.is_dataclass(block_class):
         return _keys_of_plain_class(block_class, hidden_names)
-    hints = _hints(block_class)
+    hints = _type_hints(block_class)
     keys = {}
     for f in dataclasses.fields(block_class):
         if f.init and f.name not in hidden_names:
@@ -106,7 +106,7 @@ def _keys_of_plain_class(block_class: type, hidden_names: typing.Collection[str]
     return keys
 
 
-def _hints(block_class: type) -> "JsonObject":
+def _type_hints(block_class: type) -> "JsonObject":
     try:
         return typing.get_type_hints(block_class)
     except NameError:  # a name that only a type checker knows
@@ -196,7 +196,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
             code = "vehicle.number-in-quotes" if isinstance(value, str) else "vehicle.not-number"
             report.add_problem(path, code, found=_text_of(value), in_unit=p.unit, meaning=p.meaning)
             return None
-        array = np.array(_float(value))
+        array = np.array(_float_or_nan(value))
     else:
         value = [value] if p.shape is None and isinstance(value, int | float) else value
         array = number_array(value)
@@ -276,10 +276,14 @@ def _read_plain_value(report: ReadReport, path: KeyPath, value_type: object, val
         report.add_problem(path, code, found=_text_of(value))
         return None
     if origin is float or (isinstance(value, float | int) and not isinstance(value, bool) and origin is Any):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(_float(value)):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not np.isfinite(_float_or_nan(value))
+        ):
             report.add_problem(path, "vehicle.not-one-finite", found=_text_of(value))
             return None
-        return _float(value) if origin is float or isinstance(value, float) else value
+        return _float_or_nan(value) if origin is float or isinstance(value, float) else value
     if origin is tuple:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
             report.add_problem(path, "vehicle.not-names", found=_text_of(value))
@@ -309,7 +313,7 @@ def number_array(value: Any) -> np.ndarray | None:
         return None
 
 
-def _float(value: int | float) -> float:
+def _float_or_nan(value: int | float) -> float:
     try:
         return float(value)
     except OverflowError:

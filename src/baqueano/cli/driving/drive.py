@@ -17,7 +17,7 @@ from baqueano.cli.driving.manual_drive import (
     scales_from_marks,
 )
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, print_message
+from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import Verdict, note
 from baqueano.messages.language import translate as _
 
@@ -63,7 +63,7 @@ def command(
     print_message(note("cli.run", path=path))
     finish_manual_drive(run, path, robot)
     text, values = scales_from_marks(run, vehicle_file, length_m)
-    answer(DriveResult(run, path, values), as_json)
+    print_answer(DriveResult(run, path, values), as_json)
     print_message(text)
     if values and update:
         options.save_update(vehicle_file.with_values(values), update)

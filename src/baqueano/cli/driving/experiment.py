@@ -9,9 +9,9 @@ import numpy as np
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import drive_in_rounds
-from baqueano.cli.driving.targets import Target, open_target, print_ledger
+from baqueano.cli.driving.targets import Target, open_target, print_fault_detections
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, print_message, show_activity, time_progress
+from baqueano.cli.terminal import print_answer, print_message, show_activity, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
@@ -94,11 +94,11 @@ def command(
         if signal == "designed" and not trust_file and vehicle_file.is_guess:
             vehicle_file, first_result = make_first_drive(vehicle_file, target, backend, path_of)
             runs.append(first_result)
-            target.back_in_the_middle()
+            target.return_to_middle()
         if rounds is not None:
             make_signal = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
             result = drive_in_rounds(vehicle_file, target, runs, rounds, make_signal, seed, backend, path_of)
-            answer(result, as_json)
+            print_answer(result, as_json)
             options.save_update(result.rounds[-1].fit.vehicle_file, update)
         else:
             u = signal_of(vehicle_file, kind, room, seconds, seed, backend)
@@ -106,7 +106,9 @@ def command(
     print_message(
         note(
             "cli.next-identify",
-            fix=baqueano_command("identify", *run_names, *options.naming_options(vehicle_file, folder)),
+            fix=baqueano_command(
+                "identify", *run_names, *options.vehicle_and_runs_options(vehicle_file, folder)
+            ),
         )
     )
 
@@ -126,8 +128,8 @@ def run_experiment(
     with time_progress(note("cli.experiment"), len(u) / vehicle_file.rate_hz) as progress:
         run = target.drive(Mission("experiment", u=u), vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
-    print_ledger(run, vehicle_file, shake)
-    answer(show(run), as_json)
+    print_fault_detections(run, vehicle_file, shake)
+    print_answer(show(run), as_json)
     options.raise_stop(run, path)
 
 

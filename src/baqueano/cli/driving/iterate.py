@@ -92,7 +92,7 @@ def drive_in_rounds(
         u = signal(vehicle_file, seed + k)
         path = path_of(f"{k + 1}")
         if k:
-            target.back_in_the_middle()
+            target.return_to_middle()
         with time_progress(note("cli.round", number=k + 1), len(u) / vehicle_file.rate_hz) as progress:
             run = target.drive(Mission("experiment", u=u), vehicle_file, path, progress, seed=seed + k)
         print_message(note("cli.run", path=path))

@@ -13,10 +13,10 @@ from baqueano.cli.driving.route import (
     start_option,
     start_pose_of,
 )
-from baqueano.cli.driving.targets import open_target, print_ledger
+from baqueano.cli.driving.targets import open_target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, print_message, time_progress
+from baqueano.cli.terminal import print_answer, print_message, time_progress
 from baqueano.diagnostics import note
 
 
@@ -106,7 +106,7 @@ def command(
     check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
     care = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
     own_kinds = {"estimator": estimator, "controller": controller, "guide": guide}
-    own_kinds = {role: options.own_block(vehicle_file, role, kind) for role, kind in own_kinds.items()}
+    own_kinds = {role: options.block_kind(vehicle_file, role, kind) for role, kind in own_kinds.items()}
     mission = Mission(
         "repeat", route=taught_route, laps=laps, blocks={role: k for role, k in own_kinds.items() if k is not None},
         start=start_pose_of(taught_route, stand), precautions=care.to_json(),
@@ -119,10 +119,10 @@ def command(
         with time_progress(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
             run = target.drive(mission, vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
-    print_ledger(run, vehicle_file, shake)
+    print_fault_detections(run, vehicle_file, shake)
     comparison = compare(run)
-    answer(comparison, as_json, laps=comparison.laps())
-    options.advise_to_fit(comparison, [run], options.naming_options(vehicle_file, folder), folder)
+    print_answer(comparison, as_json, laps=comparison.laps())
+    options.advise_to_fit(comparison, [run], options.vehicle_and_runs_options(vehicle_file, folder), folder)
     if report:
         from baqueano.report.run_report import page_of_run
 

@@ -8,7 +8,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, print_message, time_progress
+from baqueano.cli.terminal import print_answer, print_message, time_progress
 from baqueano.diagnostics import note
 
 if TYPE_CHECKING:
@@ -49,16 +49,16 @@ def command(
     from baqueano.vehicle_file import override
 
     recorded_run = options.find_runs((run,), folder)[0]
-    vehicle_options = options.own_naming_options(folder)
+    vehicle_options = options.run_options(folder)
     if vehicle is None and recorded_run.vehicle_text:
         print_message(note("cli.vehicle-of-run"))
         vehicle_file = vehicle_of(recorded_run)
         vehicle_file = override(vehicle_file, settings) if settings else vehicle_file
     else:
         vehicle_file = options.load_vehicle(vehicle, settings)
-        vehicle_options = options.naming_options(vehicle_file, folder)
+        vehicle_options = options.vehicle_and_runs_options(vehicle_file, folder)
     replay_backend = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
-    replay_estimator = vehicle_file.estimator(options.own_block(vehicle_file, "estimator", estimator))
+    replay_estimator = vehicle_file.estimator(options.block_kind(vehicle_file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded_run.name}")
     with time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
         replayed = replay(
@@ -78,7 +78,7 @@ def command(
     print_message(note("cli.run", path=path))
     several = [recorded_run, replayed] if recorded_run.estimate is not None else [replayed]
     comparison = compare(several, alignment=align)
-    answer(comparison, as_json)
+    print_answer(comparison, as_json)
     options.advise_to_fit(comparison, [recorded_run] * len(several), vehicle_options, folder)
     if report:
         from baqueano.report.run_report import page_of_run

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from baqueano.cli import Verbs, numbers, options
+from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
-from baqueano.cli.terminal import answer, print_message
+from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.messages.language import number
@@ -26,7 +26,9 @@ NAME = "NAME"  # of routes.path, which loads numpy
 XY = (("x_m", "y_m"), ("x", "y"))  # columns of points
 
 
-@click.group(cls=Verbs, help="Draw, import, smooth, cut, join, reverse, scale, speed up or check a route.")
+@click.group(
+    cls=SubcommandGroup, help="Draw, import, smooth, cut, join, reverse, scale, speed up or check a route."
+)
 def command() -> None: ...
 
 
@@ -62,7 +64,7 @@ def ls(as_json: bool) -> None:
                 "speed": f"{number(row['fastest_m_s']):.2f} m/s",
             }
         rows.append({"route": path.stem, **row})
-    answer(RowsResult(rows), as_json)
+    print_answer(RowsResult(rows), as_json)
     if not rows:
         print_message(note("cli.no-routes"))
 
@@ -85,7 +87,7 @@ def check(
         options.find_route(route), vehicle_file, room_of_options(vehicle_file, room, start), backend=backend
     )
     report = replace(report, findings=tuple(with_route_name(finding, route) for finding in report.findings))
-    answer(report, as_json)
+    print_answer(report, as_json)
     for finding in report.findings:
         if finding.severity == Severity.ERROR:
             raise AnswerNo(finding)
@@ -340,7 +342,7 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     if path.exists():
         print_message(note("cli.route-replaced", path=path))
     write_route(route, path)
-    answer(examine(route), as_json)
+    print_answer(examine(route), as_json)
     name = path.stem if path.parent == options.ROUTES else str(path)
     print_message(
         note(

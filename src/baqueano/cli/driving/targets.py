@@ -32,7 +32,7 @@ class Target(Protocol):
         """Drive a mission with the vehicle of `vehicle_file`, store its run at `path`, and return it."""
         ...
 
-    def back_in_the_middle(self) -> None:
+    def return_to_middle(self) -> None:
         """Ensure that the next drive begins in the middle of the room, heading along its width."""
         ...
 
@@ -57,7 +57,7 @@ class LocalTarget:
             arguments = self._page.door.local_options(mission, vehicle_file, arguments)
         return perform(mission, vehicle_file, hand, path=path, **arguments)
 
-    def back_in_the_middle(self) -> None:
+    def return_to_middle(self) -> None:
         """Print that the vehicle is in the middle again, because each simulated drive begins there."""
         print_message(note("cli.middle-again"))
 
@@ -89,7 +89,7 @@ class RemoteTarget:
             **callbacks,
         )
 
-    def back_in_the_middle(self) -> None:
+    def return_to_middle(self) -> None:
         """Wait for the user to confirm that the vehicle is in the middle of the room. Raise click.Abort if not."""
         import click
 
@@ -132,7 +132,7 @@ def open_target(
             yield RemoteTarget(remote, attended, page)
 
 
-def print_ledger(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
+def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
     """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
     if not shake:
         return

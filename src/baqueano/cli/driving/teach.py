@@ -19,7 +19,7 @@ from baqueano.cli.driving.manual_drive import (
 )
 from baqueano.cli.driving.targets import open_target
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, print_message, time_progress
+from baqueano.cli.terminal import print_answer, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import translate as _
@@ -127,7 +127,13 @@ def command(
         if driver not in SHAPES:
             raise
         slower_command = baqueano_command(
-            "teach", route, "--driver", driver, "--speed", "0.2", *options.naming_options(vehicle_file)
+            "teach",
+            route,
+            "--driver",
+            driver,
+            "--speed",
+            "0.2",
+            *options.vehicle_and_runs_options(vehicle_file),
         )
         diagnostic = fault(
             "cli.not-followed", slower_command, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic
@@ -135,12 +141,14 @@ def command(
         raise AnswerNo(diagnostic) from None
     if options.route_path(route).exists():
         print_message(note("cli.route-replaced", path=options.route_path(route)))
-    answer(LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json)
+    print_answer(
+        LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json
+    )
     if text:
         print_message(text)
     if values and update:
         options.save_update(vehicle_file.with_values(values), update)
-    vehicle_options = options.naming_options(vehicle_file)
+    vehicle_options = options.vehicle_and_runs_options(vehicle_file)
     tune = baqueano_command("tune", "--route", route, *vehicle_options, "--update")
     print_message(note("cli.taught", repeat=baqueano_command("repeat", route, *vehicle_options), tune=tune))
 

@@ -4,7 +4,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, print_message
+from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import note
 from baqueano.messages.printable import baqueano_command
 
@@ -14,7 +14,7 @@ from baqueano.messages.printable import baqueano_command
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
               help="Alignment of the estimated path with the true path.")  # fmt: skip
 @click.option(
-    "--skip", "skip_s", type=numbers.moment, default=0.0, help=("Time to exclude at the start [s].")
+    "--skip", "skip_s", type=numbers.time_s, default=0.0, help=("Time to exclude at the start [s].")
 )
 @options.runs_folder
 @report_options
@@ -26,13 +26,13 @@ def command(
 
     loaded_runs = options.find_runs(runs, folder)
     comparison = compare(loaded_runs, alignment=align, skip_s=skip_s)
-    vehicle_options = options.own_naming_options(folder)
-    answer(comparison, as_json, laps=comparison.laps())
+    vehicle_options = options.run_options(folder)
+    print_answer(comparison, as_json, laps=comparison.laps())
     options.advise_to_fit(comparison, loaded_runs, vehicle_options, folder)
     if (unestimated_runs := [run for run in loaded_runs if run.estimate is None]) and not as_json:
         name, replay_options = (
             unestimated_runs[0].path or unestimated_runs[0].name,
-            options.own_naming_options(folder, unestimated_runs[0]),
+            options.run_options(folder, unestimated_runs[0]),
         )
         print_message(
             note(

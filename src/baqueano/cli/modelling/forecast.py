@@ -4,7 +4,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, show_activity
+from baqueano.cli.terminal import print_answer, show_activity
 from baqueano.diagnostics import note
 
 
@@ -28,7 +28,7 @@ def command(
     taught_route = options.find_route(route)
     with show_activity(note("cli.driving-ahead", laps=laps)):
         corridor = forecast_corridor(vehicle_file, taught_route, laps, backend)
-    answer(corridor, as_json)
+    print_answer(corridor, as_json)
     if report:
         from baqueano.report.run_report import page_of_run
 

@@ -8,7 +8,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages import json_row, text
 
@@ -154,7 +154,7 @@ def command(
             fit = result = with_cost_advice(fit, validation_runs, validation, refit)
     drive_forecast = _forecast_drive(fit, fit_runs, lap, how["route"])
     if as_json or report.page is None:
-        answer(
+        print_answer(
             result, as_json, _extra_rows(fit, validation), forecast=drive_forecast.rows() if drive_forecast else [],
             findings=list(map(json_row, fit.findings)),
         )  # fmt: skip
@@ -365,7 +365,7 @@ def _fit_over_time(
 
     with steps() as begin:
         drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
-    answer(drift, as_json)
+    print_answer(drift, as_json)
     _save_table(drift, vehicle_file, table, f"{vehicle_file.name} over {len(runs)} runs")
     if report:
         from baqueano.report.pages.parameter_drift import page_of_drift

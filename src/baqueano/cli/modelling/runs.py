@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from baqueano.cli import Verbs, numbers, options
+from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, steps
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.messages import texts
 from baqueano.messages.language import translate as _
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from baqueano.runs.importing import ImportedRun
 
 
-@click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")
+@click.group(cls=SubcommandGroup, help="List, show, cut, recover, import and export runs.")
 def command() -> None: ...
 
 
@@ -31,7 +31,7 @@ def ls(folder: str, as_json: bool) -> None:
 
     folder_rows = listing(folder)
     if as_json:
-        answer(RowsResult(listing_rows(folder_rows)), as_json)
+        print_print_answer(RowsResult(listing_rows(folder_rows)), as_json)
     else:
         print_result(listing_table(folder_rows))
 
@@ -43,7 +43,7 @@ def ls(folder: str, as_json: bool) -> None:
 def show(run: str, folder: str, as_json: bool) -> None:
     from baqueano.runs.show import show
 
-    answer(show(options.find_runs((run,), folder)[0]), as_json)
+    print_print_answer(show(options.find_runs((run,), folder)[0]), as_json)
 
 
 @command.command("cut", help="Write the part of RUN between two times [s].")
@@ -51,7 +51,7 @@ def show(run: str, folder: str, as_json: bool) -> None:
 @click.option(
     "--from",
     "from_s",
-    type=numbers.moment,
+    type=numbers.time_s,
     default=0.0,
     show_default=True,
     help="Start of the part that is kept [s].",
@@ -163,9 +163,9 @@ def import_(
     vehicle_file = options.load_vehicle(vehicle, settings) if vehicle else None
     text = "" if vehicle_file is None else vehicle_file.text
     vehicle_options = (
-        options.own_naming_options(folder)
+        options.run_options(folder)
         if vehicle_file is None
-        else options.naming_options(vehicle_file, folder)
+        else options.vehicle_and_runs_options(vehicle_file, folder)
     )
     first_name = files[0].name if files else map
     with show_activity(
@@ -182,7 +182,7 @@ def import_(
             else _path_in(out, folder, imports[0].run.name)
         )
         path = write_run(imports[0].run, output_path)
-        answer(WrittenRun(path, imports[0]), as_json)
+        print_print_answer(WrittenRun(path, imports[0]), as_json)
         _print_next_command(path.stem if out is None else str(path), vehicle_options=vehicle_options)
         return
     paths = [write_run(item.run, _path_in(out, folder, item.run.name)) for item in imports]
@@ -190,7 +190,7 @@ def import_(
     print_message(
         note("cli.imported", count=len(paths), first=paths[0], last=paths[-1], duration_s=duration_s)
     )
-    answer(ImportedRuns(tuple(imports)), as_json)
+    print_print_answer(ImportedRuns(tuple(imports)), as_json)
     first_run, last_run = (path.stem if out is None else str(path) for path in (paths[0], paths[-1]))
     _print_next_command(first_run, "--held-out", last_run, vehicle_options=vehicle_options)
 
@@ -295,7 +295,7 @@ def calibrate(
     else:
         with show_activity(note("cli.comparing")):
             calibration = calibrate(recorded_run, vehicle_file)
-    answer(calibration, as_json)
+    print_answer(calibration, as_json)
     if calibration.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.calibration-refused", reasons="; ".join(texts(calibration.reasons))))
     if map_ is not None:
@@ -360,7 +360,7 @@ def noise(
     recorded_run = options.find_runs((run,), folder)[0]
     with show_activity(note("cli.averaging")):
         rest_result = measure_at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
-    answer(rest_result, as_json)
+    print_print_answer(rest_result, as_json)
     if report:
         from baqueano.report.pages.at_rest import page_of_rest
 
@@ -393,7 +393,7 @@ def wear(
         history = parameter_history(
             recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, progress=begin
         )
-    answer(Drift(history), as_json)
+    print_print_answer(Drift(history), as_json)
     if report:
         from baqueano.report.pages.parameter_drift import page_of_drift
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, print_message, show_activity
+from baqueano.cli.terminal import print_answer, print_message, show_activity
 from baqueano.diagnostics import note
 
 
@@ -54,7 +54,7 @@ def command(
             simulations = simulate_many(
                 vehicle_file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend
             )
-        answer(simulations, as_json)
+        print_answer(simulations, as_json)
         return
     simulated_file = vehicle_file if model else vehicle_file.truth
     if simulated_file is not vehicle_file:
@@ -65,4 +65,4 @@ def command(
         run = replace(simulate(simulated_file, u, seed, backend=backend), vehicle_text=vehicle_file.text)
         path = write_run(run, options.run_path(out, folder, "simulation"))
     print_message(note("cli.run", path=path))
-    answer(show(options.find_runs((str(path),), folder)[0]), as_json)
+    print_answer(show(options.find_runs((str(path),), folder)[0]), as_json)

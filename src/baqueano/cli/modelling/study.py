@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import Verbs, numbers, options
+from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, print_result, progress, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_result, progress, show_activity, steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
 
 
-@click.group(cls=Verbs, help="Reproduce the paper's case studies; test with recordings.")
+@click.group(cls=SubcommandGroup, help="Reproduce the paper's case studies; test with recordings.")
 def command() -> None: ...
 
 
@@ -33,7 +33,7 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
 
     with progress(note("cli.study-paper", seeds=seed_count), seed_count) as advance:
         result = case_study(seed, seed_count, backend, advance)
-    answer(result, as_json)
+    print_answer(result, as_json)
     with show_activity(note("cli.two-models")):
         run, validation_run = simulate_seed(seed, backend)[1], simulate_seed(seed + 1_000, backend)[1]
         models = dynamic_vs_kinematic.compare_models(result.fits[0], run, validation_run, backend)
@@ -88,7 +88,7 @@ def identification(
         result = identification(
             seed_count, seed, backend, processors(), advance, cases=cases or CASES, keep=keep
         )
-    answer(result, as_json)
+    print_answer(result, as_json)
     report.write(lambda: page_of_identification(result), Path("study-identification.html"), reproducible=True)
     if result.seeds < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seed_count))
@@ -117,7 +117,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     count = seed_count * len(FAULTS)
     with progress(note("cli.study-faults", count=count), count) as advance:
         result = faults(seed_count, seed, processes=processors(), backend=backend, advance=advance)
-    answer(result, as_json)
+    print_answer(result, as_json)
     if result.requested > result.tried:
         raise Interruption(fault("cli.study-interrupted", done=result.tried, asked=result.requested))
     if result.verdict == Verdict.REFUSED:
@@ -147,7 +147,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
 
     with progress(note("cli.study-driving", seeds=seed_count), seed_count) as advance:
         result = driving(seed_count, seed, processors(), backend, controller=controller, advance=advance)
-    answer(result, as_json)
+    print_answer(result, as_json)
     if result.driven < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.driven, asked=seed_count))
 
@@ -177,7 +177,7 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
 
     with progress(note("cli.study-controllers", seeds=seed_count), seed_count) as advance:
         result = controllers(seed_count, seed, processors(), backend, own_kinds, advance=advance)
-    answer(result, as_json)
+    print_answer(result, as_json)
     if result.robots < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
 
@@ -227,7 +227,7 @@ def laps(
     ]
     with progress(note("cli.study-laps", seeds=seed_count, laps=laps), seed_count) as advance:
         result = laps_over_fixes(seed_count, seed, laps, processors(), backend, cases, advance)
-    answer(result, as_json)
+    print_answer(result, as_json)
     if result.robots < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
 
@@ -247,7 +247,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
 
     with steps() as begin:
         result = recordings(backend, begin)
-    answer(result, as_json)
+    print_answer(result, as_json)
     if result.stopped:
         raise Interruption(fault("cli.recordings-interrupted"))
     with steps() as begin:
@@ -273,7 +273,7 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 
     with steps() as begin:
         result = experiments(seed, seconds, processors(), backend, begin)
-    answer(result, as_json)
+    print_answer(result, as_json)
 
 
 @command.command("first-drives", help="Make first drives of unknown vehicles in a small room.")
@@ -291,7 +291,7 @@ def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> Non
 
     with progress(note("cli.study-first-drives", seeds=seed_count), seed_count) as advance:
         result = first_drives(seed_count, seed, processors(), backend, advance)
-    answer(result, as_json)
+    print_answer(result, as_json)
     if (count := sum(row.drives for row in result.each)) < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=count, asked=seed_count))
 
@@ -309,7 +309,7 @@ def fit_imu_only(backend: str, as_json: bool) -> None:
 
     with steps() as begin:
         result = imu_only_study(backend, begin)
-    answer(result, as_json)
+    print_answer(result, as_json)
 
 
 @command.command(
@@ -347,7 +347,7 @@ def estimation(
         )
     with steps() as begin:
         result = estimation(seed_count, backend, begin, cases or CASES, kinds, processors())
-    answer(result, as_json)
+    print_answer(result, as_json)
 
 
 @command.command(
@@ -377,6 +377,6 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
     if recordings:
         with steps() as begin:
             result = with_recordings(result, backend, begin)
-    answer(result, as_json)
+    print_answer(result, as_json)
     if (count := result.vehicles + len(result.refused)) < vehicles:
         raise Interruption(fault("cli.study-interrupted", done=count, asked=vehicles))

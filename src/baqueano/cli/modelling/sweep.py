@@ -7,7 +7,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import answer, progress
+from baqueano.cli.terminal import print_answer, progress
 from baqueano.diagnostics import fault, note
 
 keep = click.option(
@@ -121,11 +121,11 @@ def command(
         run_sweep, drive_count = partial(run_sweep, vehicle_file, **arguments), len(named_routes) * seeds
     for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
         for kind in kinds:
-            options.own_block(vehicle_file, role, kind)
+            options.block_kind(vehicle_file, role, kind)
     count = drive_count * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with progress(note("cli.sweep", drives=count), count) as advance:
         result = run_sweep(advance=advance)
-    answer(result, as_json, cells=result.cells())
+    print_answer(result, as_json, cells=result.cells())
     if report:
         report.write(lambda: page_of_sweep(result), reproducible=True)
     if len(result.drives) < result.requested:

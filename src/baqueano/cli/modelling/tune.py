@@ -3,7 +3,7 @@
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, print_message, show_activity
+from baqueano.cli.terminal import print_answer, print_message, show_activity
 from baqueano.diagnostics import note
 
 
@@ -106,7 +106,7 @@ def command(
         options.refuse_without("--estimator", "seeds")
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file)
-    controller = options.own_block(vehicle_file, "controller", controller)
+    controller = options.block_kind(vehicle_file, "controller", controller)
     paths = [shape_or_route(route, speed_m_s, size_m) for route in routes]
     with show_activity(note("cli.tuning")):
         result = tune(
@@ -123,7 +123,7 @@ def command(
             seed=seed,
             backend=backend,
         )
-    answer(result, as_json)
+    print_answer(result, as_json)
     options.save_update(result.updated_file(), update)
     if routes[0] in SHAPES:
         print_message(

@@ -13,7 +13,7 @@ from baqueano.messages import text
 from baqueano.web.run import PageOptions, show_vehicle
 from baqueano.web.service import Link, on_pipes
 
-LOOK_S = 0.05  # between two counts of the viewers
+POLL_S = 0.05  # between two counts of the viewers
 
 
 async def serve(options: PageOptions) -> None:
@@ -38,7 +38,7 @@ async def serve(options: PageOptions) -> None:
                 if (now := viewers[0]()) != before:
                     before = now
                     link[0].send("viewers", count=now)
-                await asyncio.sleep(LOOK_S)
+                await asyncio.sleep(POLL_S)
 
     try:
         await show_vehicle(start, options, print_message, lasting=False, meet=viewers.append)

@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from baqueano.signals import Motion
     from baqueano.vehicle_file.file import VehicleFile
 
-TELL_S = 0.2  # between states
-HZ = 20.0  # frames of a robot
+SEND_PERIOD_S = 0.2  # between states
+PAGE_RATE_HZ = 20.0  # frames of a robot
 RELAYED = ("vehicle", "fields", "route", "frame", "state", "event")
-BY_HAND = ("drive", "teach")
+MANUAL_MISSIONS = ("drive", "teach")
 
 
 class WorldWithBody(World, Protocol):
@@ -65,10 +65,10 @@ class DriveDoor:
         self._record: Record | None = None
         self._published_s = float("-inf")
         self._robot: Remote | None = None
-        words = {"viewers": self._viewers, "routes": lambda guest, message: {"is": "routes", "routes": []}}
+        words = {"viewers": self._on_viewers, "routes": lambda guest, message: {"is": "routes", "routes": []}}
         for do in ("pause", "go", "pace"):
-            words[do] = self._time
-        self._door = Door(None, self.operator, folder, words | {"stop": self._stop, "set": self._set})
+            words[do] = self._on_time
+        self._door = Door(None, self.operator, folder, words | {"stop": self._on_stop, "set": self._on_set})
         self.frames = self._door.frames
         self.frames.begin(file, world)
         self.publish(at_once=True)
@@ -90,9 +90,9 @@ class DriveDoor:
         while is_running():
             request = self.operator.next()
             if request is None:
-                time.sleep(TELL_S / 10)
+                time.sleep(SEND_PERIOD_S / 10)
                 continue
-            if json.loads(request[0]).get("kind") in BY_HAND:
+            if json.loads(request[0]).get("kind") in MANUAL_MISSIONS:
                 return
             self.operator.free()
             self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
@@ -129,7 +129,7 @@ class DriveDoor:
 
         def words() -> list[JsonObject]:
             nonlocal watching, stopped
-            replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": HZ}]
+            replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": PAGE_RATE_HZ}]
             replies += [{"do": "mark"}] * self.operator.pop_mark_count()
             if self.operator.done:
                 raise KeyboardInterrupt
@@ -143,9 +143,9 @@ class DriveDoor:
         return {"words": words}
 
     def publish(self, at_once: bool = False) -> None:
-        """Send the state to the page, if `at_once` or if the last state was sent at least TELL_S ago."""
+        """Send the state to the page, if `at_once` or if the last state was sent at least SEND_PERIOD_S ago."""
         now_s = time.monotonic()
-        if not at_once and now_s - self._published_s < TELL_S:
+        if not at_once and now_s - self._published_s < SEND_PERIOD_S:
             return
         self._published_s = now_s
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
@@ -159,7 +159,7 @@ class DriveDoor:
         self._mission, self._record, self._reason = mission, None, reason
         manual_state = (
             DoorState.MANUAL
-            if mission is not None and mission.kind in BY_HAND and mission.route is None
+            if mission is not None and mission.kind in MANUAL_MISSIONS and mission.route is None
             else None
         )
         at_rest = DoorState.READY if reason is None else DoorState.STOPPED
@@ -189,7 +189,7 @@ class DriveDoor:
         if message["is"] in RELAYED:
             self._door.broadcast(message)
 
-    def _viewers(self, guest: object, message: "JsonObject") -> None:
+    def _on_viewers(self, guest: object, message: "JsonObject") -> None:
         """Record that the page is listening, and the number of its viewers."""
         if (
             not self.listens.is_set() and not self.by_hand
@@ -201,7 +201,7 @@ class DriveDoor:
         if int(message["count"]) > 0:
             self.visited.set()
 
-    def _stop(self, guest: object, message: "JsonObject") -> "JsonObject":
+    def _on_stop(self, guest: object, message: "JsonObject") -> "JsonObject":
         reason = Diagnostic.of_json(message["why"])
         if self._robot is not None:  # at once, from this thread
             self._robot.send(do="stop", why=reason)
@@ -209,13 +209,13 @@ class DriveDoor:
             self.operator.stop(reason)
         return {"is": "heard", "do": "stop"}
 
-    def _set(self, guest: object, message: "JsonObject") -> "JsonObject":
+    def _on_set(self, guest: object, message: "JsonObject") -> "JsonObject":
         if self._robot is not None:
             raise SafetyStop(note("cli.page-set", Severity.ERROR))
         self.operator.change(guest, str(message["path"]), message["value"])
         return {"is": "heard", "do": "set"}
 
-    def _time(self, guest: object, message: "JsonObject") -> None:
+    def _on_time(self, guest: object, message: "JsonObject") -> None:
         if self._robot is not None:
             raise SafetyStop(note("cli.page-time", Severity.ERROR))
         match message["do"]:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from baqueano.cli.page.drive_door import DriveDoor
     from baqueano.vehicle_file.file import VehicleFile
 
-STARTS_S = 30.0  # a busy laptop starts Python
-COMES_S = 5.0  # a browser, if a tab was opened
-ENDS_S = 3.0  # the page, once its drives are over
+START_TIMEOUT_S = 30.0  # a busy laptop starts Python
+CONNECT_TIMEOUT_S = 5.0  # a browser, if a tab was opened
+END_TIMEOUT_S = 3.0  # the page, once its drives are over
 
 shown = click.option("--page", "shown", is_flag=True, help="Show both runs in a browser, side by side.")
 page = options.combine_options(
@@ -59,12 +59,12 @@ def live_page(
 ) -> Iterator[LivePage | None]:
     """Open a page for the drives of a subcommand, and yield it; None if it is not `shown`.
 
-    With a display, first wait up to COMES_S for a browser. The page always ends with the verb.
+    With a display, first wait up to CONNECT_TIMEOUT_S for a browser. The page always ends with the verb.
     """
     if not shown:
         yield None
         return
-    needs_websockets()
+    require_websockets()
     from baqueano.cli.page.drive_door import DriveDoor
     from baqueano.web.share import has_display
 
@@ -77,11 +77,11 @@ def live_page(
     )  # fmt: skip
     try:
         _join(door, program)
-        _wait(door.listens.is_set, STARTS_S, program)
+        _wait(door.listens.is_set, START_TIMEOUT_S, program)
         if program.poll() is not None:
             print_message(note("cli.page-gone"))
         elif has_display():
-            _wait(door.visited.is_set, COMES_S, program)
+            _wait(door.visited.is_set, CONNECT_TIMEOUT_S, program)
         yield LivePage(door, program)
     finally:
         door.close(note("cli.page-over", folder=folder))
@@ -90,7 +90,7 @@ def live_page(
 
 def show_both(run: Path, ghost: Path | None, folder: str) -> None:
     """Show a run, with another run as its ghost, until the last tab is closed or until Ctrl-C."""
-    needs_websockets()
+    require_websockets()
     import asyncio
 
     from baqueano.web.run import PageOptions, show_runs
@@ -100,7 +100,7 @@ def show_both(run: Path, ghost: Path | None, folder: str) -> None:
     asyncio.run(show_runs(names, PageOptions(Path(folder)), print_message, lasting=False))
 
 
-def needs_websockets() -> None:
+def require_websockets() -> None:
     """Raise UsageError if the library of the page, websockets, is missing."""
     if find_spec("websockets") is None:
         raise UsageError(fault("web.no-websockets", "pip install websockets"))
@@ -125,9 +125,9 @@ def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[
 
 
 def _end(program: "subprocess.Popen[bytes]") -> None:
-    """Wait until the process of the page ends. Kill it after ENDS_S, or on Ctrl-C."""
+    """Wait until the process of the page ends. Kill it after END_TIMEOUT_S, or on Ctrl-C."""
     try:
-        program.wait(ENDS_S)
+        program.wait(END_TIMEOUT_S)
     except (subprocess.TimeoutExpired, KeyboardInterrupt):
         program.kill()
         program.wait()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import options
-from baqueano.cli.page.live import needs_websockets
+from baqueano.cli.page.live import require_websockets
 
 if TYPE_CHECKING:
     from baqueano.web.run import PageOptions
@@ -32,7 +32,7 @@ serving = options.combine_options(
 
 def serve_options(folder: str, port: int, share: bool, address: str, browser: bool) -> "PageOptions":
     """Return the options of the page. Raise UsageError if the library of the page is missing."""
-    needs_websockets()
+    require_websockets()
     from baqueano.web.run import PageOptions
 
     return PageOptions(Path(folder), port, share or bool(address), address, browser)

@@ -42,7 +42,7 @@ def command(
     from baqueano.web.run import show_runs, show_vehicle
     from baqueano.web.service import connect, start_simulated
 
-    vehicle_name = vehicle or (str(options.OWN_FILE) if options.OWN_FILE.exists() else GARAGE)
+    vehicle_name = vehicle or (str(options.DEFAULT_FILE) if options.DEFAULT_FILE.exists() else GARAGE)
     if run is not None:
         page_options.run(show_runs((run,), serving, print_message))
     elif robot is not None and robot != "simulated":

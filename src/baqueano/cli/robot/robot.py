@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from baqueano.cli import VERBS, Verbs, options
+from baqueano.cli import SUBCOMMANDS, SubcommandGroup, options
 from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.terminal import print_result
 from baqueano.diagnostics import fault
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 host = click.argument("host", default="here")
 
 
-@click.group(cls=Verbs, help=VERBS["robot"])
+@click.group(cls=SubcommandGroup, help=SUBCOMMANDS["robot"])
 def command() -> None:
     pass
 
@@ -36,7 +36,7 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 
     gc.disable()  # request_realtime() enables it again: loading does not produce garbage
     try:
-        give_back = (lambda: None) if settings else open_early(Path(vehicle or options.OWN_FILE))
+        give_back = (lambda: None) if settings else open_early(Path(vehicle or options.DEFAULT_FILE))
         from baqueano.robot.service.onboard import serve
 
         serve(options.load_vehicle(vehicle, settings), Path(folder), door, print_result, give_back)
@@ -64,10 +64,10 @@ def attach(door: Path) -> None:
 @host
 @options.as_json
 def status(host: str, as_json: bool) -> None:
-    from baqueano.cli.terminal import answer
+    from baqueano.cli.terminal import print_answer
 
     with _connection(host) as remote:
-        answer(RobotStatus(remote.state), as_json)
+        print_answer(RobotStatus(remote.state), as_json)
 
 
 @command.command(help="Stop the vehicle at HOST at once; the stop lasts until it is cleared.")

@@ -6,18 +6,18 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, print_message
+from baqueano.cli.terminal import print_answer, print_message
 
 WATCH_S = 20.0
-TURNED, SWAPPED = "straight|reversed", "straight|swapped"
+REVERSED_HELP, SWAPPED = "straight|reversed", "straight|swapped"
 NAMES = {  # option: its values, help; names and ranges as in robot/uno/settings.py
     "bridge": ("l298n|tb6612|l293d", "Type of the motors' bridge."),
     "encoders": ("none|single|quadrature", "Type of the encoders at D2, D4 (left) and D3, D7 (right)."),
-    "left-motor": (TURNED, "Polarity of the two wires of this motor."),
-    "right-motor": (TURNED, "Polarity of the two wires of this motor."),
+    "left-motor": (REVERSED_HELP, "Polarity of the two wires of this motor."),
+    "right-motor": (REVERSED_HELP, "Polarity of the two wires of this motor."),
     "motors": (SWAPPED, "Order of left and right."),
-    "left-encoder": (TURNED, "Order of the wires A and B of this encoder."),
-    "right-encoder": (TURNED, "Order of the wires A and B of this encoder."),
+    "left-encoder": (REVERSED_HELP, "Order of the wires A and B of this encoder."),
+    "right-encoder": (REVERSED_HELP, "Order of the wires A and B of this encoder."),
     "encoder-plugs": (SWAPPED, "Order of left and right."),
     "mark": ("high|low", "Output of the lap mark's sensor when it is over the tape."),
     "battery-ratio": ("RATIO", "Voltage of the battery divided by that of A0: 3 for 20 kΩ and 10 kΩ."),
@@ -25,7 +25,7 @@ NAMES = {  # option: its values, help; names and ranges as in robot/uno/settings
     "dither": ("SHARE", "Dither: duty that is alternately added and subtracted, against stiction."),
     "dither-ms": ("MS", "Time after which the dither changes its sign [ms]."),
 }
-WAYS = {
+WHEEL_SETTINGS = {
     "dead-zone": (
         "Duty below which this wheel does not turn in this direction; calibrate motors measures it."
     ),
@@ -36,7 +36,7 @@ choices = options.combine_options(
     *(click.option(f"--{name}", metavar=metavar, help=text) for name, (metavar, text) in NAMES.items()),
     *(
         click.option(f"--{name}", multiple=True, metavar="WAY=SHARE", help=text)
-        for name, text in WAYS.items()
+        for name, text in WHEEL_SETTINGS.items()
     ),
 )
 
@@ -82,14 +82,14 @@ def settings(
         arguments += [] if watch_s is None else [f"--watch={watch_s:g}"]
         verb = ("robot", "settings", "--vehicle", VEHICLE, *arguments)
         stored_settings = result_from_host(uno_settings.StoredSettings.of, host, *verb)
-    answer(stored_settings, as_json)
+    print_answer(stored_settings, as_json)
 
 
 def option_values(typed_values: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return option name → typed values, without omitted options."""
     changes: dict[str, list[str]] = {}
-    for name in (*NAMES, *WAYS):
+    for name in (*NAMES, *WHEEL_SETTINGS):
         value = typed_values[name.replace("-", "_")]
         if value is not None and value != ():
-            changes[name] = list(value) if name in WAYS else [value]
+            changes[name] = list(value) if name in WHEEL_SETTINGS else [value]
     return changes

@@ -95,7 +95,7 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
         folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, print_message
     )
     (folder / "vehicle.toml").write_text(vehicle_file.text, encoding="utf-8")
-    has_own_file = vehicle is not None or options.OWN_FILE.exists()
+    has_own_file = vehicle is not None or options.DEFAULT_FILE.exists()
     if not has_own_file:
         print_message(note("cli.no-vehicle-file"))
     install(

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from baqueano.cli import Verbs, options
-from baqueano.cli.terminal import answer, print_message
+from baqueano.cli import SubcommandGroup, options
+from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import fault
 
 host = click.argument("host", default="here")
@@ -38,7 +38,7 @@ def doctor(
             lambda rows: Report([Check(**row) for row in rows]), host,
             "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *jitter_option,
         )  # fmt: skip
-    answer(report, as_json)
+    print_answer(report, as_json)
     if report.verdict == "bad":
         click.get_current_context().exit(1)
 
@@ -71,11 +71,11 @@ def flash(
     else:
         verb = ("robot", "flash", "--vehicle", VEHICLE)
         result = result_from_host(lambda rows: FlashResult(**rows[0]), host, *verb)
-    answer(result, as_json)
+    print_answer(result, as_json)
 
 
 @click.group(
-    cls=Verbs,
+    cls=SubcommandGroup,
     help=(
         "Calibrate what differs from vehicle to vehicle: the mounting of the IMU, the wiring of the motors."
     ),
@@ -105,7 +105,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
         update_option = ["--update"] if update else []
         verb = ("robot", "calibrate", "imu", "--vehicle", VEHICLE, *update_option)
         mounted_imu = result_from_host(lambda rows: MountedImu.of(rows[0]), host, *verb)
-    answer(mounted_imu, as_json)
+    print_answer(mounted_imu, as_json)
     values = mounted_imu.values(vehicle_file)
     options.save_update(
         vehicle_file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update
@@ -136,4 +136,4 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
             motors = find(floor_tests, print_message)
     else:
         motors = result_from_host(Motors.of, host, "robot", "calibrate", "motors", "--vehicle", VEHICLE)
-    answer(motors, as_json)
+    print_answer(motors, as_json)

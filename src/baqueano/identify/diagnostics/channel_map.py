@@ -42,11 +42,15 @@ def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     for name, size in zip(problem.names, problem.sizes, strict=True):
         hypotheses = signal_map(*sensor_samples(problem, theta, name), [MappedChannel()] * size)
         for i, hypothesis in enumerate(hypotheses):
-            rho, channel = hypothesis.relation.correlation, f"{name}[{i}]"
+            rho, channel = hypothesis.regression.correlation, f"{name}[{i}]"
             if hypothesis.code == "inverted":
                 out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
             elif hypothesis.code == "swapped" and (j := hypothesis.prediction_index) < i:
-                correlations = {"other": channel, "first": hypotheses[j].relation.correlation, "second": rho}
+                correlations = {
+                    "other": channel,
+                    "first": hypotheses[j].regression.correlation,
+                    "second": rho,
+                }
                 out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **correlations))
     return out
 

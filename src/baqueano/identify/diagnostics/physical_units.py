@@ -138,7 +138,7 @@ def _gyro_comparison(
     z, h = (channel_map.clip(x[:, None]) for x in (z, h))
     units = {r**power: unit for r, unit in UNIT_BY_RATIO.items()}
     (channel,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
-    slope, message = abs(channel.relation.slope), None
+    slope, message = abs(channel.regression.slope), None
     if channel.meaning:
         read = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
         figures: JsonObject = {"times": slope**power, "by": source, "given": channel.meaning, "read": read}

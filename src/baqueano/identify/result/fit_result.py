@@ -68,11 +68,11 @@ class Fit(Result):
         Covariance of the estimates; NaN if not identifiable.
     run_entry_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
-    own, run_entry_sd : ndarray (runs, q)
+    run_entries, run_entry_sd : ndarray (runs, q)
         Estimates of these entries, and their standard errors.
     unobservable : tuple of Diagnostic
         Parameters that a better run would show.
-    never : tuple of Diagnostic
+    always_unobservable : tuple of Diagnostic
         Parameters that this vehicle can never show.
     verdict : Verdict
         USABLE, WARN or REFUSED.

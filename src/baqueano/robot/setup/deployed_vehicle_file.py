@@ -15,8 +15,8 @@ from baqueano.door.ssh import run, ssh, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
-from baqueano.vehicle_file.history import NO_VALUE_PREFIXES
 from baqueano.vehicle_file.paths import key_exists
+from baqueano.vehicle_file.provenance import NON_VALUE_PREFIXES
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
     """
     old_leaves, new_leaves = _leaves(before), _leaves(after)
-    keys = [k for k in dict.fromkeys((*old_leaves, *new_leaves)) if not k.startswith(NO_VALUE_PREFIXES)]
+    keys = [k for k in dict.fromkeys((*old_leaves, *new_leaves)) if not k.startswith(NON_VALUE_PREFIXES)]
     return [
         f"{key}: {_value_text(old_leaves, key)} → {_value_text(new_leaves, key)}"
         for key in keys

@@ -20,7 +20,7 @@ from baqueano.errors import (
     UsageError,
     error_of_exit_code,
 )
-from baqueano.messages.language import LANGUAGE_VARIABLE, current
+from baqueano.messages.language import LANGUAGE_VARIABLE, current_language
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, printable_json
 from baqueano.robot import SERVICE

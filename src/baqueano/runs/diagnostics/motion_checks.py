@@ -82,7 +82,7 @@ def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagn
 
 
 def _finding_reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
-    r = hypothesis.relation
+    r = hypothesis.regression
     return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
 
@@ -109,7 +109,7 @@ def _truth_findings(
     (hypothesis,) = signal_map(
         z[:, None], true[:, None], [MappedChannel(1.0 / MAX_SCALE, MAX_SCALE, double_units | units)]
     )
-    r, reason = hypothesis.relation, _finding_reason(hypothesis, entry, "recording.against-truth")
+    r, reason = hypothesis.regression, _finding_reason(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
         findings.append(
             _finding(hypothesis, entry, "recording.against-truth", note("recording.check-unit-and-scale"))
@@ -131,10 +131,10 @@ def _shifted_truth(
     residual.
     """
     lags = np.linspace(-MAX_OFFSET_S, MAX_OFFSET_S, 51)
-    channel_regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
-    r = np.array([channel_regression.correlation for channel_regression in channel_regressions])
+    regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
+    r = np.array([regression.correlation for regression in regressions])
     k, best_lag, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
-    if not channel_regressions[k].is_clear():
+    if not regressions[k].is_clear():
         return true_of(0.0), []
     late_s, true = float(lags[k]), true_of(float(lags[k]))
     if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[best_lag] ** 2):
@@ -154,7 +154,7 @@ def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
     if not np.std(rate) > MIN_TURN_STD_RAD_S or not np.isfinite(difference).all():
         return []
     (hypothesis,) = signal_map(difference[:, None], rate[:, None], [MappedChannel(*TRACK_RANGE_M)])
-    r, wheels = hypothesis.relation, f"[sensors.{motion.wheels_name}]"
+    r, wheels = hypothesis.regression, f"[sensors.{motion.wheels_name}]"
     figures: JsonObject = {
         "wheels": wheels,
         "by": "[truth]" if motion.run.truth else imu[2].key,
@@ -219,7 +219,7 @@ def _accelerometer_findings(
     channels = [MappedChannel(1.0 / MAX_ACCEL_SCALE, MAX_ACCEL_SCALE, lines) for lines in lines_by_axis]
     relation_x, relation_y = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
     if relation_x.code == "swapped":
-        first, second = relation_x.relation.correlation, relation_y.relation.correlation
+        first, second = relation_x.regression.correlation, relation_y.regression.correlation
         reason = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
@@ -248,7 +248,7 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
         return []
     (hypothesis,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
     steering, other_name = (names[i] for i in order)
-    figures: JsonObject = {"steering": steering, "correlation": hypothesis.relation.correlation}
+    figures: JsonObject = {"steering": steering, "correlation": hypothesis.regression.correlation}
     if hypothesis.code == "swapped":
         reason = note("recording.other-steers", **figures, other=other_name)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-commands"))]

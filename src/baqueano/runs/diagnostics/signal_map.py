@@ -59,7 +59,7 @@ class MappedChannel(NamedTuple):
 
     low: float = 0.0
     high: float = np.inf
-    unit_ratios: Mapping[float, "Diagnostic | str | None"] = MappingProxyType({})
+    ratios: Mapping[float, "Diagnostic | str | None"] = MappingProxyType({})
 
 
 class Hypothesis(NamedTuple):
@@ -67,7 +67,7 @@ class Hypothesis(NamedTuple):
 
     code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (of no known unit)
     prediction_index: int  # index of the prediction that the channel shows
-    channel_regression: ChannelRegression
+    regression: ChannelRegression
     is_clear: bool
     ratio: float = 1.0  # of units; NaN if none is near
     meaning: "Diagnostic | str | None" = None  # of that ratio

@@ -18,8 +18,8 @@ from baqueano.blocks import read_module
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
-from baqueano.vehicle_file.history import ParameterCov, Provenance
 from baqueano.vehicle_file.paths import known_paths, no_such_key, split_key, value_in_force
+from baqueano.vehicle_file.provenance import ParameterCov, Provenance
 from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import read_text
 
@@ -106,7 +106,7 @@ def edit_text(
     return _text_with(vehicle_file, rounded_values, True, origins, parameter_cov, envelope)
 
 
-def write_whole(vehicle_file: VehicleFile, path: str | Path | None = None) -> Path:
+def write_file_text(vehicle_file: VehicleFile, path: str | Path | None = None) -> Path:
     """Write the text to a new file, which then replaces the old file; return the path.
     After an interruption the old file is unchanged. Raise FileError if another program changed the old file, or if the
     new file cannot be written. Raise UsageError for a file of the garage without `path`.

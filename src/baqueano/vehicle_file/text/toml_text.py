@@ -57,7 +57,7 @@ def tables(text: str, name: str) -> "JsonObject":
     try:
         return parse_toml(text, name)
     except tomllib.TOMLDecodeError as error:
-        raise FileError(_syntax(str(error), text, name)) from error
+        raise FileError(_syntax_error(str(error), text, name)) from error
 
 
 def parse_toml(text: str, name: str) -> "JsonObject":
@@ -83,15 +83,15 @@ def line_of(text: str, path: tuple[str, ...]) -> int | None:
     table: tuple[str, ...] = ()
     for line_number, line in enumerate(text.splitlines(), 1):
         if header := _HEADER.match(line):
-            table = _parts(header[1])
+            table = _key_parts(header[1])
             if table == path:
                 return line_number
-        elif (key := _KEY.match(line)) and table + _parts(key[1]) == path:
+        elif (key := _KEY.match(line)) and table + _key_parts(key[1]) == path:
             return line_number
     return None
 
 
-def _parts(dotted_key: str) -> tuple[str, ...]:
+def _key_parts(dotted_key: str) -> tuple[str, ...]:
     return tuple(part.strip("\"'") for part in _PART.findall(dotted_key))
 
 
@@ -113,7 +113,7 @@ def _depth(value: object) -> int:
     return deepest
 
 
-def _syntax(cause: str, text: str, name: str) -> Diagnostic:
+def _syntax_error(cause: str, text: str, name: str) -> Diagnostic:
     """Return the error of tomllib, with the line and the usual remedy."""
     match = re.search(r"\(at line (\d+), column \d+\)", cause)
     lines = text.splitlines()

@@ -54,7 +54,7 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
 
 def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
     """Return the findings of `blocks check` about the block of a role, or about a block of another `kind`."""
-    from baqueano.vehicle_file.checked import check
+    from baqueano.vehicle_file.block_check import check
 
     block_description(
         request | {"kind": request["kind"]}, vehicle_file

@@ -115,7 +115,7 @@ class TuningBench:
         Raise UsageError for a vehicle of the garage, which does not have a file of the user.
         """
         from baqueano.diagnostics import Verdict
-        from baqueano.vehicle_file.history import Provenance
+        from baqueano.vehicle_file.provenance import Provenance
 
         vehicle_file, _, laps = self._laps(request)
         if vehicle_file.path is None:

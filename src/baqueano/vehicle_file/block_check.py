@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CheckedBlock(Result):
+class BlockCheck(Result):
     """The findings of the checks of a block."""
 
     block: str
@@ -42,7 +42,7 @@ class CheckedBlock(Result):
         return "\n".join(f"{self.block}  {finding}" for finding in texts(self.findings)) or str(self.verdict)
 
 
-def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | None = None) -> CheckedBlock:
+def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | None = None) -> BlockCheck:
     """Call a block as a drive of a vehicle would, and report its faults.
 
     Parameters
@@ -57,7 +57,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
 
     Returns
     -------
-    CheckedBlock
+    BlockCheck
         A result with a row per finding.
 
     Raises
@@ -92,7 +92,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
         if isinstance(block, str)
         else (block_or_class if isinstance(block_or_class, type) else type(block_or_class)).__name__
     )
-    return CheckedBlock(name, role, tuple(diagnostics))
+    return BlockCheck(name, role, tuple(diagnostics))
 
 
 def _role_with_kind(kind: str) -> str:

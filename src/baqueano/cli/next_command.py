@@ -22,7 +22,7 @@ ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")
 MAX_LISTED_FILES = 5  # files of a folder that are named
 
 
-def next_line(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
+def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
     """Return the command to type next; None if the error contains it, or if no command is known for this error.
 
     args: the command line, without `baqueano`.

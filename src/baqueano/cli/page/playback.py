@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from baqueano.tune import TuneResult
 
 POINTS = 200  # of the curve of costs
-SERVES_S = 20.0  # a busy laptop starts Python
+SERVE_TIMEOUT_S = 20.0  # a busy laptop starts Python
 
 
-class PageOfDrives:
+class PlaybackPage:
     """A page process that shows the drives it receives. Data are dropped after the process has ended."""
 
     def __init__(self, program: "subprocess.Popen[bytes] | None") -> None:
@@ -50,11 +50,11 @@ class PageOfDrives:
         self._send({"step": step.to_json()})
 
     def wait_until_served(self) -> None:
-        """Wait until the page is served, or its process has ended, at most SERVES_S."""
+        """Wait until the page is served, or its process has ended, at most SERVE_TIMEOUT_S."""
         if self._program is not None and self._program.stdout is not None:
             reading = threading.Thread(target=self._program.stdout.readline, name="page", daemon=True)
             reading.start()
-            reading.join(SERVES_S)
+            reading.join(SERVE_TIMEOUT_S)
 
     def _send(self, word: dict[str, object]) -> None:
         if self._program is not None and self._program.stdin is not None:
@@ -64,7 +64,7 @@ class PageOfDrives:
 
 
 @contextmanager
-def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[PageOfDrives]:
+def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[PlaybackPage]:
     """Open a page for the runs of `folder`, played at `pace`. At the end, wait until the viewers have seen them.
 
     With `shown` None, the page opens if there is a display.
@@ -72,13 +72,13 @@ def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[Pag
     if shown is None:
         shown = _display()
     if not shown:
-        yield PageOfDrives(None)
+        yield PlaybackPage(None)
         return
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "baqueano.web.lab.playback", str(folder), "--pace", str(pace)]
     program = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
-        yield PageOfDrives(program)
+        yield PlaybackPage(program)
         assert program.stdin is not None
         program.stdin.close()
         if program.poll() is None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 GUESS = Verdict.GUESS  # verdict on values that were not measured
 UNMEASURED_VERDICTS = (GUESS, Verdict.REFUSED)
-NO_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
+NON_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
 
 
 class Provenance(NamedTuple):
@@ -38,7 +38,7 @@ class Provenance(NamedTuple):
     verdict: str = ""
 
 
-def numbers_of(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
+def model_values(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
     """Return one flat dict per key of the model: key, value (a list is one value), measuring run and verdict."""
     rows: list[TableRow] = []
     for key, value in _flat_items("model", data.get("model", {})):
@@ -179,27 +179,27 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
     return matrix if np.all(np.abs(matrix) <= 1.0) and np.all(np.diag(matrix) == 1.0) else None
 
 
-def changes(old_file: Any, new_file: Any) -> list["TableRow"]:
+def changed_values(old_file: Any, new_file: Any) -> list["TableRow"]:
     """Return a flat dict for each key that differs between two vehicle files, without their provenance.
     The differences show wear. `sds` is the difference of the values in standard deviations of this difference; None if
     these are unknown.
     """
-    old_leaves, new_leaves = _leaves(old_file.data), _leaves(new_file.data)
+    old_leaves, new_leaves = _flat_values(old_file.data), _flat_values(new_file.data)
     rows = []
     for key in [*old_leaves, *(k for k in new_leaves if k not in old_leaves)]:
         a, b = old_leaves.get(key), new_leaves.get(key)
-        if a == b or key.startswith(NO_VALUE_PREFIXES):
+        if a == b or key.startswith(NON_VALUE_PREFIXES):
             continue
         sd = [f.provenance[key].sd if key in f.provenance else None for f in (old_file, new_file)]
         rows.append({"key": key, "before": a, "after": b, "sds": _distance(a, b, sd)})
     return rows
 
 
-def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
+def _flat_values(table: "JsonObject", path: str = "") -> "JsonObject":
     leaves = {}
     for name, value in table.items():
         key = f"{path}{name}"
-        leaves |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
+        leaves |= _flat_values(value, f"{key}.") if isinstance(value, dict) else {key: value}
     return leaves
 
 
