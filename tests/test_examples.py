@@ -36,7 +36,7 @@ HAVE_ONE = """
     identify.noise.allan: allan_deviation
     identify.noise.at_rest: measure_at_rest
     identify.noise.covariances: measure_noise
-    identify.noise.held_out: compare_noise
+    identify.noise.comparison: compare_noise
     identify.design.signals: excitation
     robot.emulated: emulate_vehicle
     robot.imu.driver: open

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from baqueano.cli import terminal
-from baqueano.cli.terminal import show_activity, steps
+from baqueano.cli.terminal import show_activity, show_steps
 from baqueano.diagnostics import StopReason
 from baqueano.messages.language import within
 from baqueano.runs import read_run
@@ -200,7 +200,7 @@ def progress_lines(capsys, pattern, times=1):
 
 def test_progress_is_shown_on_one_line(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "is_terminal", lambda: True)
-    with steps() as begin:
+    with show_steps() as begin:
         status = begin("fitting")
         status("round 3: 20 evaluations")
         err = progress_lines(capsys, r"fitting  \d+ s  round 3: 20 evaluations")
@@ -220,7 +220,7 @@ def test_the_time_of_a_step_is_shown_as_the_language_writes_numbers(monkeypatch,
 def test_without_a_terminal_progress_lines_are_rare(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "PROGRESS_PERIOD_S", 0.2)
     began = time.monotonic()
-    with steps() as begin:
+    with show_steps() as begin:
         status = begin("fitting")
         status("round 3")
         err = progress_lines(capsys, "round 3", times=2)

@@ -16,7 +16,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.selection.held_out import Score, paired_comparison
+from baqueano.identify.selection.cross_validation import Score, paired_comparison
 from baqueano.identify.selection.selection import choose
 from baqueano.identify.selection.terms import (
     BATTERY_EFFECT_PATH,

@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.rest import begins_at_rest
-from baqueano.identify.selection.held_out import independent_motion_count, turning_points
+from baqueano.identify.selection.cross_validation import independent_motion_count, turning_points
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run

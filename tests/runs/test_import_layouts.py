@@ -183,7 +183,7 @@ def test_an_infinite_count_is_treated_as_missing(board):
     ],
 )
 def test_common_unit_names_of_boards_are_accepted(name, si):
-    assert unit(name).si == pytest.approx(si)
+    assert unit(name).si_factor == pytest.approx(si)
 
 
 @pytest.mark.parametrize("name", ["MV", "MS", "M", "foo"])

@@ -101,7 +101,7 @@ def test_the_counts_entry_of_the_importing_page_works_in_a_map(folder):
     assert rpm in text
     Path("trials.toml").write_text(text.replace(rpm, counts), encoding="utf-8")
     entry = load_map("trials.toml").sensors["wheels"].entries[0]
-    assert (entry.si, entry.wraps, entry.radius_m) == (pytest.approx(2.0 * np.pi / 600.0), 65536, 0.03)
+    assert (entry.si_factor, entry.wraps, entry.radius_m) == (pytest.approx(2.0 * np.pi / 600.0), 65536, 0.03)
 
 
 def test_the_importing_page_lists_every_key_of_a_map():

@@ -9,7 +9,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.report_files import ReportFiles, figure_options
-from baqueano.cli.terminal import print_answer, print_message, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_message, show_activity, show_steps
 from baqueano.diagnostics import Diagnostic, note
 
 
@@ -79,7 +79,7 @@ def command(
         from baqueano.study.demo import demo
 
         motion.wait_until_served()
-        with steps() as begin:
+        with show_steps() as begin:
 
             def begin_step(step: Diagnostic) -> object:
                 motion.show_step(step)

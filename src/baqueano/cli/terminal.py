@@ -124,7 +124,7 @@ def is_terminal() -> bool:
 
 
 @contextmanager
-def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], None]]:
+def show_progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], None]]:
     """Show a progress bar on stderr for long work, if stderr is a terminal. Yield advance(n)."""
     if not is_terminal():
         yield lambda n: None
@@ -134,7 +134,7 @@ def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], N
 
 
 @contextmanager
-def time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
+def show_time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
     """Show a bar on stderr that follows the time of a run [s]; `duration_s` is 0 for an unknown end. Yield
     show(t_s)."""
     done_tenths = 0
@@ -148,7 +148,7 @@ def time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[Callab
         advance(max(0, round(10 * t_s) - done_tenths))
         done_tenths = max(done_tenths, round(10 * t_s))
 
-    with progress(label, max(1, round(10 * duration_s))) as advance:
+    with show_progress(label, max(1, round(10 * duration_s))) as advance:
         yield show
         show(duration_s)
 
@@ -213,7 +213,7 @@ def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
 
 
 @contextmanager
-def steps() -> Iterator[Callable[[Diagnostic | str], ProgressLine]]:
+def show_steps() -> Iterator[Callable[[Diagnostic | str], ProgressLine]]:
     """Show a line on stderr for each step of the work. Yield begin(label), which returns the say(text) of the step."""
     with ExitStack() as step:
 

@@ -45,7 +45,7 @@ class PredictionErrorFit(NamedTuple):
 
 
 def fit_by_simulation(first: FinishedFit) -> Fit:
-    """Return the Fit with the first cost.
+    """Return the fit with the cost of the simulation errors.
 
     If autocorrelation and size of the residuals are the only findings, the second cost tests if process noise
     explains them. The test needs a dynamic model without free clocks.
@@ -67,7 +67,7 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
 
 
 def fit_by_innovations(first: FinishedFit) -> Fit:
-    """Return the Fit with the second cost, with the process noise among its parameters.
+    """Return the fit with the cost of the innovations, with the process noise among its parameters.
 
     If the first search was stopped, return its fit.
     """

@@ -34,8 +34,8 @@ from baqueano.identify.parameters.free import PROCESS_NOISE_PATH
 from baqueano.identify.parameters.setup import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.identify.result.verdict import percent_text, ratio_text
-from baqueano.identify.selection.held_out import BLOCK_S, SHORT_BLOCK_S, independent_motion_count
-from baqueano.identify.selection.held_out import MIN_SIGNS as MIN_INDEPENDENT_MOTIONS
+from baqueano.identify.selection.cross_validation import BLOCK_S, SHORT_BLOCK_S, independent_motion_count
+from baqueano.identify.selection.cross_validation import MIN_SIGNS as MIN_INDEPENDENT_MOTIONS
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _

@@ -11,7 +11,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import drive_in_rounds
 from baqueano.cli.driving.targets import Target, open_target, print_fault_detections
 from baqueano.cli.page import live
-from baqueano.cli.terminal import print_answer, print_message, show_activity, time_progress
+from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
@@ -125,7 +125,7 @@ def run_experiment(
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
 
-    with time_progress(note("cli.experiment"), len(u) / vehicle_file.rate_hz) as progress:
+    with show_time_progress(note("cli.experiment"), len(u) / vehicle_file.rate_hz) as progress:
         run = target.drive(Mission("experiment", u=u), vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)
@@ -197,7 +197,7 @@ def make_first_drive(
 
     path = path_of("first-drive")
     print_message(note("cli.first-drive", name=vehicle_file.name))
-    with time_progress(note("cli.driving-first"), 0.0) as progress:
+    with show_time_progress(note("cli.driving-first"), 0.0) as progress:
         first_result = estimate_first_drive(
             target.drive(Mission("first drive"), vehicle_file, path, progress), vehicle_file
         )

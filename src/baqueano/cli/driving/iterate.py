@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.cli import options
-from baqueano.cli.terminal import print_message, show_activity, time_progress
+from baqueano.cli.terminal import print_message, show_activity, show_time_progress
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -93,7 +93,7 @@ def drive_in_rounds(
         path = path_of(f"{k + 1}")
         if k:
             target.return_to_middle()
-        with time_progress(note("cli.round", number=k + 1), len(u) / vehicle_file.rate_hz) as progress:
+        with show_time_progress(note("cli.round", number=k + 1), len(u) / vehicle_file.rate_hz) as progress:
             run = target.drive(Mission("experiment", u=u), vehicle_file, path, progress, seed=seed + k)
         print_message(note("cli.run", path=path))
         options.raise_stop(run, path)

@@ -16,7 +16,7 @@ from baqueano.cli.driving.route import (
 from baqueano.cli.driving.targets import open_target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_message, time_progress
+from baqueano.cli.terminal import print_answer, print_message, show_time_progress
 from baqueano.diagnostics import note
 
 
@@ -116,7 +116,7 @@ def command(
         open_target(robot, vehicle_file, seed, backend, page=watching, shake=shake) as target,
     ):
         path = options.run_path(out, folder, "repeat")
-        with time_progress(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
+        with show_time_progress(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
             run = target.drive(mission, vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)

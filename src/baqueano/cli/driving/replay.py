@@ -8,7 +8,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_message, time_progress
+from baqueano.cli.terminal import print_answer, print_message, show_time_progress
 from baqueano.diagnostics import note
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def command(
     replay_backend = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
     replay_estimator = vehicle_file.estimator(options.block_kind(vehicle_file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded_run.name}")
-    with time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
+    with show_time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
         replayed = replay(
             recorded_run,
             vehicle_file,

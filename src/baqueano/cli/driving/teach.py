@@ -19,7 +19,7 @@ from baqueano.cli.driving.manual_drive import (
 )
 from baqueano.cli.driving.targets import open_target
 from baqueano.cli.page import live
-from baqueano.cli.terminal import print_answer, print_message, time_progress
+from baqueano.cli.terminal import print_answer, print_message, show_time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import translate as _
@@ -106,7 +106,7 @@ def command(
             open_target(robot, vehicle_file, seed, backend, page=page) as target,
         ):
             path = options.run_path(out, folder, "teach")
-            with time_progress(note("cli.teach"), float(target_route.t_s[-1])) as progress:
+            with show_time_progress(note("cli.teach"), float(target_route.t_s[-1])) as progress:
                 run = target.drive(
                     Mission("teach", route=target_route),
                     vehicle_file,

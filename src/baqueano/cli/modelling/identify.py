@@ -8,7 +8,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages import json_row, text
 
@@ -136,7 +136,7 @@ def command(
     if parameter_history:
         return _fit_over_time(fit_runs, vehicle_file, settings_of_fit, table, report, update, as_json)
     span_s = sum(r.duration_s for r in fit_runs)
-    with steps() as begin:
+    with show_steps() as begin:
         progress_line = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span_s))
         progress_line.text = text(note("cli.translating"))
         result: Any = (
@@ -337,8 +337,8 @@ def _validate_fit(fit: "Fit", validation_runs: "list[Run]") -> Any:
 def _noise_of_fit(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
     """Return Q and R. If the truth is known, held-out runs select R: from the truth, or from the innovations."""
     from baqueano.errors import UsageError
+    from baqueano.identify.noise.comparison import compare_noise
     from baqueano.identify.noise.covariances import measure_noise
-    from baqueano.identify.noise.held_out import compare_noise
 
     with show_activity(note("cli.measuring-noise")):
         noise = measure_noise(fit, runs, held_out=validation_runs, backend=backend)
@@ -363,7 +363,7 @@ def _fit_over_time(
 ) -> None:  # fmt: skip
     from baqueano.identify.parameter_drift import parameter_history
 
-    with steps() as begin:
+    with show_steps() as begin:
         drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
     print_answer(drift, as_json)
     _save_table(drift, vehicle_file, table, f"{vehicle_file.name} over {len(runs)} runs")

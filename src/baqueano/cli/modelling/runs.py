@@ -8,7 +8,7 @@ import click
 from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.messages import texts
 from baqueano.messages.language import translate as _
@@ -389,7 +389,7 @@ def wear(
     from baqueano.identify.parameter_drift import Drift, parameter_history
 
     recorded_runs, fit_options = options.find_runs(runs, folder), FitOptions(backend=backend)
-    with steps() as begin:
+    with show_steps() as begin:
         history = parameter_history(
             recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, progress=begin
         )

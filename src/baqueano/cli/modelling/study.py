@@ -6,7 +6,7 @@ import click
 
 from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_result, progress, show_activity, steps
+from baqueano.cli.terminal import print_answer, print_result, show_activity, show_progress, show_steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
 
 
@@ -31,7 +31,7 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
     from baqueano.study.paper.case_study import ImpliedParameters, case_study, simulate_seed
     from baqueano.study.paper.page import page_of_paper
 
-    with progress(note("cli.study-paper", seeds=seed_count), seed_count) as advance:
+    with show_progress(note("cli.study-paper", seeds=seed_count), seed_count) as advance:
         result = case_study(seed, seed_count, backend, advance)
     print_answer(result, as_json)
     with show_activity(note("cli.two-models")):
@@ -84,7 +84,7 @@ def identification(
         raise UsageError(
             fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
-    with progress(note("cli.study-identification", seeds=seed_count), seed_count) as advance:
+    with show_progress(note("cli.study-identification", seeds=seed_count), seed_count) as advance:
         result = identification(
             seed_count, seed, backend, processors(), advance, cases=cases or CASES, keep=keep
         )
@@ -115,7 +115,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     from baqueano.sweep.workers import processors
 
     count = seed_count * len(FAULTS)
-    with progress(note("cli.study-faults", count=count), count) as advance:
+    with show_progress(note("cli.study-faults", count=count), count) as advance:
         result = faults(seed_count, seed, processes=processors(), backend=backend, advance=advance)
     print_answer(result, as_json)
     if result.requested > result.tried:
@@ -145,7 +145,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
     from baqueano.study.driving import driving
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-driving", seeds=seed_count), seed_count) as advance:
+    with show_progress(note("cli.study-driving", seeds=seed_count), seed_count) as advance:
         result = driving(seed_count, seed, processors(), backend, controller=controller, advance=advance)
     print_answer(result, as_json)
     if result.driven < seed_count:
@@ -175,7 +175,7 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
     from baqueano.study.controllers import controllers
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-controllers", seeds=seed_count), seed_count) as advance:
+    with show_progress(note("cli.study-controllers", seeds=seed_count), seed_count) as advance:
         result = controllers(seed_count, seed, processors(), backend, own_kinds, advance=advance)
     print_answer(result, as_json)
     if result.robots < seed_count:
@@ -225,7 +225,7 @@ def laps(
         for case in all_cases()
         if not words or any(set(filter_words) <= set(case) for filter_words in words)
     ]
-    with progress(note("cli.study-laps", seeds=seed_count, laps=laps), seed_count) as advance:
+    with show_progress(note("cli.study-laps", seeds=seed_count, laps=laps), seed_count) as advance:
         result = laps_over_fixes(seed_count, seed, laps, processors(), backend, cases, advance)
     print_answer(result, as_json)
     if result.robots < seed_count:
@@ -245,12 +245,12 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
     from baqueano.study.recordings_page import page_of_recordings
 
-    with steps() as begin:
+    with show_steps() as begin:
         result = recordings(backend, begin)
     print_answer(result, as_json)
     if result.stopped:
         raise Interruption(fault("cli.recordings-interrupted"))
-    with steps() as begin:
+    with show_steps() as begin:
         study = None if missing_of(files_of(MAPS)) else cross_validate(backend, begin)
     report.write(lambda: page_of_recordings(result, study), Path("study-recordings.html"))
 
@@ -271,7 +271,7 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     from baqueano.study.experiments import experiments
     from baqueano.sweep.workers import processors
 
-    with steps() as begin:
+    with show_steps() as begin:
         result = experiments(seed, seconds, processors(), backend, begin)
     print_answer(result, as_json)
 
@@ -289,7 +289,7 @@ def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> Non
     from baqueano.study.first_drives import first_drives
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-first-drives", seeds=seed_count), seed_count) as advance:
+    with show_progress(note("cli.study-first-drives", seeds=seed_count), seed_count) as advance:
         result = first_drives(seed_count, seed, processors(), backend, advance)
     print_answer(result, as_json)
     if (count := sum(row.drives for row in result.each)) < seed_count:
@@ -307,7 +307,7 @@ def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> Non
 def fit_imu_only(backend: str, as_json: bool) -> None:
     from baqueano.study.imu_only import imu_only_study
 
-    with steps() as begin:
+    with show_steps() as begin:
         result = imu_only_study(backend, begin)
     print_answer(result, as_json)
 
@@ -345,7 +345,7 @@ def estimation(
         raise UsageError(
             fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
-    with steps() as begin:
+    with show_steps() as begin:
         result = estimation(seed_count, backend, begin, cases or CASES, kinds, processors())
     print_answer(result, as_json)
 
@@ -372,10 +372,10 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
     from baqueano.study.corridor import corridor, with_recordings
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as advance:
+    with show_progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as advance:
         result = corridor(vehicles, seed, processors(), backend, advance)
     if recordings:
-        with steps() as begin:
+        with show_steps() as begin:
             result = with_recordings(result, backend, begin)
     print_answer(result, as_json)
     if (count := result.vehicles + len(result.refused)) < vehicles:

@@ -7,7 +7,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, progress
+from baqueano.cli.terminal import print_answer, show_progress
 from baqueano.diagnostics import fault, note
 
 keep = click.option(
@@ -123,7 +123,7 @@ def command(
         for kind in kinds:
             options.block_kind(vehicle_file, role, kind)
     count = drive_count * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
-    with progress(note("cli.sweep", drives=count), count) as advance:
+    with show_progress(note("cli.sweep", drives=count), count) as advance:
         result = run_sweep(advance=advance)
     print_answer(result, as_json, cells=result.cells())
     if report:

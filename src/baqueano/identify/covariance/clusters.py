@@ -236,8 +236,7 @@ def _block_sums(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndar
 def with_larger_errors(
     problem: Residuals, cov: np.ndarray, jackknife_cov: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p). The standard errors of the first k entries are replaced by those of `jackknife_cov`, if
-    larger.
+    """Return `cov` (p, p) with the standard errors of the first k entries raised to those of `jackknife_cov`.
 
     All runs share the first k entries. Return `cov` unchanged if `jackknife_cov` is None, or if the two covariances
     agree within the scatter of the blocks (`by_segment`: of the segments).  (4)"""

@@ -160,7 +160,9 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     searches = [
         (
             hypothesis,
-            _search_from(task, blocks, [_remounted(r, name, hypothesis) for r in records], start_thetas[0]),
+            _search_from(
+                task, blocks, [_with_remounted_imu(r, name, hypothesis) for r in records], start_thetas[0]
+            ),
         )
         for hypothesis in MOUNTS
     ]
@@ -186,7 +188,7 @@ def _search_from(task: Task, blocks: FittedBlocks, records: list[FitRecord], the
     return search(task._replace(problem=problem, progress=None), theta, rough=True)
 
 
-def _remounted(record: FitRecord, name: str, hypothesis: MountHypothesis) -> FitRecord:
+def _with_remounted_imu(record: FitRecord, name: str, hypothesis: MountHypothesis) -> FitRecord:
     order, readings = list(hypothesis.order), record.sensors[name]
     z, has = readings.z[:, order] * np.array(hypothesis.sign), readings.has[:, order]
     return record._replace(sensors={**record.sensors, name: readings._replace(z=z, has=has)})

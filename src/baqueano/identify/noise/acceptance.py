@@ -35,7 +35,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort
 from baqueano.vehicles.drivetrain import DrivetrainState
 
-BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
+BLOCK_S = 2.0  # longer than innovations are correlated, as in comparison.py
 CLOSE_FACTOR = 1.2  # factor on a variance: a smaller error does not degrade a filter
 # factor on the variance of a state: larger, because consider scales and slips are partly nonlinear
 CLOSE_FACTOR_ON_DRIVES = 1.5

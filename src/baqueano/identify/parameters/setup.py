@@ -46,7 +46,7 @@ START_NAMES = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 
 class ThetaShape(NamedTuple):
-    """Meaning of θ for one segment of a run."""
+    """Names and numbers of the entries of θ for one segment of a run."""
 
     shared: tuple[str, ...]  # paths that all runs share
     per_run: tuple[str, ...]  # paths with one value per run: biases

@@ -46,8 +46,8 @@ MIN_ROWS = 64  # rows of a segment, below which only the gyro gives the yaw rate
 class GyroAidedState(NamedTuple):
     """State of the two simulations, with and without the gyro."""
 
-    gyro_aided: Tree  # led by the gyro
-    free: Any  # led by the commands
+    gyro_aided: Tree  # with the yaw rate of the gyro
+    free: Any  # with the yaw rate of the model
     signals: tuple[Signal, Signal]  # of the IMU on each of them
     previous_h: np.ndarray  # h of the previous row (3,); (0,) if it is not needed
 
@@ -72,16 +72,16 @@ class GyroAidedResiduals(Residuals):
         return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
     def with_yaw_rate_at(self, theta: np.ndarray) -> "GyroAidedResiduals":
-        """Return the residuals led by the mean of the true yaw rate, given the gyro and the model at θ."""
-        led_columns = []
+        """Return the residuals with the expected yaw rate, given the gyro and the model at θ, in their simulation."""
+        yaw_rate_columns = []
         for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
             slow = slow_part(omega - outputs[:, 1])
             slow_derivative = np.gradient(slow, np.cumsum(record.dt_s))
-            led_columns.append(np.column_stack([outputs[:, 1] + slow, outputs[:, 2] + slow_derivative]))
-        return self.with_columns([-2, -1], led_columns)
+            yaw_rate_columns.append(np.column_stack([outputs[:, 1] + slow, outputs[:, 2] + slow_derivative]))
+        return self.with_columns([-2, -1], yaw_rate_columns)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment (N, 3): ν_x of the gyro-led simulation, the gyro reading by the commands, and its
+        """Return for each segment (N, 3): ν_x of the gyro-aided simulation, the gyro reading by the commands, and its
         derivative."""
         if self._speeds is None:
             self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
@@ -177,7 +177,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
 
 
 def _traced_outputs(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
-    """Return a scan from the same rows and θ to (3,): ν_x of the gyro-led simulation, the gyro reading by the
+    """Return a scan from the same rows and θ to (3,): ν_x of the gyro-aided simulation, the gyro reading by the
     commands, and its derivative."""
     aided_step, n, paths = _aided_step(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
     at_start = vehicle_at_start(blocks, shape)
@@ -203,7 +203,7 @@ def _traced_outputs(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Sc
 
 
 def _aided_step(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
-    """Return the function that advances the gyro-led simulation by one row.  (1)"""
+    """Return the function that advances the gyro-aided simulation by one row.  (1)"""
     n = blocks.model.commands
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     turning = at_standstill._replace(nu=np.array([0.0, 0.0, 1.0]))

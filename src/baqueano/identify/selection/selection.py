@@ -6,7 +6,7 @@
     until no term is good; then backward: a term stays if M without it is worse, t > t_{1 − α}            (3);
     if a term was dropped, forward and backward again without it
 
-held_out.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is rejected.
+cross_validation.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is rejected.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -40,7 +40,7 @@ from baqueano.identify.parameters.setup import records_of, shape_of, start_theta
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of
-from baqueano.identify.selection.held_out import (
+from baqueano.identify.selection.cross_validation import (
     GAP_S,
     HeldOutFolds,
     PairedComparison,

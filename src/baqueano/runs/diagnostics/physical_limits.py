@@ -180,7 +180,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
         elif 0.0 < largest < MIN_COMMAND and entry.unit == "%":
             cure = _percent_line(u / 0.01, percents)
         elif 0.0 < largest < MIN_COMMAND and unit_of_entry is not None and unit_of_entry.measures == "time":
-            cure = _full_command_line([c / unit_of_entry.si for c in columns.T], 'unit = "raw", ')
+            cure = _full_command_line([c / unit_of_entry.si_factor for c in columns.T], 'unit = "raw", ')
         if cure:
             reason = note(
                 "recording.command-range", key=entry.key, name=name, most=largest, unit_read=entry.unit

@@ -76,9 +76,11 @@ class Hypothesis(NamedTuple):
 def unit_ratios(measures: str, read_as: str) -> dict[float, str]:
     """Return ratio → unit for all units of a column other than `read_as`; the ratio is read value / true value."""
     unit_read = unit(read_as)
-    si = unit_read.si if unit_read and unit_read.measures == measures else 1.0
+    si = unit_read.si_factor if unit_read and unit_read.measures == measures else 1.0
     return {
-        si / unit_.si: name for name, unit_ in UNITS.items() if unit_.measures == measures and unit_.si != si
+        si / unit_.si_factor: name
+        for name, unit_ in UNITS.items()
+        if unit_.measures == measures and unit_.si_factor != si
     }
 
 

@@ -245,14 +245,14 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
             x, y, z, w = (source.table.numbers(name) for name in quaternion_of(entry))
             column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         elif entry.constant is not None:
-            column = np.full(len(source.t_ns), entry.constant * entry.si)
+            column = np.full(len(source.t_ns), entry.constant * entry.si_factor)
         else:
-            column = source.table.numbers(entry.column or "") * entry.si
+            column = source.table.numbers(entry.column or "") * entry.si_factor
             _check_header(entry)
         if entry.derivative:
             step = np.diff(np.where(np.isfinite(column), column, np.nan))
             if entry.wraps is not None:
-                turn = entry.wraps * entry.si
+                turn = entry.wraps * entry.si_factor
                 step = step - turn * np.rint(step / turn)  # the shorter way round
             elif unit_of_entry and unit_of_entry.measures == "angle" and _wraps_each_turn(column):
                 step = wrap(step)
@@ -295,7 +295,7 @@ def _finite_rows(
     A finding reports the missing values. Raise FileError if no row is left.
     """
     values = _values(signal, source)
-    present_columns = [k for k, entry in enumerate(signal.entries) if not entry.absent]
+    present_columns = [k for k, entry in enumerate(signal.entries) if not entry.is_absent]
     is_complete = np.asarray(np.isfinite(values[:, present_columns]).all(axis=1))
     first = 1 if any(e.derivative for e in signal.entries) else 0  # the first value of a rate is missing
     lost_rows = np.count_nonzero(~is_complete[first:])
@@ -311,7 +311,7 @@ def _finite_rows(
 def _instants_ns(signal: ColumnSignal, source: Source) -> np.ndarray:
     """Return the times (rows,) [ns] of a signal: for the difference of two rows, the middle of their times."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
-    if all(entry.derivative or entry.absent for entry in signal.entries):
+    if all(entry.derivative or entry.is_absent for entry in signal.entries):
         return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
     return t_ns
 

@@ -47,18 +47,18 @@ def row_times(
         is_known = t_ns != NO_TIME_NS
         t_ns = np.where(is_known, t_ns, 0)
     else:
-        si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
+        si_factor = unit(spec.time_unit).si_factor  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
         integers = table.integers(spec.time)
-        factor = round(si * NANOSECONDS)
+        factor = round(si_factor * NANOSECONDS)
         if (
             integers is not None
-            and si < 1.0
+            and si_factor < 1.0
             and np.abs(integers.astype(float)).max(initial=0.0) * factor < MAX_TIME_NS
         ):
             t_ns, is_known = integers * factor, np.ones(len(integers), dtype=bool)
         else:
             with np.errstate(over="ignore"):  # a time that overflows is not known
-                t = table.numbers(spec.time) * si * NANOSECONDS
+                t = table.numbers(spec.time) * si_factor * NANOSECONDS
             is_known = np.abs(t) < MAX_TIME_NS
             if not is_known.any() and np.isfinite(t).any():
                 largest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
@@ -67,7 +67,7 @@ def row_times(
                 )
             t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
     if spec.time_rest is not None:
-        second_part = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
+        second_part = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si_factor * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
         is_known &= np.isfinite(second_part)
         t_ns = t_ns + np.rint(np.where(is_known, second_part, 0.0)).astype(np.int64)
     t_ns = t_ns + shift
@@ -260,8 +260,8 @@ def _rate_of_ticks(table: LogTable, usual_s: float, spec: "FileSpec") -> ImportF
 def _units_that_fit(usual: float, row_count: int, spec: "FileSpec") -> list[str]:
     """Return the other time units with a plausible step and length, the most likely unit first."""
     file_unit = unit(spec.time_unit)
-    usual_s = usual / (file_unit.si if file_unit else 1.0)
-    steps = {name: usual_s * unit_.si for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))}
+    usual_s = usual / (file_unit.si_factor if file_unit else 1.0)
+    steps = {name: usual_s * unit_.si_factor for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))}
     fitting_units = [
         name for name, step in steps.items() if 1e-3 <= step <= MAX_STEP_S and name != spec.time_unit
     ]

@@ -285,7 +285,7 @@ class _Parser:
                 sensor_kind,
                 sample,
                 signal_entries,
-                mount_of(spec, not signal_entries[-1].absent),
+                mount_of(spec, not signal_entries[-1].is_absent),
             )
         except ValueError as error:
             raise self.error(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
@@ -313,7 +313,7 @@ class _Parser:
         )  # fmt: skip
         if new_entry.wraps is not None and not (new_entry.derivative and new_entry.wraps > 0.0):
             raise self.error(f"{key} wraps", new_entry.wraps, note("expect.wraps"))
-        if new_entry.absent or (new_entry.constant == 0.0 and "unit" not in spec):
+        if new_entry.is_absent or (new_entry.constant == 0.0 and "unit" not in spec):
             return new_entry._replace(unit="1")
         return new_entry._replace(unit=self.unit(key, spec, measures, new_entry))
 

@@ -66,15 +66,15 @@ class Entry(NamedTuple):
     counts_per_turn: float | None = None  # of an encoder
 
     @property
-    def si(self) -> float:
+    def si_factor(self) -> float:
         """Return the factor from the column's unit to SI; for an encoder the angle of one count."""
         if self.counts_per_turn is not None:
             return 2.0 * math.pi / self.counts_per_turn
         unit_of_entry = unit(self.unit)
-        return unit_of_entry.si if unit_of_entry else 1.0
+        return unit_of_entry.si_factor if unit_of_entry else 1.0
 
     @property
-    def absent(self) -> bool:
+    def is_absent(self) -> bool:
         """Return True if this quantity is not measured: its constant is NaN."""
         return self.constant is not None and self.constant != self.constant
 

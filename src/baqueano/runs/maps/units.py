@@ -13,7 +13,7 @@ class ColumnUnit(NamedTuple):
     """The quantity of a unit, and its factor to the SI unit."""
 
     measures: str
-    si: float
+    si_factor: float
 
 
 _TABLE = {

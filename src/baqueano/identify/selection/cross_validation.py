@@ -86,7 +86,7 @@ class Fold(NamedTuple):
 
 
 class HeldOutFolds:
-    """The folds of the runs for one structure of model."""
+    """The cross-validation folds of the runs, for one structure of model."""
 
     def __init__(
         self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], begins_at_rest: Sequence[bool],
