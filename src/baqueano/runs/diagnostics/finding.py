@@ -33,7 +33,7 @@ class ImportFinding(NamedTuple):
         return text(self.reason)
 
     @property
-    def cure(self) -> str:
+    def line_text(self) -> str:
         """Return the line to write in the map, "" without such a line."""
         return text(self.line)
 
@@ -48,4 +48,4 @@ class ImportFinding(NamedTuple):
     @property
     def advice(self) -> str:
         """Return the reason as a sentence, followed by the line to write, if any."""
-        return f"{self.text}; {self.cure}" if self.line else self.text
+        return f"{self.text}; {self.line_text}" if self.line else self.text
