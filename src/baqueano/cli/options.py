@@ -209,7 +209,7 @@ def _runs_option(folder: str) -> list[str]:
 def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:
     """Print the command to type if the errors of an estimator in these runs are larger than its covariance states."""
     for comparison, run in zip(compared.runs, runs, strict=True):
-        if comparison.too_sure:
+        if comparison.is_overconfident:
             is_in_folder = run.path is None or run.path.parent == Path(folder)
             run_name = run.name if is_in_folder else run.path
             return print_message(

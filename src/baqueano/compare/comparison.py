@@ -83,7 +83,7 @@ class RunComparison:
         return self.consistency.verdict if self.invalid_covariance is None else NOT_DEFINITE
 
     @property
-    def too_sure(self) -> bool:
+    def is_overconfident(self) -> bool:
         """Return True if the errors of the estimate are larger than its covariance predicts."""
         return self.verdict == "too sure"
 
