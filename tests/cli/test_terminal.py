@@ -15,7 +15,7 @@ import pytest
 from baqueano.cli import terminal
 from baqueano.cli.terminal import show_activity, show_steps
 from baqueano.diagnostics import StopReason
-from baqueano.messages.language import within
+from baqueano.messages.language import use_language
 from baqueano.runs import read_run
 
 COMMAND = [sys.executable, "-m", "baqueano"]
@@ -212,7 +212,7 @@ def test_progress_is_shown_on_one_line(monkeypatch, capsys):
 
 def test_the_time_of_a_step_is_shown_as_the_language_writes_numbers(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "is_terminal", lambda: True)
-    with within("es"), show_activity("ajuste"):
+    with use_language("es"), show_activity("ajuste"):
         pass
     assert re.search(r"ajuste  \d,\d s", capsys.readouterr().err)
 

@@ -18,7 +18,7 @@ from baqueano.report.animation.partial_fits import PartialFit
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import paths
-from baqueano.report.of_run import page_of_run
+from baqueano.report.run_report import page_of_run
 from baqueano.runs import TruthLog, write_run
 
 LARGEST = 300_000  # bytes

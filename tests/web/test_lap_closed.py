@@ -11,7 +11,7 @@ from baqueano.guides.shapes import eight
 from baqueano.runs import write_run
 from baqueano.runs.route_file import read_route, write_route
 from baqueano.vehicle_file import load
-from baqueano.vehicle_file.history import Provenance
+from baqueano.vehicle_file.provenance import Provenance
 from baqueano.web.guard import Role
 from baqueano.web.lab.worker import Worker
 from tests.codes import refused

@@ -31,7 +31,7 @@ def ls(folder: str, as_json: bool) -> None:
 
     folder_rows = listing(folder)
     if as_json:
-        print_print_answer(RowsResult(listing_rows(folder_rows)), as_json)
+        print_answer(RowsResult(listing_rows(folder_rows)), as_json)
     else:
         print_result(listing_table(folder_rows))
 
@@ -43,7 +43,7 @@ def ls(folder: str, as_json: bool) -> None:
 def show(run: str, folder: str, as_json: bool) -> None:
     from baqueano.runs.show import show
 
-    print_print_answer(show(options.find_runs((run,), folder)[0]), as_json)
+    print_answer(show(options.find_runs((run,), folder)[0]), as_json)
 
 
 @command.command("cut", help="Write the part of RUN between two times [s].")
@@ -182,7 +182,7 @@ def import_(
             else _path_in(out, folder, imports[0].run.name)
         )
         path = write_run(imports[0].run, output_path)
-        print_print_answer(WrittenRun(path, imports[0]), as_json)
+        print_answer(WrittenRun(path, imports[0]), as_json)
         _print_next_command(path.stem if out is None else str(path), vehicle_options=vehicle_options)
         return
     paths = [write_run(item.run, _path_in(out, folder, item.run.name)) for item in imports]
@@ -190,7 +190,7 @@ def import_(
     print_message(
         note("cli.imported", count=len(paths), first=paths[0], last=paths[-1], duration_s=duration_s)
     )
-    print_print_answer(ImportedRuns(tuple(imports)), as_json)
+    print_answer(ImportedRuns(tuple(imports)), as_json)
     first_run, last_run = (path.stem if out is None else str(path) for path in (paths[0], paths[-1]))
     _print_next_command(first_run, "--held-out", last_run, vehicle_options=vehicle_options)
 
@@ -340,7 +340,7 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
 )
 @click.argument("run")
 @click.option(
-    "--from", "from_s", type=numbers.moment, default=0.0, show_default=True,
+    "--from", "from_s", type=numbers.time_s, default=0.0, show_default=True,
     help="Start of the part that is kept [s].",
 )  # fmt: skip
 @click.option(
@@ -360,7 +360,7 @@ def noise(
     recorded_run = options.find_runs((run,), folder)[0]
     with show_activity(note("cli.averaging")):
         rest_result = measure_at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
-    print_print_answer(rest_result, as_json)
+    print_answer(rest_result, as_json)
     if report:
         from baqueano.report.pages.at_rest import page_of_rest
 
@@ -393,7 +393,7 @@ def wear(
         history = parameter_history(
             recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, progress=begin
         )
-    print_print_answer(Drift(history), as_json)
+    print_answer(Drift(history), as_json)
     if report:
         from baqueano.report.pages.parameter_drift import page_of_drift
 

@@ -330,7 +330,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[Import
     """Return the rows with a known, increasing time; with `new_when`, only the rows of a new measurement.
     Raise FileError if no time is known.
     """
-    t_ns, is_known = row_row_times(table, spec, m.start_ns, m.path.name)
+    t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name)
     if not is_known.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not is_known.all():

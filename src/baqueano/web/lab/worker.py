@@ -244,7 +244,7 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.drive.verbs import route_of, vehicle_of
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
-    from baqueano.vehicle_file.history import Provenance
+    from baqueano.vehicle_file.provenance import Provenance
     from baqueano.web.lab.tuning import file_of, route_of_run
 
     vehicle_file, run = file_of(request), read_run(Path(request["run"]))
