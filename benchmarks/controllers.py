@@ -45,7 +45,7 @@ def predictive(name: str, speed_m_s: float) -> Bench:
     for _ in range(50):
         step()
     now = Estimate(state.t_ns, route.eta[0], route.nu[0], np.eye(6))
-    E, _, program = law._horizon.linear(
+    E, _, program = law._horizon.linearised_program(
         state, 1.0 / HZ, Reference(state.t_ns, route.eta[0], route.nu[0], 0.0), now
     )
     cases = [Case("a step", step), Case("its solver's call", lambda: law._program.solve(program, E))]

@@ -33,7 +33,7 @@ from baqueano.study.counterpart import (
     robot_values,
     run_of_vehicle,
 )
-from baqueano.study.identification.trials import as_sent, car, robot
+from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
 from baqueano.vehicle_file import load
 
 SECONDS, SMALLEST_S = 60.0, 10.0
@@ -61,7 +61,7 @@ Made = tuple[Run, Any, dict[str, np.ndarray]]  # a run, its file, and the true v
 
 def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
     """Return run, file and true values of a car for each seed; all cars are simulated in one batch."""
-    cars = [car(seed, "matched") for seed in seeds]
+    cars = [draw_car(seed, "matched") for seed in seeds]
     if case != "shaken":
         floor = np.asarray(load("car").value("model.process_noise_std"))[None]
         cars = [q.with_parameters(floor=floor) for q in cars]
@@ -88,12 +88,12 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
 
 def of_robots(seeds: range, duration_s: float) -> list[Made]:
     """Return run, file and true values of a robot for each seed; all robots are simulated in one batch."""
-    robots = [robot(seed) for seed in seeds]
+    robots = [draw_robot(seed) for seed in seeds]
     files, us = [robot_file(q) for q in robots], []
     for seed, file in zip(seeds, files, strict=True):
         rng = np.random.default_rng([seed, 51])
         columns = [steps(rng, -limit, limit, 1.0, file.rate_hz, duration_s) for limit in file.command.limit]
-        us.append(as_sent(np.stack(columns, axis=1)))
+        us.append(quantised_commands(np.stack(columns, axis=1)))
     pairs = zip(_drive_cars(robots, files, us, seeds), robots, strict=True)
     return [(run, file, robot_values(q)) for (run, file), q in pairs]
 

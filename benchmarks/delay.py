@@ -65,7 +65,9 @@ def errors_beside(loops, robots, seeds, seconds):
     at_rest = Estimate(0, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
     for k, t in enumerate(t_ns):
         duty = u @ SIDES.T * (1.0 + off[:, k])
-        world.go(np.column_stack([duty.mean(1), np.zeros(n), 0.5 * (duty[:, 1] - duty[:, 0])]), 1.0 / rate_hz)
+        world.move(
+            np.column_stack([duty.mean(1), np.zeros(n), 0.5 * (duty[:, 1] - duty[:, 0])]), 1.0 / rate_hz
+        )
         truth = world.truth
         now, reference = guide.step(now, at_rest._replace(t_ns=int(t)))
         for i, loop in enumerate(loops):

@@ -135,7 +135,7 @@ class Teacher:
         self._door = door
         self._mission = pack(
             Mission("experiment", u=np.tile([0.5, 0.0, 0.1], (2000, 1))), load("small")
-        ).json()
+        ).to_json()
         self._line = socket.socket(socket.AF_UNIX)
         self.first = False  # True if the loop of the service runs under SCHED_FIFO
 
@@ -196,14 +196,14 @@ def serve(folder: str) -> None:
     from baqueano.door.sockets import Door
     from baqueano.robot.service.realtime import request_realtime
     from baqueano.vehicle_file import load
-    from baqueano.worlds import ShakenWorld
+    from baqueano.worlds import FaultyWorld
 
     place, file = Path(folder), load("small")
     service = SimulatedService(file, file, place, StoredRoutes(place))
     door = Door(place / "door", service.operator, place, service.handlers())
     service.broadcast, service.frames = door.broadcast, door.frames
     request_realtime()
-    first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0
+    first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), FaultyWorld.write, False, 0
 
     def write_with_stamp(self: Any, command: Any) -> None:
         nonlocal moves, ticks
@@ -215,7 +215,7 @@ def serve(folder: str) -> None:
             )
         moves = not zero
 
-    ShakenWorld.write = write_with_stamp
+    FaultyWorld.write = write_with_stamp
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     service.run()
     door.close()

@@ -37,12 +37,12 @@ WEIGHT, BEND = np.array([20.0, 20.0, 200.0]), 1.345
 
 def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
     """Return the benches of a trajectory, a filter, a fit and many vehicles."""
-    if compile.find().compiler is None:
+    if compile.find_compiler().compiler is None:
         return [LeftOut("kernels by hand", "sudo apt-get install gcc")]
     u = paper.signal(1.0 if smallest else 60.0, sideways=5.0)
     text = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
     libraries = {
-        name: compile.load(text, operations, find_vectors)
+        name: compile.load_library(text, operations, find_vectors)
         for name, (find_vectors, operations) in HANDS.items()
     }
     return [bench(libraries, u) for bench in (trajectory, filtering, fitting, fleet)]
@@ -167,7 +167,7 @@ def late(theta, state, row):
         turning = np.array([nu[1] * nu[2], -nu[0] * nu[2], 0.0])
         return (T @ effort - (theta[:3] + theta[3:6] * np.abs(nu)) * nu) * inverse_mass + turning
 
-    effort = lagged_effort(delay.pieces_in_force(u, past, steps_s, theta[13], dt_s), lagged, theta[12], dt_s)
+    effort = lagged_effort(delay.command_segments(u, past, steps_s, theta[13], dt_s), lagged, theta[12], dt_s)
     nu = rk4(nu_dot, nu, effort, dt_s)
     a = nu_dot(nu, effort.last)
     h = np.array([a[0] - nu[2] * nu[1], a[1] + nu[2] * nu[0], nu[2] + theta[14]])

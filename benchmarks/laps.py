@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.geometry import compose
 from baqueano.guides.shapes import circle
 from baqueano.tune.laps import simulated_laps
-from baqueano.tune.rehearsal import ASIDE_M
+from baqueano.tune.objective import ASIDE_M
 from baqueano.vehicle_file import load
 from benchmarks import peers
 from benchmarks.harness import ROUNDS, Bench, Case, measured

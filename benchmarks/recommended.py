@@ -22,7 +22,7 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.loop import Record
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.symbolic import compile_block, put, scan
+from baqueano.symbolic import compile_block, scan, with_value
 from baqueano.vehicle_file import load
 from benchmarks import augmented_peer, matched
 from benchmarks.harness import Bench, Case, LeftOut, Row, measured
@@ -209,8 +209,8 @@ def _compile(name: str) -> float:
         return time.perf_counter() - start_s
 
     def step(theta, belief, tick):
-        trial = put(block, "disturbance_std", np.exp(theta[:2]))
-        trial = put(trial, "velocity_walk_std", np.exp(theta[2:]))
+        trial = with_value(block, "disturbance_std", np.exp(theta[:2]))
+        trial = with_value(trial, "velocity_walk_std", np.exp(theta[2:]))
         belief, estimate = trial.row(belief, tick)
         return belief, np.sum(estimate.nu**2)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.tune import tune
-from baqueano.tune.rehearsal import drawn_vehicles, rehearse, rms
+from baqueano.tune.objective import draw_vehicles, rms, tuning_objective
 from baqueano.vehicle_file import ParameterCov, load, parse
 
 ROUTE = sinuous_circle(0.6, 0.06, 5, 0.2)
@@ -41,14 +41,14 @@ def vehicle():
 
 def judge_gains(file, gains, count, **options):
     """Return cost (count,) and distance from the reference (count,), rms [mm], of `count` other vehicles."""
-    drives = rehearse(file, ROUTE, draws=1, **options)
-    vehicles = drawn_vehicles(file, drives.cases[0].system, count, OTHER)[1][1:]
+    drives = tuning_objective(file, ROUTE, draws=1, **options)
+    vehicles = draw_vehicles(file, drives.cases[0].system, count, OTHER)[1][1:]
     drives = replace(drives, vehicles=vehicles)
     case = drives.cases[0]
     far = [
         case.shown.run(case.inputs[0], np.concatenate([gains, v]), carry=case.start)[1][0] for v in vehicles
     ]
-    return drives.of_vehicles(gains[None])[0], np.array([1e3 * rms(d) for d in far])
+    return drives.vehicle_costs(gains[None])[0], np.array([1e3 * rms(d) for d in far])
 
 
 def main():

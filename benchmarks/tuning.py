@@ -9,7 +9,7 @@ import numpy as np
 
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.tune import tune
-from baqueano.tune.rehearsal import rehearse
+from baqueano.tune.objective import tuning_objective
 from baqueano.vehicle_file import load
 from benchmarks import peers
 from benchmarks.harness import ROUNDS, Bench, Case, interleaved, row
@@ -27,7 +27,7 @@ def benches(smallest: bool) -> list[Bench]:
     from scipy.optimize import minimize
 
     file = load("case-study-1")
-    rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
+    rehearsal = tuning_objective(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
     low, high = rehearsal.space.low, rehearsal.space.high
     fixed_bounds = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
     tuning = by_baqueano(file, duration_s, fixed_bounds)

@@ -174,9 +174,9 @@ def without_scipy(monkeypatch):
 def cpm_recordings():
     """Skip the test if the recordings of the CPM µCar are missing."""
     from baqueano.errors import FileError
-    from baqueano.study.recordings import check_present
+    from baqueano.study.recordings import check_cpm_present
 
     try:
-        check_present()
+        check_cpm_present()
     except FileError as error:
         pytest.skip(f"recordings of the CPM µCar: {error}")

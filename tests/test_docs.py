@@ -66,10 +66,10 @@ def test_the_code_of_the_page_on_python_runs(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("page", ["docs/sweep.md", "docs/es/sweep.md"])
 def test_the_page_on_sweeps_names_every_figure(page):
-    from baqueano.sweep.figures import SINGLE, SUMMED
+    from baqueano.sweep.figures import RMS_FIGURES, SINGLE_FIGURES
 
     text = (ROOT / page).read_text(encoding="utf-8")
-    assert {name for name in (*SUMMED, *SINGLE) if f"`{name}`" not in text} == set()
+    assert {name for name in (*RMS_FIGURES, *SINGLE_FIGURES) if f"`{name}`" not in text} == set()
 
 
 def test_the_code_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):

@@ -29,7 +29,7 @@ HAVE_ONE = """
     compare.comparison: compare
     drive.first_drive: first_drive
     drive.mission: Mission pack perform
-    drive.verbs: experiment repeat replay teach
+    drive.tasks: experiment repeat replay teach
     identify.design.plan: design_plan
     identify.design.room: contain_in_room room_of
     identify.fit: identify
@@ -130,7 +130,7 @@ def an_imu_on_the_bus(request, monkeypatch):
     chip = MpuEmulator(now_ns=time.monotonic_ns, start_ns=time.monotonic_ns())
     connect(monkeypatch, {str(bus): EmulatedBus({0x68: chip}, lambda ns: None)})
     buses = {"/dev/i2c-1": str(bus)}
-    monkeypatch.setattr(imu, "find", lambda path, addresses: mpu6050.find(buses[path], addresses))
+    monkeypatch.setattr(imu, "find", lambda path, addresses: mpu6050.find_chip(buses[path], addresses))
     yield
 
 

@@ -22,7 +22,8 @@ FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
 FRONT_DOOR = 26  # names of `import baqueano as bq`
 AROUND_BLOCKS = {  # the supervisor, and modules that wrap or watch any block
-    "Supervisor", "GuardedBlock", "FallbackBlock", "BudgetedBlock", "Watchdog", "Agreement", "Adjustable",
+    "Supervisor", "GuardedBlock", "FallbackBlock", "BudgetedBlock", "Watchdog", "AgreementMonitor",
+    "AdjustableController",
     "MyEstimator",
     "MyGuide", "MyController", "PacedGuide",
 }  # fmt: skip
@@ -325,9 +326,9 @@ HARMLESS = {
     "KnownState",
     "truth_sensor",
     "initial_pose",
-    "blocks_of",
+    "replay_blocks",
     "replay",
-    "stop_of",
+    "stop_reason_of",
     "first_drive",
     "check_compilable",
     "repeat",

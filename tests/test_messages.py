@@ -35,7 +35,7 @@ LISTS_OF_NAMES = {
     "UNDAMAGED",
     "REPAIRED",
     "NOT_FOR_CARS",
-    "SUMS",
+    "UNCOMPARED_PARAMETERS",
     "BATTERY_TERM",
     "KINDS",
     "KIND_CODES",

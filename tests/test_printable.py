@@ -52,6 +52,6 @@ def test_printable_json_contains_no_control_character(data):
 
 
 def test_the_display_of_a_drive_contains_no_external_control_character():
-    rows = screen.lines(screen.Status("r\x1b[2J1", state="\x9bREADY", reason="\nforged\x07"))
+    rows = screen.status_lines(screen.Status("r\x1b[2J1", state="\x9bREADY", reason="\nforged\x07"))
     assert all(one_line(row) == row for row in rows)
     assert any("r\\x1b[2J1" in row for row in rows)

@@ -67,14 +67,14 @@ typedef struct __attribute__((packed)) {
     uint16_t dead_zone_permille;
     uint16_t slope_permille;
     uint16_t kick_permille;
-} way_t;
-#define WAY_LENGTH 6
-#define WAY_DEAD_ZONE_PERMILLE_LEAST 0
-#define WAY_DEAD_ZONE_PERMILLE_MOST 700
-#define WAY_SLOPE_PERMILLE_LEAST 100
-#define WAY_SLOPE_PERMILLE_MOST 3000
-#define WAY_KICK_PERMILLE_LEAST 0
-#define WAY_KICK_PERMILLE_MOST 1000
+} wheel_curve_t;
+#define WHEEL_CURVE_LENGTH 6
+#define WHEEL_CURVE_DEAD_ZONE_PERMILLE_LEAST 0
+#define WHEEL_CURVE_DEAD_ZONE_PERMILLE_MOST 700
+#define WHEEL_CURVE_SLOPE_PERMILLE_LEAST 100
+#define WHEEL_CURVE_SLOPE_PERMILLE_MOST 3000
+#define WHEEL_CURVE_KICK_PERMILLE_LEAST 0
+#define WHEEL_CURVE_KICK_PERMILLE_MOST 1000
 
 typedef struct __attribute__((packed)) {
     uint8_t nonce;
@@ -127,7 +127,7 @@ typedef struct __attribute__((packed)) {
     uint8_t dither_permille;
     uint8_t dither_ms;
     uint16_t battery_permille;
-    way_t ways[4];
+    wheel_curve_t curves[4];
 } settings_t;
 #define SETTINGS_LENGTH 32
 #define SETTINGS_WIRING_LEAST 0

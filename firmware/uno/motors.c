@@ -98,10 +98,10 @@ static int16_t stepped(int16_t now, int16_t goal, int16_t slew) {
 
 /* The duty that makes the wheel do what `now` says: dead zone, slope, kick, dither. */
 static int16_t mapped(wheel_t *w, uint8_t wheel) {
-    const way_t *way = &settings.ways[2 * wheel + (w->now < 0)];
+    const wheel_curve_t *curve = &settings.curves[2 * wheel + (w->now < 0)];
     uint16_t size = w->now < 0 ? -w->now : w->now;
-    int16_t duty = way->dead_zone_permille + (uint16_t)((uint32_t)size * way->slope_permille / 1000);
-    if (w->kick && --w->kick && duty < (int16_t)way->kick_permille) duty = way->kick_permille;
+    int16_t duty = curve->dead_zone_permille + (uint16_t)((uint32_t)size * curve->slope_permille / 1000);
+    if (w->kick && --w->kick && duty < (int16_t)curve->kick_permille) duty = curve->kick_permille;
     duty += dither_up ? settings.dither_permille : -settings.dither_permille;
     if (duty < 0) duty = 0;
     if (duty > 1000) {

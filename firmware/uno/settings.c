@@ -47,9 +47,10 @@ void settings_begin(void) {
 
 uint8_t settings_in_range(const settings_t *s) {
     for (uint8_t k = 0; k < 4; k++) {
-        const way_t *way = &s->ways[k];
-        if (way->dead_zone_permille > WAY_DEAD_ZONE_PERMILLE_MOST || way->kick_permille > WAY_KICK_PERMILLE_MOST ||
-            !IN(way->slope_permille, WAY_SLOPE_PERMILLE))
+        const wheel_curve_t *wheel = &s->curves[k];
+        if (wheel->dead_zone_permille > WHEEL_CURVE_DEAD_ZONE_PERMILLE_MOST ||
+            wheel->kick_permille > WHEEL_CURVE_KICK_PERMILLE_MOST ||
+            !IN(wheel->slope_permille, WHEEL_CURVE_SLOPE_PERMILLE))
             return 0;
     }
     return s->wiring <= SETTINGS_WIRING_MOST && IN(s->driver, SETTINGS_DRIVER) && s->encoders <= SETTINGS_ENCODERS_MOST &&

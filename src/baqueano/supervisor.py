@@ -179,7 +179,7 @@ class GuardedBlock:
 
     def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
         """Raise the fault of the part that caused it, if any: repeat a compiled step with guarded parts."""
-        if optional.of(text := _as_written(self.block), "goes_around") and text is not self.block:
+        if optional.attribute(text := _as_written(self.block), "goes_around") and text is not self.block:
             command_count = len(self.zeros.get("u", ()))
             replace(self, block=_with_guarded_parts(self.role, text, command_count)).step(state, *inputs)
 
@@ -211,7 +211,7 @@ def guard_block(role: str, block: Block, command_count: int = 0) -> GuardedBlock
 
 def _with_guarded_parts(role: str, block: Tree, command_count: int) -> Tree:
     """Return the block with guarded parts; a block that is compiled or not a dataclass is returned unchanged."""
-    names = [name for name in optional.of(block, "goes_around") if optional.has_field(block, name)]
+    names = [name for name in optional.attribute(block, "goes_around") if optional.has_field(block, name)]
     guarded_parts = {name: guard_block(role, getattr(block, name), command_count) for name in names}
     return replace(block, **guarded_parts) if guarded_parts else block
 
@@ -293,7 +293,7 @@ def _as_written(block: Tree) -> Tree:
 def _faulty_part(block: Tree, files: Container[str | None]) -> Tree:
     """Return the innermost part of a block that is written in one of `files`; the block if no part is."""
     block = _as_written(block)
-    parts = [_faulty_part(getattr(block, name), files) for name in optional.of(block, "goes_around")]
+    parts = [_faulty_part(getattr(block, name), files) for name in optional.attribute(block, "goes_around")]
     return next((part for part in parts if _file_of(part) in files), block)
 
 

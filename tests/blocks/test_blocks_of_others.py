@@ -12,7 +12,7 @@ from baqueano import blocks
 from baqueano.cli import main
 from baqueano.cli.errors import command_error
 from baqueano.drive import experiment, replay
-from baqueano.drive.verbs import vehicle_of
+from baqueano.drive.tasks import recorded_vehicle_file
 from baqueano.errors import FileError
 from baqueano.runs import read_run, write_run
 from baqueano.vehicle_file import load, override
@@ -174,7 +174,7 @@ def test_models_and_sensors_named_by_a_run_need_permission(tmp_path, mark, table
     kind_line = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
     object.__setattr__(run, "vehicle_text", run.vehicle_text.replace(kind_line, 'kind = "mine.py:Mine"'))
     with pytest.raises(FileError) as error_info:
-        vehicle_of(run)
+        recorded_vehicle_file(run)
     assert "block.in-run" in causes(error_info.value)
     assert not mark.exists()
 

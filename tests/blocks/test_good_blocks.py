@@ -3,7 +3,7 @@ compiled."""
 
 import pytest
 
-from baqueano.block_checks import notes
+from baqueano.block_checks import compilation_notes
 from baqueano.blocks import resolve, role_of
 
 from .students import CONTROLLER, GOOD, findings_about
@@ -23,7 +23,7 @@ def test_the_kind_of_a_block_is_detected_from_its_class(tmp_path, room):
 @pytest.mark.parametrize("room", GOOD)
 def test_a_block_of_plain_numpy_code_can_be_compiled(tmp_path, room):
     (tmp_path / "mine.py").write_text(GOOD[room], encoding="utf-8")
-    assert notes(room, resolve(room, "mine.py:Block", tmp_path)()) == []
+    assert compilation_notes(room, resolve(room, "mine.py:Block", tmp_path)()) == []
 
 
 def test_a_block_with_an_if_statement_works_with_a_speed_note(tmp_path):
@@ -31,7 +31,7 @@ def test_a_block_with_an_if_statement_works_with_a_speed_note(tmp_path):
         "        u = np", "        if e[0] > 0.5:\n            e = 0.5 * e\n        u = np"
     )
     assert findings_about(tmp_path, "controller", text) == []
-    (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
+    (note,) = compilation_notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
     assert (note.code, note.subject) == ("check.slow", "Block.step()")
     assert note.figures["place"] == "mine.py line 19"
     assert note.figures["cause"].code == "trace.decides"
@@ -40,5 +40,5 @@ def test_a_block_with_an_if_statement_works_with_a_speed_note(tmp_path):
 def test_a_block_whose_compiled_output_differs_is_reported(tmp_path):
     text = CONTROLLER.replace("return state + 1.0,", "return str(e[0]),")
     assert findings_about(tmp_path, "controller", text) == []
-    (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
+    (note,) = compilation_notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
     assert note.code == "check.compiled-otherwise"

@@ -16,9 +16,9 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.drive import teach
-from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S, START_S
+from baqueano.drive.by_hand.terminal_heartbeat import MAX_FIRST_ANSWER_S, MAX_SILENCE_S
 from baqueano.drive.closure import closure, lap_closure
-from baqueano.drive.session import marks_of, stop_of
+from baqueano.drive.session import mark_times_ns, stop_reason_of
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import circle, eight
 from baqueano.runs import read_run
@@ -32,7 +32,7 @@ pty = pytest.importorskip("pty", reason="a terminal of Unix")
 CHILD = (  # the slave becomes the controlling terminal, as with ssh
     "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
     "from baqueano.drive.by_hand import cockpit, terminal_heartbeat\n"
-    "terminal_heartbeat.GONE_S = cockpit.START_S = float(sys.argv.pop(1))\n"
+    "terminal_heartbeat.GONE_S = cockpit.MAX_FIRST_ANSWER_S = float(sys.argv.pop(1))\n"
     "from baqueano.cli import main; main(sys.argv[1:])"
 )
 DRIVE = ("drive", "--vehicle", "small", "-o", "run.mcap")
@@ -141,8 +141,8 @@ def test_a_drive_by_keys_writes_a_run_and_restores_the_terminal(terminal, tmp_pa
     screen.type(b"\x1b[113;1:1u")
     assert screen.ends() == 0
     run = read_run(tmp_path / "run.mcap")
-    assert stop_of(run).code == StopReason.INTERRUPTED
-    assert len(marks_of(run)) == 1
+    assert stop_reason_of(run).code == StopReason.INTERRUPTED
+    assert len(mark_times_ns(run)) == 1
     assert np.max(run.applied[:, 0]) == pytest.approx(0.5)
     assert run.applied[-1, 0] == 0.0
     assert termios.tcgetattr(screen.slave) == screen.before
@@ -169,7 +169,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     screen.there = False
     assert screen.ends() == 5
     run = read_run(tmp_path / "run.mcap")
-    assert stop_of(run).code == StopReason.TERMINAL_SILENT
+    assert stop_reason_of(run).code == StopReason.TERMINAL_SILENT
     assert run.applied[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
     assert len(moving(run)) > 50
     assert b"\x1b[?25h" in screen.output
@@ -183,13 +183,13 @@ def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(termin
     screen.hang_up()
     screen.ends()
     run = read_run(tmp_path / "run.mcap")
-    assert stop_of(run).code == StopReason.TERMINAL_CLOSED
+    assert stop_reason_of(run).code == StopReason.TERMINAL_CLOSED
     assert run.applied[-1, 0] == 0.0
     assert len(moving(run)) > 0
 
 
 def test_single_keys_drive_at_a_terminal_that_never_answers(terminal, tmp_path):
-    screen = terminal(*DRIVE, there=False, gone_s=START_S)
+    screen = terminal(*DRIVE, there=False, gone_s=MAX_FIRST_ANSWER_S)
     screen.until(rb"does not confirm that it is active")
     for _ in range(20):  # a key counts for 0.75 s; a busy machine may show nothing
         screen.type(b"w")
@@ -212,7 +212,7 @@ def test_the_space_bar_stops_the_vehicle(terminal, tmp_path):
     screen.until(rb"speed +0\.[1-9]")
     screen.type(b"\x1b[32u")
     assert screen.ends() == 5
-    assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.DRIVER
+    assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.DRIVER
 
 
 def test_teaching_with_keys_writes_a_route(terminal, tmp_path):
@@ -262,7 +262,8 @@ def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypat
 def test_a_program_such_as_tmux_that_hides_the_terminal_is_named(monkeypatch, baqueano, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
     monkeypatch.setattr(
-        "baqueano.drive.by_hand.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"]
+        "baqueano.drive.by_hand.tty._ancestor_programs",
+        lambda: ["python3", "bash", "tmux: server", "systemd"],
     )
     end = baqueano("drive", "--vehicle", "small")
     assert "tmux answers in place of your terminal" in end.err

@@ -34,11 +34,11 @@ def test_a_second_demo_uses_a_new_folder(tmp_path, monkeypatch):
 
 
 def test_tune_reports_the_same_cost_in_python_and_on_the_command_line(baqueano):
-    from baqueano.tune.rehearsal import rehearse
+    from baqueano.tune.objective import tuning_objective
 
     defaults = {param.name: param.default for param in tune.params}
     for name in ("jerk_m2", "aside_m"):
-        assert defaults[name] == signature(rehearse).parameters[name].default == 0.1
+        assert defaults[name] == signature(tuning_objective).parameters[name].default == 0.1
 
 
 def test_measuring_advice_for_a_new_vehicle_ends_with_its_first_fit(baqueano, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.messages import text
-from baqueano.monitor import Refusals, refusal_event
+from baqueano.monitor import Rejections, rejection_event
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from tests.codes import refused
 
@@ -51,7 +51,9 @@ def test_a_consistent_run_is_called_consistent():
 
 
 def test_rejections_of_runs_are_compared_side_by_side():
-    first = run_with(events=(Event(0, "info", "refused", "", refusal_event([Refusals("imu[2]", 12, 800)])),))
+    first = run_with(
+        events=(Event(0, "info", "refused", "", rejection_event([Rejections("imu[2]", 12, 800)])),)
+    )
     comparison = compare([first, run_with("b")])
     rows = comparison.rows()
     assert (rows[0]["refused_imu[2]"], rows[0]["arrived_imu[2]"]) == (12, 800)

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.compare import compare, evenness
 from baqueano.compare.evenness import Limits
-from baqueano.controllers.schedule import commands_of
+from baqueano.controllers.schedule import script_commands
 from baqueano.drive import experiment
 from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load
@@ -216,7 +216,7 @@ def test_without_sent_commands_the_applied_command_is_judged():
 def test_an_uneven_drive_is_distinguished_from_an_even_drive():
     small = load("small")
     script = [(0.2, [u, 0.0, 0.0]) for u in (1.0, -1.0)] * 10
-    run = experiment(small, commands_of(script, 3, small.rate_hz))
+    run = experiment(small, script_commands(script, 3, small.rate_hz))
     row = compare(run).rows()[0]
     assert row["sign_changes_per_s"] == pytest.approx(19 / 4, rel=0.02)
     assert row["at_limit"] > 0.98

@@ -13,7 +13,7 @@ from baqueano.geometry import compose, map_from_body
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
 from baqueano.signals import Estimate, Reference
 from baqueano.simulate import simulate_loop
-from baqueano.simulate.closed_loop import as_run, close_loop, closed_loop, ticks_of
+from baqueano.simulate.closed_loop import as_run, closed_loop, loop_system, tick_count_of
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import compile_block, function
@@ -135,8 +135,8 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     route, across = SHAPES["sinuous"](0.2), []
     for delay_s in (0.01, 0.11):
         late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
-        system = close_loop(late, route, perfect=True, controller=SMALL.controller())
-        t_ns = tick_times(ticks_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
+        system = loop_system(late, route, perfect=True, controller=SMALL.controller())
+        t_ns = tick_times(tick_count_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
         across.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))
@@ -151,7 +151,7 @@ STARTS = [(0.0, 0.2, -0.5), (0.0, -0.2, -0.5), (-0.2, 0.2, 0.5), (0.2, -0.2, 0.5
 @pytest.mark.parametrize("law", LAWS)
 def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
     """The vehicle is 20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun without it."""
-    system = close_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
+    system = loop_system(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
     kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), tick_times(1500, SMALL.rate_hz)
     for start in STARTS:
         run = as_run(
@@ -168,7 +168,7 @@ def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
 def test_a_car_joins_its_route_within_a_metre(law, moving):
     """The car is 20 cm beside, behind or in front and 30° off. On a circle of 3 m at 0.5 m/s it stays within 3 cm."""
     car, speed, radius_m = load("car"), 0.5, 3.0
-    system = close_loop(car, circle(radius_m, speed), perfect=True, controller=car.controller(law))
+    system = loop_system(car, circle(radius_m, speed), perfect=True, controller=car.controller(law))
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(220, car.rate_hz)
     nu = np.array([speed if moving else 0.0, 0.0, 0.0])
     x, y, psi = circle(radius_m, speed).eta[0]
@@ -272,7 +272,7 @@ def test_speed_is_reduced_to_retain_the_turn_at_the_wheel_limit():
     wheels = np.array([hasty[0] - hasty[2], hasty[0] + hasty[2]])
     assert np.max(np.abs(wheels) / limit) == pytest.approx(0.98, abs=1e-9)
     assert hasty[0] > calm[0]
-    turn_only = SMALL.vehicle.drivetrain.turn_first(np.array([0.9, 0.0, 0.4]))
+    turn_only = SMALL.vehicle.drivetrain.prioritise_turn(np.array([0.9, 0.0, 0.4]))
     np.testing.assert_allclose(turn_only, [0.58, 0.0, 0.4], atol=1e-12)
     car = load("car").vehicle.drivetrain
-    np.testing.assert_array_equal(car.turn_first(np.array([0.9, 0.4])), [0.9, 0.4])
+    np.testing.assert_array_equal(car.prioritise_turn(np.array([0.9, 0.4])), [0.9, 0.4])

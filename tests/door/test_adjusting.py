@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from baqueano.door.adjusting import SOURCE, Adjustable, Adjusting
+from baqueano.door.gain_changes import SOURCE, AdjustableController, ChangeObserver
 from baqueano.door.operator import Operator
 from baqueano.drive import repeat
 from baqueano.drive.budget import BudgetedBlock
@@ -28,13 +28,13 @@ class Hand(Observer):
         self.ticks += 1
         if self.ticks == self.at:
             for path, value in self.changes:
-                self.operator.change("me", path, value)
+                self.operator.set_gain("me", path, value)
 
 
 def drive_with(*changes, at=100):
     file, operator, messages = load("small"), Operator(), []
     operator.queue_mission("me", "a mission")
-    observers = (Adjusting(operator, messages.append), Hand(operator, at, *changes))
+    observers = (ChangeObserver(operator, messages.append), Hand(operator, at, *changes))
     return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers, duration_s=12.0), messages
 
 
@@ -69,7 +69,7 @@ def test_a_new_gain_applies_from_the_next_tick_and_is_logged():
 )
 def test_a_forbidden_gain_change_is_reported_and_ignored(path, value, code):
     own = load("small").controller()
-    adjustable = Adjustable(own)
+    adjustable = AdjustableController(own)
     with refused(code):
         adjustable.change(path, value)
     assert adjustable.block is own
@@ -99,7 +99,7 @@ class Strict:
     ("value", "error"), [(3.0, "KeyError"), (-1.0, "TimeoutError")], ids=["raises", "hangs"]
 )
 def test_a_controller_that_fails_with_a_new_gain_keeps_its_old_gains(value, error):
-    adjustable = Adjustable(BudgetedBlock(Strict()))
+    adjustable = AdjustableController(BudgetedBlock(Strict()))
     with refused("door.gain-refused", Invalid, name="controller.gain", before="1.0") as error_info:
         adjustable.change("controller.gain", value)
     assert error_info.value.diagnostic.figures["error"].startswith(error)
@@ -107,7 +107,7 @@ def test_a_controller_that_fails_with_a_new_gain_keeps_its_old_gains(value, erro
 
 
 def test_an_integer_parameter_stays_an_integer():
-    adjustable = Adjustable(Strict())
+    adjustable = AdjustableController(Strict())
     adjustable.change("controller.steps", 5.0)
     assert (adjustable.block.steps, type(adjustable.block.steps)) == (5, int)
     for value in (5.5, 1e30):
@@ -119,7 +119,7 @@ def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
     def fail(*args, **options):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("baqueano.door.adjusting.replace", fail)
+    monkeypatch.setattr("baqueano.door.gain_changes.replace", fail)
     _, run, messages = drive_with(("controller.k_x", 1.0))
     _, same, _ = drive_with()
     np.testing.assert_array_equal(run.requested, same.requested)
@@ -139,13 +139,13 @@ def test_only_the_client_that_drives_can_set_gains():
     operator = Operator()
     for person in ("me", "another"):
         with pytest.raises(SafetyStop):
-            operator.change(person, "controller.k_x", 1.0)
+            operator.set_gain(person, "controller.k_x", 1.0)
     operator.queue_mission("me", "a mission")
     with pytest.raises(SafetyStop):
-        operator.change("another", "controller.k_x", 1.0)
-    operator.change("me", "controller.k_x", 1.0)
-    assert operator.changes() == [("controller.k_x", 1.0)]
-    assert operator.changes() == []
+        operator.set_gain("another", "controller.k_x", 1.0)
+    operator.set_gain("me", "controller.k_x", 1.0)
+    assert operator.pop_changes() == [("controller.k_x", 1.0)]
+    assert operator.pop_changes() == []
 
 
 def test_a_pace_of_zero_pauses_the_guide_and_is_logged():

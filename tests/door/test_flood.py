@@ -1,4 +1,4 @@
-"""A door that is flooded with messages: a stop has priority, and guests, lines and memory are limited for any input."""
+"""A door that is flooded with messages: a stop has priority, and clients, lines and memory are limited."""
 
 import json
 import socket
@@ -9,9 +9,9 @@ import pytest
 
 from baqueano.diagnostics import StopReason
 from baqueano.door import sockets
-from baqueano.door.guests import LONG_BYTES, MAX_BACKLOG, READ_BYTES, Guest
+from baqueano.door.clients import MAX_BACKLOG, MAX_SHORT_LINE_BYTES, READ_BYTES, DoorClient
 from baqueano.door.operator import SILENCE_S, Operator
-from baqueano.door.sockets import MAX_GUESTS, MAX_HIDDEN_S, MAX_LINES, STOP_CONNECTIONS, Door
+from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, MAX_PAGE_SILENCE_S, STOP_CONNECTIONS, Door
 from tests.door.test_sockets import Person, until
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -46,13 +46,13 @@ def turns(door, monkeypatch):
     """Count the answers between the arrival of a stop in the socket and the stop of the vehicle."""
     answers, answer = [], door._answer
     monkeypatch.setattr(
-        door, "_answer", lambda guest, line: answers.append(bytes(line)) or answer(guest, line)
+        door, "_answer", lambda client, line: answers.append(bytes(line)) or answer(client, line)
     )
     return answers
 
 
 class Flood(threading.Thread):
-    """A guest that sends one message again and again, and reads the answers."""
+    """A client that sends one message again and again, and reads the answers."""
 
     def __init__(self, person, word=RUNS):
         super().__init__(daemon=True)
@@ -75,7 +75,7 @@ class Flood(threading.Thread):
         self.join()
 
 
-def test_rt15_a_stop_has_priority_over_five_flooding_guests(door, connect, turns):
+def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turns):
     floods = [Flood(connect()) for _ in range(5)]
     until(lambda: len(turns) > 20 * MAX_LINES)
     for _ in range(5):
@@ -86,12 +86,12 @@ def test_rt15_a_stop_has_priority_over_five_flooding_guests(door, connect, turns
         assert message == {"is": "heard", "do": "stop"}
         at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
         assert at - before <= 8 * MAX_LINES  # of millions of messages sent meanwhile
-        door.operator.forget(door.operator.stop_reason(False))
+        door.operator.discard_requests(door.operator.stop_reason(False))
     for flood in floods:
         flood.end()
 
 
-def test_a_stop_has_priority_over_earlier_lines_of_its_guest(door, connect, turns):
+def test_a_stop_has_priority_over_earlier_lines_of_its_client(door, connect, turns):
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.stop_reason(False) is not None)
@@ -107,16 +107,16 @@ def test_a_stop_nested_in_another_message_does_not_stop_the_vehicle(door, connec
     assert door.operator.stop_reason(False) is None
 
 
-def test_a_guest_that_sends_too_fast_receives_the_number_of_dropped_lines(door, connect):
+def test_a_client_that_sends_too_fast_receives_the_number_of_dropped_lines(door, connect):
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
-        guest = Guest(near_end)
+        client = DoorClient(near_end)
         far_end.sendall(RUNS * (3 * MAX_BACKLOG))
-        assert list(guest.receive()) == []
-        assert len(guest.lines) == MAX_BACKLOG
-        assert guest.dropped == 2 * MAX_BACKLOG
+        assert list(client.receive()) == []
+        assert len(client.lines) == MAX_BACKLOG
+        assert client.dropped == 2 * MAX_BACKLOG
         far_end.sendall(STOP)
-        assert list(guest.receive()) == [STOP.rstrip()]
+        assert list(client.receive()) == [STOP.rstrip()]
     person = connect()
     person.line.sendall(RUNS * (4 * MAX_BACKLOG))
     while (message := person.receive())["is"] == "runs":
@@ -128,20 +128,21 @@ def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
         near_end.setblocking(False)
-        guest, mission = Guest(near_end), b'{"do": "mission", "mission": "' + b"7" * LONG_BYTES + b'"}\n'
+        client = DoorClient(near_end)
+        mission = b'{"do": "mission", "mission": "' + b"7" * MAX_SHORT_LINE_BYTES + b'"}\n'
         lines = mission + BEAT * 100 + mission + BEAT * 100
         sender = threading.Thread(target=far_end.sendall, args=(lines,))
         sender.start()
-        until(lambda: not list(guest.receive()) and len(guest.lines) + guest.dropped == 202)
+        until(lambda: not list(client.receive()) and len(client.lines) + client.dropped == 202)
         sender.join()
-        assert guest.dropped == 1  # the second mission
-        assert [guest.next() for _ in range(201)] == [mission.rstrip(), *[BEAT.rstrip()] * 200]
+        assert client.dropped == 1  # the second mission
+        assert [client.pop_line() for _ in range(201)] == [mission.rstrip(), *[BEAT.rstrip()] * 200]
         far_end.sendall(BEAT)
-        assert list(guest.receive()) == []
-        assert guest.next() == BEAT.rstrip()  # its guest places are free again
+        assert list(client.receive()) == []
+        assert client.pop_line() == BEAT.rstrip()  # its client places are free again
 
 
-def test_all_guests_receive_an_equal_share_of_answers(door, connect, turns):
+def test_all_clients_receive_an_equal_share_of_answers(door, connect, turns):
     flood, quiet = Flood(connect()), connect()
     until(lambda: len(turns) > 10 * MAX_LINES)
     for k in range(20):
@@ -152,25 +153,25 @@ def test_all_guests_receive_an_equal_share_of_answers(door, connect, turns):
     flood.end()
 
 
-def test_a_stop_is_received_even_if_all_guest_places_are_taken(door, connect):
+def test_a_stop_is_received_even_if_all_client_places_are_taken(door, connect):
     door.broadcast({"is": "state", "state": "MISSION"})
-    for _ in range(MAX_GUESTS):
+    for _ in range(MAX_CLIENTS):
         assert connect().receive()["is"] == "state"
     late = connect()
     late.send(do="runs")
     assert late.receive()["about"]["code"] == "door.full"
     assert late.file.readline() == b""
-    more = [connect() for _ in range(STOP_CONNECTIONS + 2)]  # guests that send nothing
+    more = [connect() for _ in range(STOP_CONNECTIONS + 2)]  # clients that send nothing
     teacher = connect()
     teacher.line.sendall(STOP)
     assert teacher.receive() == {"is": "heard", "do": "stop"}
-    assert len(door._guests) <= MAX_GUESTS + STOP_CONNECTIONS
+    assert len(door._clients) <= MAX_CLIENTS + STOP_CONNECTIONS
     door.broadcast({"is": "state", "state": "STOPPED"})
     assert teacher.receive()["state"] == "STOPPED"
     assert more[0].file.readline() == b""
 
 
-def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
+def test_only_one_client_at_a_time_may_send_an_endless_line(door, connect):
     people = [connect() for _ in range(12)]
     for person in people:
         person.line.settimeout(20.0)
@@ -178,7 +179,7 @@ def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
     def pour(person):
         try:
             for _ in range(64):  # 4 MB each; at most 64 kB are stored of all but one
-                person.line.sendall(b"x" * LONG_BYTES)
+                person.line.sendall(b"x" * MAX_SHORT_LINE_BYTES)
         except OSError:
             return
 
@@ -187,30 +188,31 @@ def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
         thread.start()
     for thread in threads:
         thread.join()
-    until(lambda: sum(guest.coming > LONG_BYTES for guest in door._guests) <= 1)
-    assert sum(guest.coming for guest in door._guests) <= 64 * LONG_BYTES + 12 * (LONG_BYTES + READ_BYTES)
+    until(lambda: sum(client.partial_line_bytes > MAX_SHORT_LINE_BYTES for client in door._clients) <= 1)
+    total_bytes = sum(client.partial_line_bytes for client in door._clients)
+    assert total_bytes <= 64 * MAX_SHORT_LINE_BYTES + 12 * (MAX_SHORT_LINE_BYTES + READ_BYTES)
 
 
 def test_a_long_line_is_refused_during_a_drive(door, connect):
     driver, second = connect(), connect()
-    until(lambda: len(door._guests) == 2)
+    until(lambda: len(door._clients) == 2)
     driver.send(do="mission", door=sockets.VERSION, mission="{}")
     until(lambda: door.operator.is_busy)
     with suppress(OSError):
         for _ in range(1000):
-            second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG_BYTES)
+            second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * MAX_SHORT_LINE_BYTES)
     assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
 
 
 def test_a_page_has_a_shorter_timeout_than_ssh(door, connect):
-    assert MAX_HIDDEN_S < SILENCE_S
-    for k, (by, silence_s) in enumerate((("page", MAX_HIDDEN_S), ("ssh", SILENCE_S))):
+    assert MAX_PAGE_SILENCE_S < SILENCE_S
+    for k, (by, silence_s) in enumerate((("page", MAX_PAGE_SILENCE_S), ("ssh", SILENCE_S))):
         person = connect()
         person.send(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
         until(lambda: door.operator.is_busy)
         assert door.operator._silence_s == silence_s
-        door.operator.next()
-        door.operator.free()
+        door.operator.pop_mission()
+        door.operator.record_mission_end()
         person.close()
-        until(lambda person=person: not any(door.operator.holds(guest) for guest in door._guests))
+        until(lambda person=person: not any(door.operator.is_holder(client) for client in door._clients))
         until(lambda: door.operator._holder is None)

@@ -1,4 +1,4 @@
-"""Frames: each tick is sent once and in order and is encoded once for all guests; unread frames are replaced."""
+"""Frames: each tick is sent once and in order and is encoded once for all clients; unread frames are replaced."""
 
 import json
 import socket
@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from baqueano.door import sockets
-from baqueano.door.frames.along_route import AlongRoute
-from baqueano.door.frames.rows import RING_TICKS, DriveRows, Frames
+from baqueano.door.frames.route_progress import RouteProgress
+from baqueano.door.frames.rows import MAX_STORED_TICKS, DriveRows, Frames
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
 from baqueano.drive import experiment
-from baqueano.drive.health import normalised_square
+from baqueano.drive.health import normalised_innovation_squared
 from baqueano.drive.observers import Observer
 from baqueano.guides import shapes
 from baqueano.vehicle_file import load
@@ -60,7 +60,7 @@ def test_a_row_contains_the_values_of_its_tick(drive_of_service):
     frames._drive = drive
     for record in listening.records:
         frames.on_record(record, battery_v=7.4)
-    drive.make()
+    drive.convert()
     frame = rows_of(drive)
     assert (frame["n"], len(frame["x"])) == (0, len(run.t_ns))
     names = [column.name for column in drive.columns]
@@ -72,7 +72,7 @@ def test_a_row_contains_the_values_of_its_tick(drive_of_service):
         "z.imu[2]": run.sensors["imu"].z[-1, 2], "innov.imu[1]": log.innovation[-1, 1],
         "S.imu[0]": np.sqrt(log.innovation_cov[-1, 0, 0]), "battery": 7.4,
         "model.imu[2]": run.sensors["imu"].z[-1, 2] - log.innovation[-1, 2],
-        "nis": normalised_square(log.innovation[-1].tolist(), log.innovation_cov[-1].tolist()),
+        "nis": normalised_innovation_squared(log.innovation[-1].tolist(), log.innovation_cov[-1].tolist()),
     }.items():  # fmt: skip
         assert row[name] == pytest.approx(value, rel=1e-6), name
     assert row["truth.x"] is None
@@ -87,11 +87,11 @@ def test_every_tick_is_sent_once_and_in_order(drive_of_service):
     for record in listening.records:
         frames.on_record(record)
         if rng.random() < 0.3:
-            drive.make()
+            drive.convert()
             if (line := drive.frame(rows_shown, (0,))) is not None:
                 rows += json.loads(line)["x"]
             rows_shown = drive.row_count
-    drive.make()
+    drive.convert()
     rows += rows_of(drive, rows_shown, (0,))["x"] if drive.row_count > rows_shown else []
     np.testing.assert_allclose(np.ravel(rows), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
 
@@ -100,36 +100,36 @@ def test_rows_lost_by_the_ring_buffer_are_shown_as_a_gap(drive_of_service):
     file, listening, _ = drive_of_service
     drive, frames = DriveRows(file), Frames()
     frames._drive = drive
-    for k in range(3 * RING_TICKS):
+    for k in range(3 * MAX_STORED_TICKS):
         frames.on_record(listening.records[k % len(listening.records)])
-    drive.make()
+    drive.convert()
     frame = rows_of(drive)
-    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * RING_TICKS
-    assert len(frame["x"]) <= RING_TICKS
+    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * MAX_STORED_TICKS
+    assert len(frame["x"]) <= MAX_STORED_TICKS
 
 
 def test_progress_grows_over_all_laps_and_across_the_crossing_of_an_eight():
     for route, laps in ((shapes.circle(0.5, 0.3), 3), (shapes.eight(0.5, 0.3), 2)):
-        along, places = AlongRoute(route), []
+        along, places = RouteProgress(route), []
         for _ in range(laps):
             for x, y in route.eta[::10, :2]:
-                places.append(along.progress([x, y + 0.0]))
+                places.append(along.update([x, y + 0.0]))
         s, cross = np.array(places).T
         assert np.all(np.diff(s) > -1e-9)
         assert s[-1] == pytest.approx(laps * along.length_m, rel=0.02)
         np.testing.assert_allclose(cross, 0.0, atol=1e-6)
-    deviation = AlongRoute(shapes.circle(0.5, 0.3)).progress([0.0, 0.02])
+    deviation = RouteProgress(shapes.circle(0.5, 0.3)).update([0.0, 0.02])
     assert deviation[1] == pytest.approx(0.02, rel=0.01)
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_at_most_one_frame_waits_for_a_guest_that_does_not_read(door, drive_of_service):
+def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, drive_of_service):
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     sleeper, healthy = Person(door.path), Person(door.path)
     for person in (sleeper, healthy):
         person.send(do="watch", hz=50)
-    until(lambda: sum(guest.hz > 0 for guest in door._guests) == 2)
+    until(lambda: sum(client.hz > 0 for client in door._clients) == 2)
     count, most = 0, 0
     for _ in range(150):
         for record in listening.records[:40]:
@@ -137,9 +137,9 @@ def test_at_most_one_frame_waits_for_a_guest_that_does_not_read(door, drive_of_s
         while count < door.frames.drive()[0].tick_count:
             message = healthy.receive()
             count = message["n"] + len(message["x"]) if message["is"] == "frame" else count
-        most = max(most, *(guest.waiting for guest in door._guests))
-    assert most < 2 * RING_TICKS * 400  # of 6,000 rows of 300 bytes
-    assert len(door._guests) == 2
+        most = max(most, *(client.pending_bytes for client in door._clients))
+    assert most < 2 * MAX_STORED_TICKS * 400  # of 6,000 rows of 300 bytes
+    assert len(door._clients) == 2
     ends = []
     while not ends or ends[-1] < count:
         message = sleeper.receive()
@@ -163,7 +163,7 @@ def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, drive_of_servi
         for record in listening.records:
             door.frames.on_record(record)
         door._outbox.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
-        door._ring()
+        door._wake()
         messages = []
         while not messages or messages[-1]["is"] != "done":
             messages.append(person.receive())
@@ -217,7 +217,7 @@ def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
     monkeypatch.setattr(sockets, "encode", encode)
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives
     people = [Person(door.path) for _ in range(5)]
-    until(lambda: len(door._guests) == 5)
+    until(lambda: len(door._clients) == 5)
     for k in range(20):
         door.broadcast({"is": "event", "said": k})
         assert [person.receive()["said"] for person in people] == [k] * 5

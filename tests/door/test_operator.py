@@ -17,15 +17,16 @@ PATIENCE_S = 20.0  # timeout of the test
 def test_clearing_one_stop_reason_does_not_clear_another():
     operator = Operator()
     operator.stop(TEACHER)
-    operator.forget(SILENT)
+    operator.discard_requests(SILENT)
     assert operator.stop_reason(attended=False) == TEACHER
-    operator.forget(TEACHER)
+    operator.discard_requests(TEACHER)
     assert operator.stop_reason(attended=False) is None
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no alarm")
 @pytest.mark.parametrize(
-    ("word", "args"), [("forget", (SILENT,)), ("stop", (TEACHER,)), ("hold", ("me",)), ("check_admission", ("me",))]
+    ("word", "args"), [("discard_requests", (SILENT,)), ("stop", (TEACHER,)), ("set_holder", ("me",)),
+    ("check_admission", ("me",))]
 )  # fmt: skip
 def test_a_signal_handler_does_not_wait_for_a_lock(word, args):
     operator, rung = Operator(), []
@@ -63,10 +64,10 @@ def test_the_busy_message_distinguishes_a_drive_from_a_rest_between_drives():
         operator.queue_mission("another", "a mission")
     about = error_info.value.diagnostic
     assert (about.code, about.fix) == ("door.somebody", "baqueano robot stop")
-    operator.next()
-    operator.free()
+    operator.pop_mission()
+    operator.record_mission_end()
     with pytest.raises(SafetyStop) as error_info:
         operator.queue_mission("another", "a mission")
     assert error_info.value.diagnostic.code == "door.somebody-waits"
-    operator.release("me")
+    operator.revoke_holder("me")
     operator.queue_mission("another", "a mission")

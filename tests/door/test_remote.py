@@ -43,7 +43,7 @@ class Vehicle:
 
     def _work(self):
         while not self._done.wait(0.005):
-            if (waiting := self.operator.next()) is not None:
+            if (waiting := self.operator.pop_mission()) is not None:
                 for message in self.drives(waiting[2]):
                     self.door.broadcast(message)
 
@@ -92,4 +92,4 @@ def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mis
     about = error_info.value.diagnostic
     assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 2)
     assert about.fix.startswith("baqueano robot setup ")
-    assert vehicle.operator.next() is None
+    assert vehicle.operator.pop_mission() is None

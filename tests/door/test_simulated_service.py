@@ -189,7 +189,7 @@ def test_an_invalid_mission_is_refused(tmp_path, mission, code):
 
 def test_a_complete_mission_uses_the_vehicle_file_that_it_contains(tmp_path):
     whole = pack(Mission("repeat", route=shapes.circle(0.4, 0.25), laps=3), load("small"))
-    with mission_plan(whole.json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
+    with mission_plan(whole.to_json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
         assert (plan.vehicle_file.name, plan.mission.laps, plan.seed) == ("small", 3, 7)
 
 
@@ -223,7 +223,7 @@ def test_the_pace_is_simulated_seconds_per_real_second():
     times = list(islice(ticks, 400))
     assert times == [round(k * 1e7) for k in range(1, 401)]
     assert clock.now_s == pytest.approx(1.0)
-    pace.set(0.5)
+    pace.set_pace(0.5)
     list(islice(ticks, 100))
     assert clock.now_s == pytest.approx(3.0)
 
@@ -243,7 +243,7 @@ def test_paused_time_stays_paused_until_the_drive_is_interrupted():
     clock, interrupts = Time(), []
     pace = PacedClock(1.0, lambda: clock.now_s, clock.sleep)
     pace.pause()
-    pace.go(ticks=3)
+    pace.resume(ticks=3)
     ticks = pace.ticks(100.0, lambda: bool(interrupts) or clock.now_s > 5.0)
     assert list(islice(ticks, 3)) == [10_000_000, 20_000_000, 30_000_000]
     assert clock.now_s < 0.1
@@ -254,7 +254,7 @@ def test_paused_time_stays_paused_until_the_drive_is_interrupted():
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), 2 * FASTEST])
 def test_a_pace_that_is_not_a_number_is_refused(factor):
     with refused("door.pace"):
-        PacedClock().set(factor)
+        PacedClock().set_pace(factor)
 
 
 def test_an_unknown_vehicle_gives_an_error_of_one_paragraph(tmp_path):

@@ -1,5 +1,5 @@
 """The door of the service: every message reaches the operator, no invalid message ends the connection, and a slow
-guest delays no other guest.
+client delays no other client.
 """
 
 import base64
@@ -15,7 +15,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, stop
 from baqueano.door import VERSION
 from baqueano.door.operator import Operator
-from baqueano.door.sockets import LONG_BYTES, Door
+from baqueano.door.sockets import MAX_SHORT_LINE_BYTES, Door
 from baqueano.drive.mission import Mission, pack
 from baqueano.errors import RobotUnreachable
 from tests.codes import refused
@@ -53,7 +53,7 @@ def door(tmp_path):
 
 @pytest.fixture
 def people(door):
-    """Return a function that connects one more guest to the door."""
+    """Return a function that connects one more client to the door."""
     group = []
 
     def add_person():
@@ -82,13 +82,13 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
     person.send(
         do="mission",
         door=VERSION,
-        mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).json(),
+        mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json(),
         attended=False,
     )
     requests = []
-    until(lambda: requests.append(door.operator.next()) or requests[-1] is not None)
+    until(lambda: requests.append(door.operator.pop_mission()) or requests[-1] is not None)
     mission, attended, _ = requests[-1]
-    assert Mission.of_json(mission).kind == "experiment"
+    assert Mission.from_json(mission).kind == "experiment"
     assert not attended
     commands = []
 
@@ -103,9 +103,9 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
 
 def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, people):
     file = vehicle_file.load("small")
-    mission = pack(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    mission = pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
     person.send(do="mission", door=VERSION, mission=mission)
-    until(lambda: door.operator.next() is not None)
+    until(lambda: door.operator.pop_mission() is not None)
     second = people()
     second.send(do="mission", door=VERSION, mission=mission)
     assert second.receive()["about"]["code"] == "door.somebody"
@@ -120,16 +120,18 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, peo
 def test_a_refused_mission_is_not_decoded(door, person, people, monkeypatch, ticks):
     file, decoded_texts, loads = vehicle_file.load("small"), [], json.loads
     person.send(
-        do="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).json()
+        do="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
     )
-    until(lambda: door.operator.next() is not None)
-    large = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
+    until(lambda: door.operator.pop_mission() is not None)
+    large = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).to_json()
     monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
     second = people()
     second.send(do="mission", door=VERSION, mission=large)
     assert loads(second.file.readline())["about"]["code"] == "door.somebody"
-    assert all(n <= LONG_BYTES for n in decoded_texts)  # at most one line, never the commands of a mission
-    assert len(decoded_texts) == (len(large) < LONG_BYTES)
+    assert all(
+        n <= MAX_SHORT_LINE_BYTES for n in decoded_texts
+    )  # at most one line, never the commands of a mission
+    assert len(decoded_texts) == (len(large) < MAX_SHORT_LINE_BYTES)
 
 
 def test_several_messages_in_one_packet_are_all_received(door, person):
@@ -139,15 +141,15 @@ def test_several_messages_in_one_packet_are_all_received(door, person):
     assert person.receive()["token"] == 3
 
 
-def test_rt14_a_mission_of_a_disconnected_guest_is_not_given_to_the_next(door, person, people):
-    mission = pack(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
+def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, person, people):
+    mission = pack(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).to_json()
     person.send(do="mission", door=VERSION, mission=mission)
-    until(lambda: door.operator.next() is not None)
+    until(lambda: door.operator.pop_mission() is not None)
     person.send(do="mission", door=VERSION, mission=mission)
     assert person.receive()["about"]["code"] == "door.own-mission"
     person.close()
     second = people()
-    until(lambda: door.operator.stop_reason() is not None)  # the door accepts no more guests
+    until(lambda: door.operator.stop_reason() is not None)  # the door accepts no more clients
     second.send(do="mission", door=VERSION, mission=mission)
     assert second.receive()["about"]["code"] == "door.mission"
     second.send(do="beat")
@@ -156,9 +158,9 @@ def test_rt14_a_mission_of_a_disconnected_guest_is_not_given_to_the_next(door, p
     second.receive()
     assert door.operator.stop_reason().code == StopReason.HOLDER_SILENT
     assert not door.operator.command(3).any()
-    door.operator.free()
+    door.operator.record_mission_end()
     second.send(do="mission", door=VERSION, mission=mission)
-    until(lambda: door.operator.next() is not None)
+    until(lambda: door.operator.pop_mission() is not None)
 
 
 @pytest.mark.parametrize(
@@ -177,14 +179,14 @@ def test_rt14_a_mission_of_a_disconnected_guest_is_not_given_to_the_next(door, p
     ],
 )
 def test_fi6_an_invalid_line_is_answered_without_disconnecting(door, person, line):
-    door.operator.hold(next(iter(until_guest(door))))  # the guest whose set-points are used
+    door.operator.set_holder(next(iter(until_client(door))))  # the client whose set-points are used
     person.line.sendall(line + b"\n")
     assert person.receive()["is"] == "no"
     person.send(do="runs")
     assert person.receive() == {"is": "runs", "runs": []}
 
 
-def test_a_new_guest_receives_the_last_state_at_once(door, people):
+def test_a_new_client_receives_the_last_state_at_once(door, people):
     door.broadcast({"is": "state", "state": "READY"})
     door.broadcast({"is": "state", "state": "MISSION"})
     door.broadcast({"is": "event", "text": "nothing more is sent while a mission is prepared"})
@@ -192,23 +194,25 @@ def test_a_new_guest_receives_the_last_state_at_once(door, people):
 
 
 LONG_LINES = [
-    b'{"do": "ping", "token": "' + b"x" * LONG_BYTES + b'"}\n',
-    b'{"do": "ping", "token": "' + b"x" * (20 * LONG_BYTES) + b'"}\n',  # refused before its end is received
-    b'{"do": "hand", "u": [' + b"0, " * LONG_BYTES + b"0]}\n",
-    b'{"do": "ping", "token": {"do": "mission", "x": "' + b"x" * LONG_BYTES + b'"}}\n',
+    b'{"do": "ping", "token": "' + b"x" * MAX_SHORT_LINE_BYTES + b'"}\n',
+    b'{"do": "ping", "token": "'
+    + b"x" * (20 * MAX_SHORT_LINE_BYTES)
+    + b'"}\n',  # refused before its end is received
+    b'{"do": "hand", "u": [' + b"0, " * MAX_SHORT_LINE_BYTES + b"0]}\n",
+    b'{"do": "ping", "token": {"do": "mission", "x": "' + b"x" * MAX_SHORT_LINE_BYTES + b'"}}\n',
 ]
 
 
 @pytest.mark.parametrize("line", LONG_LINES, ids=["just too long", "far too long", "hand", "nested"])
 def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, monkeypatch, line):
-    door.operator.hold(next(iter(until_guest(door))))  # a mission would be accepted
+    door.operator.set_holder(next(iter(until_client(door))))  # a mission would be accepted
     decoded, loads = [], json.loads
     monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
     with suppress(OSError):  # disconnected before the end of the line
         person.line.sendall(line)
     assert loads(person.file.readline())["about"]["code"] == "door.too-long"
-    assert all(n < 2 * LONG_BYTES for n in decoded)  # a far longer line is refused before its end
-    assert not door.operator.command(2 * LONG_BYTES).any()
+    assert all(n < 2 * MAX_SHORT_LINE_BYTES for n in decoded)  # a far longer line is refused before its end
+    assert not door.operator.command(2 * MAX_SHORT_LINE_BYTES).any()
 
 
 def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):
@@ -222,7 +226,7 @@ def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, pe
     message = person.receive()
     assert (message["is"], message["code"], message["about"]["code"]) == ("no", 2, "door.version")
     assert isinstance(message["why"], str)
-    assert door.operator.next() is None
+    assert door.operator.pop_mission() is None
 
 
 @pytest.mark.parametrize(
@@ -267,25 +271,25 @@ def test_a_run_that_is_being_written_is_not_listed(door, person, tmp_path):
         assert person.receive() == {"is": "runs", "runs": names}
 
 
-def test_ne5_a_guest_that_does_not_read_is_disconnected(door, person, people):
+def test_ne5_a_client_that_does_not_read_is_disconnected(door, person, people):
     people()
-    until(lambda: len(door._guests) == 2)
+    until(lambda: len(door._clients) == 2)
     for k in range(200):
         door.broadcast({"is": "event", "text": "x" * 100_000, "k": k})
         person.receive()
-    until(lambda: len(door._guests) == 1)
+    until(lambda: len(door._clients) == 1)
 
 
 def test_a_disconnected_driver_releases_the_vehicle(door, person):
-    door.operator.hold(next(iter(until_guest(door))))
+    door.operator.set_holder(next(iter(until_client(door))))
     person.close()
-    until(lambda: not door._guests)
-    door.operator.hold("another")
+    until(lambda: not door._clients)
+    door.operator.set_holder("another")
 
 
-def until_guest(door):
-    until(lambda: door._guests)
-    return door._guests
+def until_client(door):
+    until(lambda: door._clients)
+    return door._clients
 
 
 def test_a_file_that_is_no_socket_is_not_replaced(tmp_path):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano import vehicle_file
-from baqueano.drive.verbs import lesson
+from baqueano.drive.tasks import drive_with_driver
 from baqueano.vehicle_file import override
 from baqueano.vehicle_file.provenance import Provenance
 
@@ -81,7 +81,7 @@ def straight(file, truth, ahead, speed_m_s, hold, seed=0):
     u = np.zeros(file.vehicle.commands)
     u[0] = ahead
     hand = hand_for(1.2 * WAY_M / speed_m_s, u, file.rate_hz)
-    return measured(lesson(file, hand, hold=hold, truth=truth, seed=seed))
+    return measured(drive_with_driver(file, hand, hold=hold, truth=truth, seed=seed))
 
 
 def measured(run, way_m=WAY_M):

@@ -11,7 +11,7 @@ from baqueano.blocks import resolve
 from baqueano.controllers import PdFeedforward
 from baqueano.diagnostics import StopReason, note
 from baqueano.drive import experiment, repeat, replay, teach
-from baqueano.drive.session import stop_of
+from baqueano.drive.session import stop_reason_of
 from baqueano.errors import UsageError
 from baqueano.estimators import DeadReckoning
 from baqueano.guides import Repeat
@@ -145,7 +145,7 @@ def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(
     run = repeat(
         SMALL, ROUTE, guide=resolve("guide", f"{own_file}:Mine")(), eta=ROUTE.eta[0] + eta, **options
     )
-    reason = stop_of(run)
+    reason = stop_reason_of(run)
     assert (reason.code, reason.figures[figure[0]]) == (code, figure[1])
     assert reason.figures["block"] == f"guide Mine ({own_file}:{line})"
     assert run.metadata["guide"] == "Mine()"

@@ -12,7 +12,7 @@ from baqueano import vehicle_file
 from baqueano.clock import simulated_ticks
 from baqueano.controllers import Schedule
 from baqueano.diagnostics import StopReason, stop
-from baqueano.drive import budget, drive, stop_of
+from baqueano.drive import budget, drive, stop_reason_of
 from baqueano.drive.budget import within
 from baqueano.drive.observers import Observer
 from baqueano.guides import Idle
@@ -52,9 +52,9 @@ def test_a_hanging_block_is_stopped_and_its_line_is_named():
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
-        ticking=simulated_ticks(file.rate_hz, 1.0), live=True,
+        tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True,
     )  # fmt: skip
-    reason = stop_of(run)
+    reason = stop_reason_of(run)
     assert reason.code == StopReason.BLOCK_RAISED
     assert reason.figures["block"].startswith("controller Hangs (")
     assert "test_budget.py:" in reason.figures["block"]
@@ -74,9 +74,9 @@ def test_an_external_stop_reason_is_latched_and_logged():
 
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), ticking=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
+        world=world_of(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
     )  # fmt: skip
-    assert stop_of(run) == lifted
+    assert stop_reason_of(run) == lifted
     assert np.any(run.applied[:20] != 0.0)
     assert np.all(run.applied[25:] == 0.0)
 
@@ -135,7 +135,7 @@ def test_a_live_drive_does_not_read_its_run_file(tmp_path):
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), ticking=simulated_ticks(file.rate_hz, 1.0), live=True, path=tmp_path / "run.mcap",
+        world=world_of(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, path=tmp_path / "run.mcap",
     )  # fmt: skip
     assert len(run.t_ns) == 0
     assert len(read_run(tmp_path / "run.mcap").t_ns) == 100

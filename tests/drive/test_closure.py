@@ -10,7 +10,7 @@ from baqueano.clock import simulated_ticks
 from baqueano.drive import teach
 from baqueano.drive.closure import closure
 from baqueano.drive.observers import Observer
-from baqueano.drive.session import marks_of
+from baqueano.drive.session import mark_times_ns
 from baqueano.errors import AnswerNo
 from baqueano.geometry import map_from_body
 from baqueano.guides import shapes
@@ -70,14 +70,14 @@ def drive_of_turns(file, turns, seed=3, ahead=0.0, scale=TRUE):
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed)
     driver = ByTruth(world, file.rate_hz, list(turns), ahead)
     return teach(
-        file, driver, world=world, ticking=simulated_ticks(file.rate_hz, 120.0), observers=[driver]
+        file, driver, world=world, tick_times_ns=simulated_ticks(file.rate_hz, 120.0), observers=[driver]
     ).run
 
 
 def test_whole_turns_on_a_mark_identify_the_gyro_scale(file):
     for seed in (11, 12, 13):
         run = drive_of_turns(file, [2.0 * np.pi, 6.0 * np.pi], seed)
-        assert len(marks_of(run)) == 3
+        assert len(mark_times_ns(run)) == 3
         loop = closure(run, file)
         assert loop.turns == 3
         assert abs(loop.scale - TRUE) < 2.0 * loop.sd < 0.01
@@ -132,7 +132,7 @@ def test_a_closure_does_not_identify_the_wheel_scale(tmp_path):
     truth = override(file, ("sensors.wheels.radius_scale=[1.05,1.05]",))
     run = drive_of_turns(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
     assert set(closure(run, file).values) == {"sensors.imu.gyro_scale", "sensors.imu.gyro_scale_std"}
-    inside = (run.truth.t_ns >= marks_of(run)[0]) & (run.truth.t_ns <= marks_of(run)[1])
+    inside = (run.truth.t_ns >= mark_times_ns(run)[0]) & (run.truth.t_ns <= mark_times_ns(run)[1])
     length_m = float(np.sum(run.truth.nu[inside, 0]) / file.rate_hz)
     loop = closure(run, file, length_m)
     np.testing.assert_allclose(loop.values["sensors.wheels.radius_scale"], 1.05, rtol=0.005)

@@ -18,7 +18,7 @@ class Terminal:
     """A terminal that answers after `trip_s` while it is `there`."""
 
     def __init__(self, *, kitty=False, answers=True, trip_s=0.02):
-        self.kitty, self.answers, self.trip_s = kitty, answers, trip_s
+        self.kitty, self.can_answer, self.trip_s = kitty, answers, trip_s
         self.t_s, self.there, self.ended, self.closed = 0.0, True, False, False
         self.coming, self.sent, self.changes = [], b"", []
 
@@ -40,7 +40,7 @@ class Terminal:
 
     def write(self, data):
         self.sent += data
-        if self.there and self.answers:
+        if self.there and self.can_answer:
             due = self.t_s + self.trip_s
             self.coming += [(due, KeyEvent(KITTY))] * (self.kitty and b"\x1b[?u" in data)
             self.coming += [(due, KeyEvent(ALIVE))] * data.count(QUERY)
@@ -123,7 +123,7 @@ def test_a_silent_terminal_drives_only_during_each_key_press():
     terminal = Terminal()
     terminal.there = False
     with cockpit(terminal, latched=True) as hand:
-        assert "does not confirm that it is active" in hand.status.line
+        assert "does not confirm that it is active" in hand.status.message
         assert (RELEASES_ON, RELEASES_OFF) not in terminal.changes
         terminal.type("w")
         assert wait(hand, terminal, 0.2)[0] > 0.0

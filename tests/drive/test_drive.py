@@ -8,9 +8,9 @@ import pytest
 
 from baqueano.compare.laps import laps_of
 from baqueano.controllers import Pd
-from baqueano.controllers.schedule import commands_of
+from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import StopReason
-from baqueano.drive import experiment, repeat, replay, smooth_run, stop_of, teach
+from baqueano.drive import experiment, repeat, replay, smooth_run, stop_reason_of, teach
 from baqueano.drive.observers import Progress
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Ekf
@@ -63,7 +63,7 @@ def test_an_experiment_applies_its_signal_one_tick_later():
     assert run.metadata["seed"] == "1"
     assert run.sensors["imu"].z.shape == (101, 3)
     assert run.truth.eta.shape == (101, 3)
-    assert stop_of(run) is None
+    assert stop_reason_of(run) is None
 
 
 def test_a_clipped_signal_is_logged_before_and_after_the_supervisor():
@@ -110,7 +110,7 @@ def test_teaching_by_hand_ends_with_the_last_manual_command():
 
     run, route = teach(FILE, hand, seed=2)
     assert len(run.t_ns) == 150
-    assert stop_of(run).code == StopReason.INTERRUPTED
+    assert stop_reason_of(run).code == StopReason.INTERRUPTED
     assert route.eta[-1, 0] > 0.2
 
 
@@ -136,11 +136,11 @@ def test_teaching_without_motion_is_refused():
 )
 def test_a_bad_script_is_refused_with_a_reason(script, words):
     with refused(words[0], UsageError, **words[1]):
-        commands_of(script, 3, 100.0)
+        script_commands(script, 3, 100.0)
 
 
 def test_a_step_of_a_script_lasts_at_least_one_tick():
-    assert commands_of([(1e-4, (0, 0, 1)), (0.02, (0, 0, 0))], 3, 100.0).tolist() == [
+    assert script_commands([(1e-4, (0, 0, 1)), (0.02, (0, 0, 0))], 3, 100.0).tolist() == [
         [0, 0, 1],
         [0, 0, 0],
         [0, 0, 0],
@@ -258,7 +258,7 @@ def test_a_sensor_absent_from_the_run_is_silent_in_its_replay():
     first = replayed_run.events[0].diagnostic
     assert (first.code, first.figures) == ("replay.without-sensor", {"sensor": "mark"})
     assert len(replayed_run.sensors["mark"].t_ns) == 0
-    assert stop_of(replayed_run) is None
+    assert stop_reason_of(replayed_run) is None
     np.testing.assert_allclose(replayed_run.estimate.eta, run.estimate.eta, atol=1e-9)
     np.testing.assert_allclose(replayed_run.estimate.cov, run.estimate.cov, atol=1e-9)
     assert np.isnan(replayed_run.estimate.innovation[:, 3]).all()

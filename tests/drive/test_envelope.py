@@ -84,7 +84,7 @@ def test_a_repetition_beyond_the_envelope_is_flagged(small):
 def test_a_simulation_beyond_the_envelope_is_flagged_for_one_or_many_vehicles(small):
     assert len(range_warnings(simulate(small, FAST))) == 1
     many = simulate_many(small, FAST, vary={"model.mass_kg": np.linspace(0.5, 0.7, 4)})
-    assert (many.verdict, many.reasons) == (Verdict.WARN, many.outside)
+    assert (many.verdict, many.reasons) == (Verdict.WARN, many.envelope_warnings)
 
 
 def test_the_envelope_refuses_a_run_with_other_commands(small):

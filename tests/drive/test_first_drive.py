@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.drive import first_drive, first_drive_pulses, with_rough_gains
 from baqueano.drive.first_drive import directions, estimate_first_drive, pulses_of
-from baqueano.drive.first_drive_pulses import PAUSE_S, PULSE_S, STEP, Careful
+from baqueano.drive.first_drive_pulses import PAUSE_S, PULSE_S, STEP, PulsePlanner
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
 from baqueano.messages import text
@@ -67,8 +67,8 @@ def test_the_estimated_gain_is_within_40_percent_of_the_true_gain(small, seed):
     robot = draw_unknown_robot(seed)
     gain = gain_ratios(robot, small)
     first = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
-    assert first.gain_along == pytest.approx(gain[0], rel=0.4)
-    assert first.gain_about == pytest.approx(gain[1], rel=0.4)
+    assert first.forward_gain == pytest.approx(gain[0], rel=0.4)
+    assert first.turn_gain == pytest.approx(gain[1], rel=0.4)
     start = with_rough_gains(first, small).vehicle.actuator_matrix
     assert start[2, 2] == pytest.approx(small.vehicle.actuator_matrix[2, 2] * gain[1], rel=0.4)
 
@@ -106,7 +106,7 @@ def test_motion_of_a_car_is_detected_with_a_noisy_accelerometer(seed):
     """Its noise of 0.6 m/s², integrated twice over a minute, is not mistaken for a distance."""
     first = first_drive(load("car"), seed=seed)
     assert first.no_motion == ()
-    assert 0.5 < first.gain_along < 2.0
+    assert 0.5 < first.forward_gain < 2.0
     assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.6
 
 
@@ -156,7 +156,7 @@ def estimate(t_s, v=0.0, omega=0.0, sd=1e-3):
 
 
 def test_a_pulse_ends_at_once_when_the_vehicle_turns_too_fast():
-    pulses = Careful(np.array([[1.0], [-1.0]]))
+    pulses = PulsePlanner(np.array([[1.0], [-1.0]]))
     state, t_s, u = pulses.init(), 0.0, np.zeros(1)
     while not np.any(u):
         state, u, _ = pulses.advance(state, estimate(t_s))
@@ -172,7 +172,7 @@ def test_a_pulse_ends_at_once_when_the_vehicle_turns_too_fast():
 
 
 def test_a_first_drive_ends_within_its_time_limit():
-    pulses = Careful(np.array([[1.0], [-1.0]]), max_duration_s=3.0)
+    pulses = PulsePlanner(np.array([[1.0], [-1.0]]), max_duration_s=3.0)
     state, t_s, over = pulses.init(), 0.0, False
     while not over:
         state, u, over = pulses.advance(state, estimate(t_s))

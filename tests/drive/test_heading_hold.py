@@ -6,17 +6,23 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.controllers.heading_hold import BANDWIDTH_MARGIN, MAX_TURN_SHARE, Gyro, HeadingHold, place_poles
+from baqueano.controllers.heading_hold import (
+    BANDWIDTH_MARGIN,
+    MAX_TURN_SHARE,
+    Gyro,
+    HeadingHold,
+    pole_placement_gains,
+)
 from baqueano.drive import replay
-from baqueano.drive.by_hand.heading_gains import LINK_DELAY_S, gains_of, with_heading_hold
+from baqueano.drive.by_hand.heading_gains import LINK_DELAY_S, heading_hold_gains, with_heading_hold
 from baqueano.drive.mission import Mission, perform
-from baqueano.drive.verbs import lesson
+from baqueano.drive.tasks import drive_with_driver
 from baqueano.signals import Command, Estimate, Reference
 from baqueano.vehicle_file import override
 from tests.drive.straight import as_fitted, body, hand_for, random_vehicle, straight
 
 TICK_NS = 10_000_000
-GAINS = place_poles(6.0, 0.1, 0.1)
+GAINS = pole_placement_gains(6.0, 0.1, 0.1)
 
 
 class Says:
@@ -54,7 +60,7 @@ class Drive:
 @pytest.mark.parametrize("tau_s", [0.01, 0.1, 0.5, 2.0])
 def test_the_closed_loop_has_the_placed_poles_and_nonnegative_gains(tau_s):
     k, late_s = 6.0, 0.1
-    gains, omega = place_poles(k, tau_s, late_s), 1.0 / (BANDWIDTH_MARGIN * late_s)
+    gains, omega = pole_placement_gains(k, tau_s, late_s), 1.0 / (BANDWIDTH_MARGIN * late_s)
     poles = np.roots([tau_s, 1.0 + k * gains.rate, k * gains.psi, k * gains.integral])
     third = max(omega, 1.0 / tau_s - 2.0 * omega)
     np.testing.assert_allclose(np.sort(-poles.real), np.sort([omega, omega, third]), rtol=1e-3)
@@ -64,7 +70,7 @@ def test_the_closed_loop_has_the_placed_poles_and_nonnegative_gains(tau_s):
 @pytest.mark.parametrize("tau_s", [0.0, 0.03, 0.1, 0.3, 0.5, 1.6, 5.0])
 @pytest.mark.parametrize("late_s", [0.03, 0.1, 0.3])
 def test_the_gain_margin_tolerates_a_yaw_gain_three_times_larger(tau_s, late_s):
-    gains = place_poles(1.0, tau_s, late_s)
+    gains = pole_placement_gains(1.0, tau_s, late_s)
     s = 1j * np.logspace(-2, 4, 60000)
     loop = np.exp(-s * late_s) / (tau_s * s + 1.0) / s * (gains.psi + gains.integral / s + gains.rate * s)
     phase = np.unwrap(np.angle(loop))
@@ -83,17 +89,21 @@ def test_controller_gains_follow_from_the_yaw_gain_and_time_of_the_model():
     file = as_fitted(small.with_values(values))
     late_s = 0.06 + 0.01 + 0.015 + LINK_DELAY_S
     np.testing.assert_allclose(
-        gains_of(file)[:4], place_poles(0.9 * 0.203 / 0.0115, 0.001494 / 0.0115, late_s)[:4], rtol=0.05
+        heading_hold_gains(file)[:4],
+        pole_placement_gains(0.9 * 0.203 / 0.0115, 0.001494 / 0.0115, late_s)[:4],
+        rtol=0.05,
     )
-    np.testing.assert_allclose(gains_of(file)[0], 2.0 * gains_of(small.with_values(values))[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        heading_hold_gains(file)[0], 2.0 * heading_hold_gains(small.with_values(values))[0], rtol=1e-9
+    )
 
 
 def test_the_yaw_gain_of_a_car_depends_on_its_speed():
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
-    gains, car = gains_of(file), file.vehicle
+    gains, car = heading_hold_gains(file), file.vehicle
     k = gains.speed_m_s * car.steering_gain / car.wheelbase_m
     late_s = car.drivetrain.lag_s + car.drivetrain.delay_s + 1.5 / file.rate_hz + LINK_DELAY_S
-    np.testing.assert_allclose(gains[:4], place_poles(k, car.yaw_lag_s, late_s)[:4], rtol=0.05)
+    np.testing.assert_allclose(gains[:4], pole_placement_gains(k, car.yaw_lag_s, late_s)[:4], rtol=0.05)
 
 
 @pytest.mark.parametrize("name", ["no gyro", "no turn"])
@@ -184,7 +194,7 @@ def test_a_commanded_turn_disables_heading_control_at_once():
         assert drive.tick(psi=0.1 * (drive.k > 0))[2] <= 0.0
     assert drive.tick(psi=0.1)[2] < 0.0
     assert drive.tick((0.5, 0.0, 0.2), psi=0.1).tolist() == [0.5, 0.0, 0.2]
-    assert drive.state.sum == 0.0
+    assert drive.state.integral == 0.0
 
 
 @pytest.mark.parametrize("u", [(0.0, 0.0, 0.0), (-0.5, 0.0, 0.0)])
@@ -219,7 +229,7 @@ def test_the_reference_heading_is_set_after_a_timeout():
 
 
 def test_heading_control_is_limited_with_anti_windup():
-    drive = Drive(of_speed=0.3)
+    drive = Drive(speed_scale=0.3)
     drive.tick()
     turns = [drive.tick(psi=-2.0)[2] for _ in range(500)]
     assert max(turns) == pytest.approx(0.15), "0.3 of 0.5 ahead"
@@ -250,18 +260,18 @@ def test_heading_control_uses_a_gyro_that_the_estimator_ignores():
     assert drive.state.missing_angle == pytest.approx(50 * 0.01 * 0.2, abs=0.005)
     assert turn < -0.05 * GAINS.psi
     drive.tick(innovation=[0.0, 0.0, 0.001])
-    assert drive.state.out_s == 0.0
+    assert drive.state.rejected_s == 0.0
 
 
 def test_a_mission_uses_heading_control_by_default():
     small = vehicle_file.load("small")
     for hold in (True, False):
-        mission = Mission.of_json(Mission("teach", hold=hold).json())
+        mission = Mission.from_json(Mission("teach", hold=hold).to_json())
         run = perform(mission, small, hand_for(3.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
         assert np.any(run.requested[:, 2] != 0.0) == hold
 
 
 def test_heading_control_is_disabled_for_a_driver_function():
     small = vehicle_file.load("small")
-    run = lesson(small, hand_for(1.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
+    run = drive_with_driver(small, hand_for(1.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
     assert not np.any(run.requested[:, 2])

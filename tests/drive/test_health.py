@@ -6,9 +6,9 @@ import pytest
 from baqueano.drive import experiment, replay
 from baqueano.drive.health import SENSORS_SOURCE, SOURCE, Health
 from baqueano.drive.observers import Observer
-from baqueano.drive.verbs import blocks_of
+from baqueano.drive.tasks import replay_blocks
 from baqueano.identify import excitation, random_steps
-from baqueano.monitor import refusals_of
+from baqueano.monitor import rejections_in
 from baqueano.signals import Estimate
 from baqueano.vehicle_file import load
 
@@ -25,7 +25,7 @@ def reasons_for(nis, seconds=20.0):
     for k in range(round(100 * seconds)):
         y = np.sqrt(nis) * rng.normal(size=3)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
-        out.append(health.check(k * 10_000_000, estimate))
+        out.append(health.misfit_message(k * 10_000_000, estimate))
     return [reason for reason in out if reason]
 
 
@@ -45,11 +45,11 @@ def test_a_few_outliers_give_no_warning():
     for k in range(2000):
         y = rng.normal(size=3) + (1000.0 if k % 100 == 0 else 0.0)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
-        assert health.check(k * 10_000_000, estimate) is None
+        assert health.misfit_message(k * 10_000_000, estimate) is None
 
 
 def test_estimates_without_innovations_give_no_warning():
-    assert Health().check(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) is None
+    assert Health().misfit_message(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) is None
 
 
 @pytest.fixture(scope="module")
@@ -116,9 +116,9 @@ def test_degraded_sensors_are_listed_at_each_tick(small):
 
 def test_the_run_contains_the_rejection_count_of_each_channel(small):
     run = experiment(small, np.tile([0.4, 0.0, 0.0], (100, 1)), seed=3)
-    assert [(refusal.name, refusal.arrived) for refusal in refusals_of(run.events)] == [
+    assert [(refusal.name, refusal.reading_count) for refusal in rejections_in(run.events)] == [
         (f"imu[{k}]", 101) for k in range(3)
     ]
-    uncounted = blocks_of(run, small)._replace(estimator=small.estimator("dead_reckoning"))
+    uncounted = replay_blocks(run, small)._replace(estimator=small.estimator("dead_reckoning"))
     replayed_run = replay(run, small, uncounted)
-    assert refusals_of(replayed_run.events) == ()
+    assert rejections_in(replayed_run.events) == ()

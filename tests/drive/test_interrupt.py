@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from baqueano.drive.interrupt import between_ticks, is_default_handler
+from baqueano.drive.interrupt import interruptible_ticks, is_default_handler
 
 
 @pytest.fixture(autouse=True)
@@ -19,8 +19,8 @@ def as_python_starts():
 def ticks_done(presses: int, at: int) -> list[int]:
     """Return the number of completed ticks of a drive with this number of Ctrl-C in tick `at`."""
     done = []
-    with suppress(KeyboardInterrupt), between_ticks(range(10)) as ticking:
-        for t_ns in ticking:
+    with suppress(KeyboardInterrupt), interruptible_ticks(range(10)) as tick_times_ns:
+        for t_ns in tick_times_ns:
             for _ in range(presses if t_ns == at else 0):
                 signal.raise_signal(signal.SIGINT)
             done.append(t_ns)
@@ -37,8 +37,8 @@ def test_a_second_interrupt_ends_a_hanging_tick():
 
 
 def test_without_an_interrupt_the_ticks_are_unchanged():
-    with between_ticks(range(10)) as ticking:
-        assert list(ticking) == list(range(10))
+    with interruptible_ticks(range(10)) as tick_times_ns:
+        assert list(tick_times_ns) == list(range(10))
 
 
 def test_an_existing_interrupt_handler_is_not_replaced():
@@ -48,5 +48,5 @@ def test_an_existing_interrupt_handler_is_not_replaced():
     thread.join()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     assert [*handlers, is_default_handler()] == [False, False]
-    with between_ticks(range(3)) as ticking:
-        assert list(ticking) == [0, 1, 2]
+    with interruptible_ticks(range(3)) as tick_times_ns:
+        assert list(tick_times_ns) == [0, 1, 2]

@@ -12,7 +12,7 @@ from baqueano.drive.by_hand.key_hold import (
     NUDGE_SHARE,
     RELEASES,
     REPEATS,
-    STEP,
+    SPEED_STEP,
     KeyHold,
 )
 from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, KeyEvent
@@ -69,11 +69,11 @@ def test_delay_and_repeat_gap_of_the_keyboard_are_measured():
     keys = KeyHold(REPEATS)
     for k in range(4):
         hold(keys, "w", 3.0 * k, 3.0 * k + 1.5, delay_s=0.25, gap_s=0.05)
-    assert keys.first_s == pytest.approx(0.375)
-    assert keys.gap_s == pytest.approx(0.15)
+    assert keys.press_validity_s == pytest.approx(0.375)
+    assert keys.repeat_validity_s == pytest.approx(0.15)
     slow = KeyHold(REPEATS)
     hold(slow, "w", 0.0, 3.0, gap_s=0.15)
-    assert slow.gap_s == pytest.approx(0.35)
+    assert slow.repeat_validity_s == pytest.approx(0.35)
 
 
 def test_two_quick_key_presses_are_not_a_repeat_delay():
@@ -81,7 +81,7 @@ def test_two_quick_key_presses_are_not_a_repeat_delay():
     for k in range(10):
         press(keys, "w", 2.0 * k)
         press(keys, "w", 2.0 * k + 0.2)
-    assert keys.first_s == FIRST_S
+    assert keys.press_validity_s == FIRST_S
 
 
 @pytest.mark.parametrize("delay_s", [0.25, 0.5, 0.66])
@@ -121,7 +121,7 @@ def test_in_latched_mode_key_presses_change_a_lasting_set_point():
     for _ in range(3):
         press(keys, "up", 0.0)
     press(keys, "7", 0.0)
-    assert keys.direction(100.0) == pytest.approx((4 * STEP, STEP))
+    assert keys.direction(100.0) == pytest.approx((4 * SPEED_STEP, SPEED_STEP))
     for _ in range(30):
         press(keys, "up", 0.0)
     assert keys.direction(0.0)[0] == 1.0

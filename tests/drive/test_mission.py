@@ -25,7 +25,7 @@ class Slow:
 
 def send(mission, tmp_path):
     """Return the mission and its vehicle file as the receiver decodes them."""
-    mission_received = Mission.of_json(mission.json())
+    mission_received = Mission.from_json(mission.to_json())
     tmp_path.mkdir(exist_ok=True)
     return mission_received, unpack(mission_received, tmp_path)
 
@@ -102,7 +102,7 @@ def test_two_files_of_the_same_name_are_refused(tmp_path, monkeypatch):
 )
 def test_an_invalid_mission_is_refused(text, fault):
     with refused(fault[0], UsageError, **fault[1]):
-        Mission.of_json(text)
+        Mission.from_json(text)
 
 
 def test_a_mission_writes_nothing_outside_its_folder(tmp_path):
@@ -118,4 +118,4 @@ def test_an_incomplete_mission_is_refused_before_sending(kind, lacks):
     with refused("mission.lacks", UsageError, kind=kind, name=lacks):
         Mission(kind)
     with refused("mission.lacks", UsageError, kind=kind, name=lacks):
-        Mission.of_json(Mission("teach").json().replace('"teach"', f'"{kind}"'))
+        Mission.from_json(Mission("teach").to_json().replace('"teach"', f'"{kind}"'))

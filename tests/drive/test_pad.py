@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import StopReason
 from baqueano.drive.by_hand import pad as pads
-from baqueano.drive.by_hand.evdev import LAYOUTS, InputDevice, InputEvent, request
+from baqueano.drive.by_hand.evdev import EVENT_LAYOUTS, InputDevice, InputEvent, ioctl_code
 from baqueano.drive.by_hand.pad import DEAD_BAND, Pad, find_pad
 from baqueano.errors import UsageError
 from tests.codes import refused
@@ -36,14 +36,14 @@ def open_pad(folder, name="event0"):
 
 
 def test_ioctl_numbers_equal_the_constants_of_the_kernel_headers():
-    assert request(0x40, 24) == 0x80184540  # EVIOCGABS(0)
-    assert request(0x06, 256) == 0x81004506  # EVIOCGNAME(256)
-    assert request(0x21, 96) == 0x80604521  # EVIOCGBIT(EV_KEY, 96)
+    assert ioctl_code(0x40, 24) == 0x80184540  # EVIOCGABS(0)
+    assert ioctl_code(0x06, 256) == 0x81004506  # EVIOCGNAME(256)
+    assert ioctl_code(0x21, 96) == 0x80604521  # EVIOCGBIT(EV_KEY, 96)
 
 
 @pytest.mark.parametrize(("long_bytes", "size"), [(4, 16), (8, 24)])
 def test_events_are_decoded_with_32_bit_and_64_bit_layouts(plug, long_bytes, size):
-    assert LAYOUTS[long_bytes].size == size
+    assert EVENT_LAYOUTS[long_bytes].size == size
     kernel = pad(long_bytes=long_bytes)
     device = InputDevice(plug(kernel) / "event0", long_bytes)
     kernel.change(AHEAD, (KEY, SOUTH, 1))

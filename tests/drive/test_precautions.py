@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive import repeat, stop_of
+from baqueano.drive import repeat, stop_reason_of
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience
-from baqueano.drive.safety.precautions import PlainRoom, Precautions, limits_of
+from baqueano.drive.safety.precautions import PlainRoom, Precautions, drive_to_limits
 from baqueano.drive.safety.room_watch import CHI_SQUARE_95, RoomWatch
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides import Idle
@@ -71,7 +71,7 @@ def test_a_vehicle_beside_its_route_joins_the_route_by_a_lead_in():
 def test_without_a_lead_in_the_guide_of_the_file_is_used():
     guide = SMALL.guide(LAP)
     for care, eta in ((Precautions(), LAP.eta[0]), (Precautions(lead_in=False), BESIDE)):
-        assert care.guide_of(guide, LAP, SMALL, eta, SMALL.estimator()) is guide
+        assert care.wrap_guide(guide, LAP, SMALL, eta, SMALL.estimator()) is guide
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
@@ -79,7 +79,7 @@ def test_the_lead_in_radius_is_possible_for_the_vehicle(name):
     from baqueano.routes.capability import Capability
 
     file, route = load(name), circle(2.0, 0.4)
-    limits = limits_of(route, file)
+    limits = drive_to_limits(route, file)
     assert limits["speed_m_s"] == pytest.approx(0.4)
     assert Capability(file).share(0.4, 0.4 / limits["radius_m"]) < 1.0
 
@@ -90,7 +90,7 @@ def test_a_vehicle_returns_to_its_route_after_a_push():
     after = run.truth.t_ns[::5] > 6e9
     assert np.max(away[~after]) > np.max(away[after])
     assert np.max(away[after]) < 0.03
-    assert stop_of(run) is None
+    assert stop_reason_of(run) is None
 
 
 def doubtful(off):
@@ -194,17 +194,17 @@ def test_position_uncertainty_stops_the_vehicle_before_the_wall():
 def test_endless_laps_by_imu_stop_before_a_wall():
     room = PlainRoom((0.93, 0.93), (0.0, -0.4, 0.0))
     run = repeat(SMALL, LAP, laps=0, room=room, duration_s=120.0)
-    assert stop_of(run).code == StopReason.ROOM
+    assert stop_reason_of(run).code == StopReason.ROOM
     assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free_half_width_m)
 
 
 def test_a_mission_contains_its_precautions_and_the_start_pose():
     care = Precautions(room=PlainRoom((1.0, 2.0), (0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
     mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
-    mission_received = Mission.of_json(mission.json())
+    mission_received = Mission.from_json(mission.to_json())
     assert mission_received.start == (0.0, 0.2, 0.5)
-    assert Precautions.of_json(mission_received.precautions) == Precautions.of_json(mission.precautions)
-    assert "precautions" not in Mission("repeat", route=LAP).json()  # as older robots expect
+    assert Precautions.from_json(mission_received.precautions) == Precautions.from_json(mission.precautions)
+    assert "precautions" not in Mission("repeat", route=LAP).to_json()  # as older robots expect
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from baqueano.drive.by_hand.screen import Screen, Status, lines
+from baqueano.drive.by_hand.screen import Screen, Status, status_lines
 from baqueano.messages.language import use_language
 
 
@@ -24,8 +24,8 @@ def terminal_screen(frames, rows=24):
 
 @pytest.mark.parametrize("columns", [40, 80, 132])
 def test_the_driver_display_fits_a_small_terminal_without_wrapping(columns):
-    status = Status("pi@robot-of-a-long-name.local", reason="the battery " * 20, line="x" * 300)
-    block = lines(status, columns)
+    status = Status("pi@robot-of-a-long-name.local", reason="the battery " * 20, message="x" * 300)
+    block = status_lines(status, columns)
     assert len(block) < 24
     assert max(map(len, block)) < columns
     assert all(line.isascii() for line in block)
@@ -36,7 +36,7 @@ def test_the_driver_display_fits_a_small_terminal_without_wrapping(columns):
 def test_the_heading_control_line_fits_into_eighty_columns(language, hold):
     with use_language(language):
         narrow, wide = (
-            [row for row in lines(Status("robot", hold=hold), columns) if "u_psi" in row]
+            [row for row in status_lines(Status("robot", hold_command=hold), columns) if "u_psi" in row]
             for columns in (80, 160)
         )
     assert narrow == wide != []
@@ -44,19 +44,19 @@ def test_the_heading_control_line_fits_into_eighty_columns(language, hold):
 
 def test_the_second_display_overwrites_the_first():
     screen, status = Screen(), Status("robot")
-    first = screen.frame(lines(status))
+    first = screen.frame(status_lines(status))
     status.applied = np.array([0.3, 0.0, -1.0])
-    screen_lines, at = terminal_screen(first + screen.frame(lines(status)))
-    assert screen_lines[: len(lines(status))] == lines(status)
-    assert at == len(lines(status))
+    screen_lines, at = terminal_screen(first + screen.frame(status_lines(status)))
+    assert screen_lines[: len(status_lines(status))] == status_lines(status)
+    assert at == len(status_lines(status))
     assert "+0.30" in "".join(screen_lines)
 
 
 def test_a_terminal_with_few_lines_shows_the_last_lines_of_the_display():
-    block = lines(Status("robot"))
+    block = status_lines(Status("robot"))
     screen_lines, _ = terminal_screen(Screen().frame(block, height=5))
     assert screen_lines[:4] == block[-4:]
 
 
 def test_an_unknown_value_is_displayed_as_a_dash():
-    assert "battery - V" in "".join(lines(Status("robot")))
+    assert "battery - V" in "".join(status_lines(Status("robot")))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from baqueano.blocks import resolve
-from baqueano.drive import drive, experiment, replay, stop_of
-from baqueano.drive.verbs import blocks_of
+from baqueano.drive import drive, experiment, replay, stop_reason_of
+from baqueano.drive.tasks import replay_blocks
 from baqueano.guides import SinuousCircle
 from baqueano.loop import Blocks
 from baqueano.messages import text
-from baqueano.monitor import REFUSED_SOURCE
+from baqueano.monitor import REJECTIONS_SOURCE
 from baqueano.vehicle_file import load
 
 FILE = load("small")
@@ -61,15 +61,15 @@ return state, Command(estimate.t_ns, np.zeros(3))
 def test_a_user_block_is_compiled_like_a_built_in_block(tmp_path):
     blocks = blocks_with(tmp_path, GOOD)
     run, plain = run_of(blocks), run_of(blocks, backend="numpy")
-    assert [e for e in run.events if e.source != REFUSED_SOURCE] == []
+    assert [e for e in run.events if e.source != REJECTIONS_SOURCE] == []
     np.testing.assert_allclose(run.requested, plain.requested, atol=1e-9)
 
 
 def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):
     run = run_of(blocks_with(tmp_path, BRANCH))
-    assert stop_of(run) is None
+    assert stop_reason_of(run) is None
     assert len(run.t_ns) == 30
-    (note,) = [e for e in run.events if e.source != REFUSED_SOURCE]
+    (note,) = [e for e in run.events if e.source != REJECTIONS_SOURCE]
     assert note.level == "info"
     assert (note.diagnostic.code, note.diagnostic.figures["role"]) == ("drive.not-compiled", "controller")
     assert "mi contról.py:16" in note.text
@@ -84,7 +84,7 @@ return state, Command(estimate.t_ns, np.array([self.gain - 2.0, 0.0, 0.0]))
 
 def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
     run = run_of(blocks_with(tmp_path, MEMORY))
-    (note,) = [e for e in run.events if e.source != REFUSED_SOURCE]
+    (note,) = [e for e in run.events if e.source != REJECTIONS_SOURCE]
     assert note.diagnostic.figures["error"].code == "trace.not-pure"
     np.testing.assert_allclose(np.diff(run.requested[:, 0]), 0.01)
 
@@ -105,7 +105,7 @@ def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
 @pytest.mark.parametrize("backend", ["auto", "numpy"])
 def test_a_failing_block_is_named_with_its_file_and_line(tmp_path, body, words, backend):
     run = run_of(blocks_with(tmp_path, body), backend=backend)
-    reason = stop_of(run)
+    reason = stop_reason_of(run)
     assert reason.figures["block"].startswith("controller Mine (")
     assert "mi contról.py:" in reason.figures["block"]
     assert words in text(reason)
@@ -147,7 +147,7 @@ def test_an_estimator_without_a_start_pose_drives_with_a_note(tmp_path):
     )
     assert run_of(blocks).events == ()
     run = run_of(blocks, eta=np.array([1.0, 0.0, 0.0]))
-    assert stop_of(run) is None
+    assert stop_reason_of(run) is None
     (note,) = run.events
     assert note.diagnostic.code == "drive.own-origin"
     assert note.diagnostic.figures["start"] == "[1.0, 0.0, 0.0]"
@@ -158,7 +158,7 @@ def test_the_project_estimator_accepts_timestamps_since_1970():
     run = experiment(FILE, np.tile([0.6, 0.0, 0.1], (200, 1))).cut(1.0)  # the run begins in motion
     estimator = FILE.estimator(kind=f"{files('baqueano.project').joinpath('my_estimator.py')}:MyEstimator")
     now, since_1970 = (
-        replay(r, FILE, blocks_of(r, FILE)._replace(estimator=estimator)).estimate
+        replay(r, FILE, replay_blocks(r, FILE)._replace(estimator=estimator)).estimate
         for r in (run, later(run, 1_700_000_000_000_000_000))
     )
     assert now is not None

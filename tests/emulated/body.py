@@ -14,7 +14,7 @@ from baqueano.signals import Motion
 from baqueano.symbolic import function
 from baqueano.vehicle_file import override
 from baqueano.vehicles.drivetrain import unmix
-from baqueano.worlds.noise import stream
+from baqueano.worlds.noise import random_stream
 
 STEP_S = 1e-3
 VIBRATION = (500.0 / 69.0) ** 0.5
@@ -32,7 +32,7 @@ class Body:
         self._state = self._rest = vehicle.init()
         self.motion = Motion(self._state.eta, self._state.nu, self._state.nu_dot, vehicle.gravity(0.0))
         self.force = ((0.0, 0.0, STANDARD_GRAVITY), (0.0, 0.0, 0.0))
-        self._noise, self._shake = stream(seed, "process"), stream(seed, "vibration")
+        self._noise, self._shake = random_stream(seed, "process"), random_stream(seed, "vibration")
 
         def step(state: Any, duties: np.ndarray, noise: np.ndarray) -> Any:
             state, motion = vehicle.step(state, unmix("two_wheels", duties), STEP_S, noise)

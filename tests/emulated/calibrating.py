@@ -34,7 +34,7 @@ class Still:
         """Do nothing, because no device is open."""
 
 
-imu.open = Still
+imu.open_imu = Still
 calibrate_motors.RAMP_PER_S = 0.02
 floor_tests.MAX_SILENCE_S = 30.0  # a busy machine is not a fault of the line
 main(

@@ -46,7 +46,7 @@ def spin(seconds: float = 1.0, turn: float = 0.6, file: Any = None) -> Mission:
 
 def drive(service: Any, mission: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
     """Perform the mission; return its end message and its run."""
-    service.take(mission, attended)
+    service.execute_request(mission, attended)
     done = [m for m in service.messages if m["is"] == "done"][-1]
     return done, None if done["run"] is None else read_run(service.folder / done["run"])
 
@@ -62,4 +62,4 @@ def during(service: Any, robot: EmulatedRobot, after_s: float, act: Callable[[],
                 service.acted = True
                 act()
 
-    service.acted, service.healthy = False, healthy
+    service.acted, service.notify_watchdog = False, healthy

@@ -63,7 +63,7 @@ class OnBus:
         path = str(folder / "i2c-1")
         Path(path).touch()
         connect(patches, {path: EmulatedBus({0x68: self.chip}, self._pass)})
-        self.imu = imu.open(path, notify=None, now_ns=lambda: self.now_ns, sleep=self.wait)
+        self.imu = imu.open_imu(path, notify=None, now_ns=lambda: self.now_ns, sleep=self.wait)
 
     def _pass(self, ns):
         self.now_ns += ns

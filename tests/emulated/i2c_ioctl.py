@@ -112,7 +112,7 @@ def start(bench: Bench, **settings):
     from baqueano.robot.imu.settings import ImuSettings
 
     bench.printed = []
-    return imu.open(
+    return imu.open_imu(
         bench.path,
         settings=ImuSettings(**settings),
         notify=bench.printed.append,

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
-from baqueano.robot.service.configuration import body_of
+from baqueano.robot.service.configuration import configure_body
 from baqueano.robot.uno.link import Uno
 from baqueano.signals import Motion
 from baqueano.worlds import Robot
@@ -55,7 +55,9 @@ class EmulatedRobot:
         Path(path).touch()
         connect(patches or Patches(), {path: self.bus})
         settings = ImuSettings(accel_range_g=4)
-        self.imu = imu_driver.open(path, settings=settings, notify=None, now_ns=self._time, sleep=self.wait)
+        self.imu = imu_driver.open_imu(
+            path, settings=settings, notify=None, now_ns=self._time, sleep=self.wait
+        )
 
     def close(self) -> None:
         """Free the core."""
@@ -119,7 +121,7 @@ class EmulatedWorld(Robot):
 
     def __init__(self, robot: EmulatedRobot, file: Any) -> None:
         robot.wait(0.1)
-        body = body_of(file, robot.uno, robot.wait)
+        body = configure_body(file, robot.uno, robot.wait)
         super().__init__(file.sensors, robot.uno, robot.imu, body, lambda: robot.now_ns)
         self.robot = robot
 

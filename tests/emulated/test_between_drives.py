@@ -15,7 +15,7 @@ from baqueano.door.states import DoorState
 from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.robot.service import service as service_module
-from baqueano.robot.service.configuration import config_of
+from baqueano.robot.service.configuration import firmware_config
 from baqueano.robot.service.service import CLOSE_TIMEOUT_S, HANG_TIMEOUT_S, PREPARE_TIMEOUT_S
 from baqueano.robot.uno.frames import ResetCause, StateFlag
 from baqueano.runs import RunWriter
@@ -59,7 +59,7 @@ def test_an_unwritable_run_folder_ends_the_mission_and_not_the_service(service, 
     look_around(service, robot, 3)
     service.folder = tmp_path / "a file" / "runs"
     service.folder.parent.write_text("no folder")
-    service.take(spin(), True, "mine")
+    service.execute_request(spin(), True, "mine")
     look_around(service, robot, 3)
     done = [message for message in service.messages if message["is"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
@@ -117,11 +117,11 @@ def test_an_earlier_clear_request_does_not_clear_a_later_latch(service, robot):
 
 def test_a_reset_in_the_last_tick_of_a_drive_is_recovered(service, robot):
     me = object()
-    service.operator.hold(me)
+    service.operator.set_holder(me)
 
     def both():
         robot.board.reset(ResetCause.BROWN_OUT)
-        service.operator.end(me)
+        service.operator.request_end(me)
 
     during(service, robot, 0.5, both)
     drive(service, spin(3.0))
@@ -178,7 +178,7 @@ def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
     def sign(seconds):
         signs.append((robot.now_ns, seconds))
 
-    service.healthy, service.patience = lambda: sign(signs[-1][1]), sign
+    service.notify_watchdog, service.set_watchdog_timeout = lambda: sign(signs[-1][1]), sign
     sign(HANG_TIMEOUT_S)
     preparing(lambda: robot.wait(1.5 * HANG_TIMEOUT_S))
     closing(lambda: robot.wait(1.5 * HANG_TIMEOUT_S))
@@ -195,7 +195,7 @@ def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
 
 def test_a_failed_mission_restores_the_systemd_timeout(service, robot, preparing):
     waits = []
-    service.patience = waits.append
+    service.set_watchdog_timeout = waits.append
 
     def breaks():
         raise FileError("mine.py: broken")
@@ -211,7 +211,7 @@ def mission_of(*settings):
 
 
 def test_hardware_settings_of_a_mission_apply_until_its_end(service, robot):
-    own, configs = config_of(service.hardware, robot.uno.info), []
+    own, configs = firmware_config(service.hardware, robot.uno.info), []
     during(service, robot, 0.1, lambda: configs.append(robot.uno.info.config))
     drive(service, mission_of("robot.least_battery_v=7.9", "robot.dead_man_s=0.2"))
     assert [(config.least_battery_mv, config.dead_man_ms) for config in configs] == [(7900, 200)]
@@ -235,7 +235,7 @@ def test_vehicle_settings_are_restored_after_the_line_reconnects(service, robot)
 def test_a_reset_at_rest_restores_the_limits_of_the_vehicle(robot, tmp_path):
     file = vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"])
     service = serve(robot, file, tmp_path)
-    own = config_of(file.robot, robot.uno.info)
+    own = firmware_config(file.robot, robot.uno.info)
     assert robot.board.info().config == own
     robot.board.reset(ResetCause.BROWN_OUT)
     look_around(service, robot, 10)

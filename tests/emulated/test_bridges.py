@@ -2,7 +2,7 @@
 
 import pytest
 
-from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, DriveFlag, Driver, Settings, Wiring
+from baqueano.robot.uno.frames import MAX_PWM_HZ, Config, DriveFlag, Driver, Settings, Wiring
 
 HOLD = DriveFlag.ARM | DriveFlag.BRAKE
 
@@ -45,7 +45,7 @@ def test_r13_full_and_zero_duty_are_exact(new_uno, driver):
 def test_r13_a_pwm_frequency_above_the_limit_of_the_bridge_is_refused(new_uno, driver):
     uno = new_uno(driver=driver)
     settle(uno, driver=driver)
-    most = MOST_PWM_HZ[driver]
+    most = MAX_PWM_HZ[driver]
     uno.send(Config(pwm_hz=most))
     assert uno.info().config.pwm_hz == most
     if most < 25_000:

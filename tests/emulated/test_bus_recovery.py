@@ -11,7 +11,7 @@ import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.door.states import DoorState
-from baqueano.drive import stop_of
+from baqueano.drive import stop_reason_of
 from baqueano.drive.recording import HARDWARE_SOURCE
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
@@ -64,7 +64,7 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     done, run = drive(service, spin(3.0))
     service.healthy = lambda: None
     assert done["why"].code == StopReason.SENSOR_SILENT
-    assert stop_of(run) == done["why"]
+    assert stop_reason_of(run) == done["why"]
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert early == [], "no pin may change during a drive"
 
@@ -76,7 +76,7 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     assert last_state(service)["imu_bus"] == freed
     assert not pins
     assert pins.read()["driven_high"] == 0
-    assert not robot.imu.silent
+    assert not robot.imu.is_silent
     assert service.machine.state is DoorState.STOPPED, (
         "a stop is latched: an operator must inspect the vehicle"
     )

@@ -83,8 +83,8 @@ def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, 
                     return
                 pulls.append(pull(live, name))
 
-        service.healthy = healthy
-        service.take(spin(20.0, file=file), attended=False)
+        service.notify_watchdog = healthy
+        service.execute_request(spin(20.0, file=file), attended=False)
         assert pulls
         done = [m for m in messages if m["is"] == "done"][-1]
         assert done["why"].code in (

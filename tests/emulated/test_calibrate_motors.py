@@ -6,10 +6,10 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.errors import AnswerNo, SafetyStop
-from baqueano.robot.uno.frames import Settings, Way, Wiring
+from baqueano.robot.uno.frames import Settings, WheelCurve, Wiring
 from baqueano.robot.uno.settings import apply_changes
 from baqueano.robot.workshop import calibrate_motors
-from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fit_sweep, ways_of
+from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fit_sweep, wheel_curves
 from baqueano.robot.workshop.floor_tests import FloorTests
 from tests.codes import refused
 from tests.emulated.robot import EmulatedRobot
@@ -45,7 +45,7 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
     monkeypatch.setattr(calibrate_motors, "LEVEL_COUNT", 5)  # of a body whose lags are known to be short
     monkeypatch.setattr(calibrate_motors, "SETTLE_S", 0.6)
     robot.plugs = ((1, -1.0), (0, 1.0))
-    robot.uno.keep(Settings(battery_permille=3127, wiring=Wiring.ENCODERS_SWAPPED), robot.wait)
+    robot.uno.store_settings(Settings(battery_permille=3127, wiring=Wiring.ENCODERS_SWAPPED), robot.wait)
     motors = calibrate(bench)
     assert motors.settings.wiring == REVERSED_L | SWAPPED | Wiring.ENCODERS_SWAPPED
     true = vehicle_file.load("small").vehicle.drivetrain
@@ -56,7 +56,7 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
         true.dead_zone_backward[1],
     ]
     np.testing.assert_allclose(
-        [way.dead_zone_permille / 1000 for way in motors.settings.ways], zones, atol=0.02
+        [way.dead_zone_permille / 1000 for way in motors.settings.curves], zones, atol=0.02
     )
     assert motors.verdict == "STRAIGHT"
     assert max(map(abs, motors.left_over)) < 0.02
@@ -68,7 +68,7 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
     assert not robot.board.moving
     before, x, y = robot.motion.eta[2], robot.motion.eta[0], robot.motion.eta[1]
     robot.uno.arm()
-    bench.hold(0.4, 0.4, 2.0)  # a request that differs from the trim
+    bench.hold_duties(0.4, 0.4, 2.0)  # a request that differs from the trim
     went = np.array([robot.motion.eta[0] - x, robot.motion.eta[1] - y]) @ [np.cos(before), np.sin(before)]
     assert went > 0.3  # forwards
     assert abs(robot.motion.eta[2] - before) < np.radians(10.0) * went
@@ -92,7 +92,7 @@ def test_heading_control_reduces_the_remaining_heading_error(robot, bench):
     bench.uno.arm()
     for sign in (1.0, -1.0):
         before = robot.motion.eta[2]
-        bench.hold(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
+        bench.hold_duties(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
         free, before = robot.motion.eta[2] - before, robot.motion.eta[2]
         turn = calibrate_motors._heading_error(bench, sign, 3.3)
         print(f"free {np.degrees(free):.1f}°, held {np.degrees(turn):.1f}°")
@@ -103,8 +103,8 @@ def test_heading_control_reduces_the_remaining_heading_error(robot, bench):
 
 def test_a_disconnected_motor_is_named_and_old_settings_are_restored(robot, bench):
     robot.plugs = ((0, 1.0), (1, 0.0))
-    before = Settings(ways=(Way(100, 900, 0),) * 4, dither_permille=20)
-    robot.uno.keep(before, robot.wait)
+    before = Settings(curves=(WheelCurve(100, 900, 0),) * 4, dither_permille=20)
+    robot.uno.store_settings(before, robot.wait)
     with refused("calibrate.motor-does-not-turn", AnswerNo, side="right", direction="forwards"):
         calibrate(bench)
     assert robot.uno.settings(robot.wait) == before
@@ -140,26 +140,27 @@ def test_a_vehicle_that_moves_with_motors_off_is_not_calibrated(robot, bench):
 @pytest.mark.parametrize("fault", ["imu", "uno"])
 def test_a_hardware_failure_ends_the_calibration_with_motors_off(robot, bench, fault):
     bench.uno.arm()
-    bench.hold(0.6, -0.6, 0.2)
+    bench.hold_duties(0.6, -0.6, 0.2)
     if fault == "imu":
         robot.chip.frozen = True
     else:
         robot.board.reset()
     with refused(StopReason.IMU_SILENT if fault == "imu" else StopReason.UNO_RESET, SafetyStop):
-        bench.hold(0.6, -0.6, 5.0)
+        bench.hold_duties(0.6, -0.6, 5.0)
     robot.wait(0.05)
     assert not robot.board.moving
 
 
 MINE = Settings(
-    battery_permille=3127, wiring=REVERSED_R | Wiring.ENCODERS_SWAPPED, ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2,
+    battery_permille=3127, wiring=REVERSED_R | Wiring.ENCODERS_SWAPPED, curves=(WheelCurve(110, 900,
+    50), WheelCurve(120, 800, 60)) * 2,
     dither_permille=33,
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("end_by", ["imu", "uno", "ctrl-c"])
 def test_an_interrupted_calibration_restores_the_uno_settings(robot, bench, end_by):
-    robot.uno.keep(MINE, robot.wait)
+    robot.uno.store_settings(MINE, robot.wait)
     texts = []
 
     def notify(text):
@@ -177,7 +178,7 @@ def test_an_interrupted_calibration_restores_the_uno_settings(robot, bench, end_
 
 
 def test_disconnecting_the_uno_during_calibration_is_reported_with_a_remedy(robot, bench):
-    robot.uno.keep(MINE, robot.wait)
+    robot.uno.store_settings(MINE, robot.wait)
     texts, line = [], (robot.write, robot.read)
 
     def unplug(data=b""):
@@ -203,7 +204,7 @@ def test_disconnecting_the_uno_during_calibration_is_reported_with_a_remedy(robo
 
 
 def test_calibrated_slopes_equalise_the_wheels_to_the_weakest_wheel():
-    way_list = ways_of(
+    way_list = wheel_curves(
         (
             Sweep(0.4, 0.3, 10.0, 0.0),
             Sweep(0.4, 0.3, 8.0, 0.0),
@@ -229,12 +230,12 @@ def test_a_dead_zone_too_large_for_the_firmware_is_reported():
 
 
 def test_possible_causes_are_listed_if_a_vehicle_does_not_drive_straight():
-    settings = Settings(ways=(Way(300, 700, 0),) * 4)
-    motors = calibrate_motors.Motors(
+    settings = Settings(curves=(WheelCurve(300, 700, 0),) * 4)
+    motors = calibrate_motors.MotorCalibration(
         settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0), (1.5, -0.2)
     )
     assert motors.verdict == "CROOKED"
     assert "does a wheel slip or rub" in motors.table()
     assert "(before the trim +20.0%); heading error by the gyro +1.5° after 1.5 s" in motors.table()
     assert motors.rows()[0]["wheels_differ"] == (0.08, 0.01)
-    assert calibrate_motors.Motors.of(motors.rows()).table() == motors.table()
+    assert calibrate_motors.MotorCalibration.from_rows(motors.rows()).table() == motors.table()

@@ -6,7 +6,7 @@ from copy import copy
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.robot.uno.frames import AskInfo, Info, ResetCause, Settings, Way
+from baqueano.robot.uno.frames import AskInfo, Info, ResetCause, Settings, WheelCurve
 from baqueano.robot.uno.statistics import Statistics
 from baqueano.robot.workshop import doctor, uno_checks
 from tests.emulated.bad_line import BadLine
@@ -58,7 +58,7 @@ def test_the_doctor_reports_the_figures_of_an_uno(firmware):
 
 
 def test_an_uno_with_little_free_memory_is_reported(robot):
-    check = uno_checks.memory(robot.board.info()._replace(least_free_ram=40))
+    check = uno_checks.check_memory(robot.board.info()._replace(least_free_ram=40))
     assert (check.verdict, check.figure) == ("warn", "40 of 2048 bytes were never used")
     assert "robot flash" in check.remedy
 
@@ -75,7 +75,7 @@ def test_a_second_check_without_an_uno_reset_counts_no_bad_frames(firmware):
 
 
 def test_a_sound_robot_passes_all_checks(robot):
-    robot.uno.keep(Settings(ways=(Way(300, 700, 0),) * 4), robot.wait)
+    robot.uno.store_settings(Settings(curves=(WheelCurve(300, 700, 0),) * 4), robot.wait)
     checks = by_name(uno_checks.check_answers(robot.uno, 6.6, Statistics(), robot.wait))
     assert {check.verdict for check in checks.values()} == {"ok"}, checks
 

@@ -71,13 +71,13 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
 @pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])
 def test_an_invalid_mission_is_refused_and_the_service_continues(service, text):
     waits = []
-    service.patience = waits.append
+    service.set_watchdog_timeout = waits.append
     done, run = drive(service, text)
     assert run is None
     assert (done["code"], done["why"].code) == (2, "mission.damaged")
     assert waits == [PREPARE_TIMEOUT_S, HANG_TIMEOUT_S]
     assert service.machine.state is DoorState.READY
-    assert drive(service, spin().json())[0]["why"] is None
+    assert drive(service, spin().to_json())[0]["why"] is None
 
 
 def test_a_run_is_listed_only_after_it_is_complete(service, robot, door):

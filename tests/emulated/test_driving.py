@@ -12,7 +12,7 @@ from baqueano.door.states import DoorState
 from baqueano.drive.by_hand.cockpit import Cockpit
 from baqueano.drive.by_hand.key_hold import FIRST_S
 from baqueano.drive.mission import Mission, pack
-from baqueano.drive.session import marks_of
+from baqueano.drive.session import mark_times_ns
 from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.drive.test_cockpit import Terminal
@@ -29,7 +29,7 @@ class Driver:
         self.cockpit = Cockpit(
             np.array([1.0, 0.0, 1.0]), terminal, now=self.now, sleep=lambda s: self.wait(s), **options
         )
-        self.begun_ns, self.said_ns, self.script = 0, 0, []
+        self.start_ns, self.said_ns, self.script = 0, 0, []
 
     def now(self):
         self.terminal.t_s = self.robot.now_ns * 1e-9
@@ -43,29 +43,29 @@ class Driver:
         if self.service.machine.state is not DoorState.MANUAL:
             return
         now_ns = self.robot.now_ns
-        self.begun_ns = self.begun_ns or now_ns
+        self.start_ns = self.start_ns or now_ns
         self.now()
-        while self.script and self.script[0][0] <= (now_ns - self.begun_ns) * 1e-9:
+        while self.script and self.script[0][0] <= (now_ns - self.start_ns) * 1e-9:
             self.script.pop(0)[1]()
         if now_ns - self.said_ns >= HAND_NS:
             self.said_ns = now_ns
             try:
                 self.service.operator.set_command(self, self.cockpit())
             except KeyboardInterrupt:
-                self.service.operator.end(self)
+                self.service.operator.request_end(self)
             for word in self.cockpit.pop_messages():
                 if word["do"] == "mark":
-                    self.service.operator.mark(self)
+                    self.service.operator.record_mark(self)
                 else:
                     self.service.operator.stop(word["why"])
 
     def drives(self, *script):
         """Return the run of a drive in which these actions happen at their times [s]."""
         self.script = sorted(script, key=lambda step: step[0])
-        self.service.operator.hold(self)
-        self.service.healthy = self.each_tick
+        self.service.operator.set_holder(self)
+        self.service.notify_watchdog = self.each_tick
         with self.cockpit:
-            self.service.take(pack(Mission("teach"), vehicle_file.load("small")), True)
+            self.service.execute_request(pack(Mission("teach"), vehicle_file.load("small")), True)
         done = [m for m in self.service.messages if m["is"] == "done"][-1]
         return done, read_run(self.service.folder / done["run"])
 
@@ -101,7 +101,7 @@ def test_rt13_motors_are_off_half_a_second_after_the_terminal_disappears(driver,
     done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
     assert done["why"].code == StopReason.TERMINAL_SILENT
     assert at.service.machine.state is DoorState.STOPPED
-    moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
+    moving = at.start_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the terminal")
     assert 200.0 < after_ms < 500.0
@@ -121,7 +121,7 @@ def test_motors_are_off_at_once_after_the_terminal_closes(driver, phase_ms):
     done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
     assert done["why"].code == StopReason.TERMINAL_CLOSED
     assert at.service.machine.state is DoorState.STOPPED
-    moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
+    moving = at.start_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the hang-up")
     assert after_ms < 100.0
@@ -148,7 +148,7 @@ def test_releasing_a_key_stops_the_motors_and_marks_are_logged(driver):
     )  # fmt: skip
     assert done["why"].code == StopReason.INTERRUPTED
     assert at.service.machine.state is DoorState.READY
-    (mark_ns,) = marks_of(run)
+    (mark_ns,) = mark_times_ns(run)
     assert (mark_ns - run.t_ns[0]) * 1e-9 == pytest.approx(1.5, abs=0.06)
     moving = run.t_s[np.abs(run.applied[:, 2]) > 0.0]
     assert moving[0] == pytest.approx(0.3, abs=0.08)
@@ -181,4 +181,4 @@ def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
     moving = [m for m in at.service.messages if m["is"] == "state" and m.get("requested", (0.0,))[0]]
     at.cockpit.status.requested = np.array([0.8, 0.0, 0.0])
     at.cockpit.show(moving[3])
-    assert at.cockpit.status.hold == moving[3]["requested"][2] != 0.0
+    assert at.cockpit.status.hold_command == moving[3]["requested"][2] != 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.door.remote import connect
 from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S
-from baqueano.drive.session import marks_of
+from baqueano.drive.session import mark_times_ns
 from baqueano.runs import read_run
 from tests.cli.test_driving import W_DOWN, Terminal
 from tests.emulated.test_processes import (  # noqa: F401
@@ -65,9 +65,9 @@ def test_a_key_drives_the_firmware_and_the_run_contains_a_mark(screens, service,
         reason, run = end_of_drive(service[1], tmp_path / "there")
         assert code == 0 or (stalled(run, live.lost_s - lost_s) and time.monotonic() < end), reason
     assert re.search(rb"vehicle \d+ ms", screen.output)
-    assert len(marks_of(run)) == 1
+    assert len(mark_times_ns(run)) == 1
     back = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: int(path.stem))
-    assert len(marks_of(read_run(back))) == 1
+    assert len(mark_times_ns(read_run(back))) == 1
 
 
 def test_an_unresponsive_terminal_leaves_a_stopped_vehicle(screens, live):  # noqa: F811

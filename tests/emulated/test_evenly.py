@@ -17,16 +17,16 @@ def fitted_file(firmware):
     """Return the vehicle file identified from 40 s of commands and IMU data."""
     file = vehicle_file.load("small")
     u = excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3)
-    world, ticking = world_of(firmware, file)
-    run = experiment(file, u, world=world, ticking=ticking)
+    world, tick_times_ns = world_of(firmware, file)
+    run = experiment(file, u, world=world, tick_times_ns=tick_times_ns)
     world.robot.close()
     return identify([run], file).vehicle_file
 
 
 @pytest.mark.parametrize("route", [sinuous_circle(0.5, 0.05, 5, 0.2), rectangle(1.0, 0.6, 0.2, 0.3)])
 def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route):
-    world, ticking = world_of(firmware, vehicle_file.load("small"), seed=5)
-    run = repeat(fitted_file, route, world=world, ticking=ticking)
+    world, tick_times_ns = world_of(firmware, vehicle_file.load("small"), seed=5)
+    run = repeat(fitted_file, route, world=world, tick_times_ns=tick_times_ns)
     world.robot.close()
     going = run.reference.done < 1.0
     true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])

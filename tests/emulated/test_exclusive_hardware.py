@@ -15,7 +15,7 @@ from baqueano.errors import RobotUnreachable
 from baqueano.robot.imu import driver as imu
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.uno.frames import Settings as Kept
-from baqueano.robot.uno.frames import Way
+from baqueano.robot.uno.frames import WheelCurve
 from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop import doctor
 from baqueano.robot.workshop.exclusive_hardware import open_hardware
@@ -74,7 +74,7 @@ def test_calibrated_axes_rotate_the_samples_into_the_vehicle_frame(tmp_path, mon
     """The driver uses the axes that `calibrate imu` writes."""
     bus = OnBus(tmp_path, monkeypatch)
     bus.chip.motion = lambda t_ns: ((0.0, -1.0, 9.8), (0.0, 0.0, 0.3))
-    turned_imu = imu.open(
+    turned_imu = imu.open_imu(
         str(tmp_path / "i2c-1"), settings=ImuSettings(axes=("-y", "x", "z")), notify=None,
         now_ns=lambda: bus.now_ns, sleep=bus.wait,
     )  # fmt: skip
@@ -117,10 +117,13 @@ class Calibrating:
 
 @pytest.mark.parametrize("end_by", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
 def test_an_abandoned_motor_calibration_stops_motors_and_restores_settings(firmware, end_by):
-    settings = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
+    settings = Kept(
+        curves=(WheelCurve(110, 900, 50), WheelCurve(120, 800, 60)) * 2,
+        dither_permille=33,
+    )
     with on_pty(firmware) as live:
         with open_uno(live.path) as uno:
-            uno.keep(settings)
+            uno.store_settings(settings)
         work = Calibrating(live)
         try:
             work.lets_go()

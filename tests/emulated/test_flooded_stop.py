@@ -27,7 +27,7 @@ TICKS_MS = 20.0  # a stop waits for the next tick, and its command for the line
 def moving(service):
     """A guest at the door of a moving vehicle; the drive is repeated if the machine stalls before."""
     experiment = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
-    mission, under_way = pack(experiment, service.file).json(), False
+    mission, under_way = pack(experiment, service.file).to_json(), False
     for _ in range(5):
         with connect(str(service.door)) as remote:
             ready(remote)

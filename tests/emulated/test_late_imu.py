@@ -25,7 +25,7 @@ from tests.emulated.drives import drive, look_around, spin
 def open_imu(robot):
     """Open the IMU as the service does."""
     return partial(
-        imu_driver.open, robot.imu.device.path, settings=ImuSettings(accel_range_g=4), notify=None,
+        imu_driver.open_imu, robot.imu.device.path, settings=ImuSettings(accel_range_g=4), notify=None,
         now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
 
@@ -74,7 +74,7 @@ def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
 
 def test_systemd_waits_for_a_chip_without_samples(service, robot):
     waits, robot.chip.frozen = [], True
-    service.patience = waits.append
+    service.set_watchdog_timeout = waits.append
     before_ns = robot.now_ns
     service.idle()
     assert (robot.now_ns - before_ns) / 1e9 > HANG_TIMEOUT_S

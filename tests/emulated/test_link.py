@@ -60,13 +60,13 @@ def drive_robot(robot, file, u, act, path=None):
     """Return the run of an experiment; `act(t_s)` is called at its start with the time of the board."""
     world = EmulatedWorld(robot, file)
 
-    def ticking():
+    def tick_times_ns():
         for k, due in enumerate(world.ticks(file.rate_hz)):
             if k == 0:
                 act(robot.board.t_s - due * 1e-9)
             yield due
 
-    return experiment(file, u, world=world, ticking=ticking(), path=path)
+    return experiment(file, u, world=world, tick_times_ns=tick_times_ns(), path=path)
 
 
 def hardware(run):
@@ -75,7 +75,7 @@ def hardware(run):
 
 def test_each_silence_of_an_encoder_is_logged_once(robot):
     file = vehicle_file.load("small")
-    robot.uno.keep(Settings(encoders=EncoderKind.QUADRATURE), robot.wait)
+    robot.uno.store_settings(Settings(encoders=EncoderKind.QUADRATURE), robot.wait)
     ahead, pause = np.tile([0.8, 0.0, 0.0], (110, 1)), np.zeros((30, 3))
 
     def left_alone(start_s):
@@ -94,10 +94,10 @@ def test_a_reset_causes_no_false_wheel_speed_or_mark(robot):
         '\n[sensors.wheels]\nkind = "wheels"\n\n[sensors.mark]\nkind = "mark"\n\n[robot]\ncounts_per_turn = 600\n'
     )
     file = vehicle_file.parse(text, "with encoders and a mark")
-    robot.uno.keep(Settings(encoders=EncoderKind.QUADRATURE), robot.wait)
+    robot.uno.store_settings(Settings(encoders=EncoderKind.QUADRATURE), robot.wait)
     world = EmulatedWorld(robot, file)
 
-    def ticking():
+    def tick_times_ns():
         for k, due in enumerate(world.ticks(file.rate_hz)):
             if k == 0:
                 start_s = robot.board.t_s - due * 1e-9
@@ -110,7 +110,7 @@ def test_a_reset_causes_no_false_wheel_speed_or_mark(robot):
             yield due
 
     u = np.tile([0.8, 0.0, 0.0], (150, 1))
-    run = experiment(file, u, world=world, ticking=ticking())
+    run = experiment(file, u, world=world, tick_times_ns=tick_times_ns())
     wheels = run.sensors["wheels"]
     radius, t_s = file.geometry.wheel_radius_m, 1e-9 * wheels.t_ns
     assert np.sum(t_s < 0.75) > 70
@@ -125,7 +125,7 @@ def test_a_reset_causes_no_false_wheel_speed_or_mark(robot):
 
 def test_two_unwired_encoders_are_reported_in_one_sentence(robot):
     file = vehicle_file.load("small")
-    robot.uno.keep(Settings(encoders=EncoderKind.SINGLE), robot.wait)
+    robot.uno.store_settings(Settings(encoders=EncoderKind.SINGLE), robot.wait)
     run = drive_robot(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
     assert hardware(run) == ["encoders.both-silent"]
 

@@ -21,7 +21,7 @@ def world(firmware):
 
     def make(seed=0):
         worlds.append(world_of(firmware, vehicle_file.load("small"), seed=seed))
-        return dict(zip(("world", "ticking"), worlds[-1], strict=True))
+        return dict(zip(("world", "tick_times_ns"), worlds[-1], strict=True))
 
     yield make
     for world, _ in worlds:

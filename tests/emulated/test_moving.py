@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from baqueano.robot.uno.frames import Config, DriveFlag, Settings, State, StateFlag, Way
+from baqueano.robot.uno.frames import Config, DriveFlag, Settings, State, StateFlag, WheelCurve
 
 
 def settle(uno, **settings):
@@ -76,7 +76,12 @@ def test_r8_a_reversal_pauses_at_zero(uno, pwm_hz):
     assert uno.duty(0) == pytest.approx(-0.9, abs=1e-3)
 
 
-WAYS = (Way(100, 500), Way(200, 700), Way(50, 1500), Way(0, 300))
+WAYS = (
+    WheelCurve(100, 500),
+    WheelCurve(200, 700),
+    WheelCurve(50, 1500),
+    WheelCurve(0, 300),
+)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +89,7 @@ WAYS = (Way(100, 500), Way(200, 700), Way(50, 1500), Way(0, 300))
 )
 def test_r9_dead_zone_and_slope_are_per_wheel_and_direction(uno, request_, duty):
     """By hand: 100 + 0.5·400 = 300; 50 + 1.5·400 = 650; 200 + 0.7·400 = 480; 0.3·400 = 120."""
-    settle(uno, ways=WAYS)
+    settle(uno, curves=WAYS)
     uno.hold(*request_, 0.1)
     state = uno.state()
     assert (state.left_permille, state.right_permille) == duty
@@ -93,7 +98,7 @@ def test_r9_dead_zone_and_slope_are_per_wheel_and_direction(uno, request_, duty)
 
 
 def test_r9_a_duty_above_full_is_saturated_and_flagged(uno):
-    settle(uno, ways=WAYS)
+    settle(uno, curves=WAYS)
     uno.hold(0, 900, 0.1)
     assert uno.duty(1) == 1.0
     assert uno.state().flags & StateFlag.SATURATED
@@ -103,7 +108,16 @@ def test_r9_a_duty_above_full_is_saturated_and_flagged(uno):
 
 
 def test_r10_a_starting_wheel_gets_a_kick_of_the_set_duration(uno):
-    settle(uno, kick_ms=15, ways=(Way(0, 1000, 700), Way(0, 1000, 400), Way(0, 1000, 0), Way(0, 1000, 150)))
+    settle(
+        uno,
+        kick_ms=15,
+        curves=(
+            WheelCurve(0, 1000, 700),
+            WheelCurve(0, 1000, 400),
+            WheelCurve(0, 1000, 0),
+            WheelCurve(0, 1000, 150),
+        ),
+    )
     uno.run_until(uno.send(Config(slew_permille_per_ms=1000)))
     for sign, kicks in ((1, (700, 200)), (-1, (-400, -200))):
         uno.arm()
@@ -158,7 +172,13 @@ def sums_of(rows):
 
 def test_r12_telemetry_contains_the_duty_at_the_pins_and_its_sum(uno):
     """Random commands through slew, dead zone, kick and dither: telemetry reports the duty at the pins."""
-    settle(uno, kick_ms=12, dither_permille=40, dither_ms=3, ways=(Way(120, 800, 600),) * 4)
+    settle(
+        uno,
+        kick_ms=12,
+        dither_permille=40,
+        dither_ms=3,
+        curves=(WheelCurve(120, 800, 600),) * 4,
+    )
     chance = random.Random(2)
     uno.arm()
     uno.frames()

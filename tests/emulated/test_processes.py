@@ -19,7 +19,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door import VERSION
 from baqueano.door.remote import connect
-from baqueano.drive import stop_of
+from baqueano.drive import stop_reason_of
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.errors import RobotUnreachable, SafetyStop
@@ -143,7 +143,7 @@ def drive_whole(remote, mission, live, folder):
     while True:
         lost_s, path = live.lost_s, folder / f"{time.monotonic_ns()}.mcap"
         run = perform_mission(remote, mission, path)
-        if not stop_of(run) or time.monotonic() > end or not stalled(run, live.lost_s - lost_s):
+        if not stop_reason_of(run) or time.monotonic() > end or not stalled(run, live.lost_s - lost_s):
             return run
 
 
@@ -171,7 +171,7 @@ def driving(door, vehicle, live):
         assert time.monotonic() < end
         with connect(str(door)) as remote:
             ready(remote)
-            remote.send(do="mission", door=VERSION, mission=spin(vehicle, 300.0).json())
+            remote.send(do="mission", door=VERSION, mission=spin(vehicle, 300.0).to_json())
             moves = until(lambda remote=remote: remote.send(do="beat") or live.moving(), PATIENCE_S / 4.0)
             if moves:
                 yield remote
@@ -188,7 +188,7 @@ def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_
     _, door = service
     with connect(str(door)) as remote:
         run = drive_whole(remote, spin(vehicle, 1.0), live, tmp_path / "here")
-    assert stop_of(run) is None
+    assert stop_reason_of(run) is None
     (event_of_clock,) = [e for e in run.events if e.source == CLOCK_SOURCE]
     left_out = int(re.search(r"(\d+) were skipped", event_of_clock.text)[1])
     assert left_out == np.sum(np.diff(run.t_ns) // 20_000_000 - 1)
@@ -285,7 +285,7 @@ def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tm
     with start_vehicle(vehicle, tmp_path) as (process, door):
         with suppress(RobotUnreachable), connect(str(door)) as remote:
             ready(remote)
-            remote.send(do="mission", door=VERSION, mission=mission.json())
+            remote.send(do="mission", door=VERSION, mission=mission.to_json())
             assert until(lambda: remote.send(do="beat") or live.moving(), PATIENCE_S)
             if text == "hang()":
                 assert until(lambda: remote.send(do="beat") or mark_file.exists(), PATIENCE_S)

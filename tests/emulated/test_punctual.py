@@ -42,11 +42,11 @@ def test_a_stopped_drive_reports_its_punctuality(service, robot):
 
 def test_a_drive_ended_by_the_driver_reports_its_punctuality(service, robot):
     me = object()
-    service.operator.hold(me)
+    service.operator.set_holder(me)
 
     def enough():
-        service.operator.sign_of_life(me)
-        service.operator.end(me)
+        service.operator.record_heartbeat(me)
+        service.operator.request_end(me)
 
     during(service, robot, 0.2, enough)
     done, run = drive(service, spin(3.0), attended=True)

@@ -44,13 +44,13 @@ def test_rt15_a_stop_by_anyone_is_latched_until_cleared(service, robot):
 def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, robot):
     me = object()
     stops_ns = []
-    service.operator.hold(me)
+    service.operator.set_holder(me)
 
     def healthy():
         if service.machine.state is DoorState.MISSION:
             stops_ns.append(robot.now_ns)
             if robot.now_ns - stops_ns[0] < 0.5e9:
-                service.operator.sign_of_life(me)
+                service.operator.record_heartbeat(me)
                 stops_ns[-1:] = [robot.now_ns]
 
     service.healthy = healthy
@@ -110,7 +110,7 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
 
 def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
     me = object()
-    service.operator.hold(me)
+    service.operator.set_holder(me)
     starts_ns = []
 
     def healthy():
@@ -118,9 +118,9 @@ def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
             starts_ns.append(robot.now_ns)
             if robot.now_ns - starts_ns[0] < 0.6e9:
                 service.operator.set_command(me, [0.0, 0.0, 0.5])
-            service.operator.sign_of_life(me)
+            service.operator.record_heartbeat(me)
             if robot.now_ns - starts_ns[0] > 1.5e9:
-                service.operator.end(me)
+                service.operator.request_end(me)
 
     service.healthy = healthy
     done, run = drive(service, pack(Mission("teach"), vehicle_file.load("small")), attended=True)

@@ -15,7 +15,7 @@ from baqueano.robot.uno.frames import (
     ResetCause,
     Settings,
     StateFlag,
-    Way,
+    WheelCurve,
     Wiring,
 )
 
@@ -27,7 +27,12 @@ OURS = Settings(
     dither_permille=30,
     dither_ms=7,
     battery_permille=3127,
-    ways=(Way(110, 900, 500), Way(120, 910, 510), Way(130, 920, 520), Way(140, 930, 530)),
+    curves=(
+        WheelCurve(110, 900, 500),
+        WheelCurve(120, 910, 510),
+        WheelCurve(130, 920, 520),
+        WheelCurve(140, 930, 530),
+    ),
 )
 AT_SETTINGS, STORED = 8, 35
 
@@ -46,7 +51,7 @@ def store(uno, settings=OURS):
 
 def unchecked(frame, seq=1):
     """Return the bytes of a frame whose numbers the codec would refuse."""
-    return codec.encode_frame(frames.KIND_OF[type(frame)], seq, frames.pack(frame))
+    return codec.encode_frame(frames.KIND_OF_LAYOUT[type(frame)], seq, frames.pack(frame))
 
 
 def test_r15_an_uno_without_settings_uses_factory_settings_and_sets_a_flag(uno):
@@ -128,7 +133,10 @@ def test_r15_settings_of_an_interrupted_write_are_not_used(uno, new_uno):
 
 def test_r19_configurations_at_their_limits_are_accepted(uno):
     for least in (True, False):
-        numbers = [field.within.least if least else field.within.most for field in frames.FIELDS[Config]]
+        numbers = [
+            field.value_range.low if least else field.value_range.high
+            for field in frames.FIELDS_OF_LAYOUT[Config]
+        ]
         config = Config(*numbers)._replace(pwm_hz=50 if least else 20_000)
         uno.send(config)
         assert uno.info().config == config
@@ -138,8 +146,8 @@ def test_r19_configurations_at_their_limits_are_accepted(uno):
     ("name", "value"),
     [
         (f.path, v)
-        for f in frames.FIELDS[Config]
-        for v in (f.within.least - 1, f.within.most + 1)
+        for f in frames.FIELDS_OF_LAYOUT[Config]
+        for v in (f.value_range.low - 1, f.value_range.high + 1)
         if 0 <= v <= 255
     ]
     + [
@@ -159,9 +167,9 @@ def test_r19_a_configuration_out_of_range_is_refused_as_a_whole(uno, name, value
 def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
     flat = frames.flat_values(OURS)
     wrong = 0
-    for place, field in enumerate(frames.FIELDS[Settings]):
-        for value in (field.within.least - 1, field.within.most + 1):
-            if frames.width(field.code).least <= value <= frames.width(field.code).most:
+    for place, field in enumerate(frames.FIELDS_OF_LAYOUT[Settings]):
+        for value in (field.value_range.low - 1, field.value_range.high + 1):
+            if frames.integer_range(field.code).low <= value <= frames.integer_range(field.code).high:
                 uno.write(unchecked(frames.unflatten(Settings, [*flat[:place], value, *flat[place + 1 :]])))
                 uno.run(0.01)
                 wrong += 1

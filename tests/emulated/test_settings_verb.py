@@ -14,7 +14,7 @@ from baqueano.cli.robot.settings import NAMES as OPTIONS
 from baqueano.cli.robot.settings import WHEEL_SETTINGS as OF_WAYS
 from baqueano.door import remote
 from baqueano.robot.uno import settings as uno_settings
-from baqueano.robot.uno.frames import DriveFlag, Driver, EncoderKind, Settings, Way, Wiring
+from baqueano.robot.uno.frames import DriveFlag, Driver, EncoderKind, Settings, WheelCurve, Wiring
 from baqueano.robot.uno.settings import StoredSettings, apply_changes
 from baqueano.robot.workshop import exclusive_hardware
 from tests.emulated.realtime import on_pty
@@ -71,11 +71,12 @@ def test_new_settings_are_verified_and_survive_a_power_cut(verb, live):
     settings = Settings(
         Wiring.RIGHT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED | Wiring.MARK_ACTIVE_LOW, Driver.TB6612,
         EncoderKind.QUADRATURE, 20, 30, 7, 3127,
-        (Way(110, 900, 500), Way(110, 1000, 500), Way(110, 1000, 500), Way(140, 1000, 500)),
+        (WheelCurve(110, 900, 500), WheelCurve(110, 1000, 500), WheelCurve(110, 1000, 500),
+        WheelCurve(140, 1000, 500)),
     )  # fmt: skip
     assert in_eeprom(live) == settings
     code, out, _ = verb("--mark", "high", "--json")
-    assert StoredSettings.of(json.loads(out)["rows"]).settings == settings._replace(
+    assert StoredSettings.from_rows(json.loads(out)["rows"]).settings == settings._replace(
         wiring=settings.wiring & ~64
     )
     assert json.loads(out)["rows"][0]["mark"] == "high"
@@ -212,7 +213,7 @@ def test_option_names_match_the_settings_of_the_firmware():
         *uno_settings.PLUG_FLAGS,
         *uno_settings.NUMBER_OPTIONS,
     ]
-    assert list(OF_WAYS) == list(uno_settings.WAY_OPTIONS)
+    assert list(OF_WAYS) == list(uno_settings.CURVE_OPTIONS)
     for name, (_, members) in uno_settings.NAMED_OPTIONS.items():
         assert OPTIONS[name][0] == "|".join(member.name.lower() for member in members)
     for name, (_, words) in uno_settings.PLUG_FLAGS.items():
@@ -226,4 +227,4 @@ def test_settings_rows_contain_all_stored_settings():
         | {"encoders": ["single"], "battery-ratio": ["4.001"], "dither-ms": ["50"], "kick": ["all=0.333"]},
     )
     assert whole.wiring == 127
-    assert StoredSettings.of(json.loads(json.dumps(StoredSettings(whole).rows()))).settings == whole
+    assert StoredSettings.from_rows(json.loads(json.dumps(StoredSettings(whole).rows()))).settings == whole

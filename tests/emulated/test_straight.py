@@ -26,9 +26,11 @@ def test_heading_control_drives_five_metres_straight(firmware, yaw_gain):
 
 
 def drive(firmware, file, truth, hold):
-    world, ticking = world_of(firmware, file, truth)
+    world, tick_times_ns = world_of(firmware, file, truth)
     hand = hand_for(14.0, [0.9, 0.0, 0.0], file.rate_hz)
     try:
-        return measured(perform(Mission("teach", hold=hold), file, hand, world=world, ticking=ticking), WAY_M)
+        return measured(
+            perform(Mission("teach", hold=hold), file, hand, world=world, tick_times_ns=tick_times_ns), WAY_M
+        )
     finally:
         world.robot.close()

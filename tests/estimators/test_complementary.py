@@ -5,7 +5,7 @@ at rest.
 import numpy as np
 import pytest
 
-from baqueano.block_checks import check_estimator, notes
+from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.estimators import Complementary
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer
@@ -160,4 +160,4 @@ def test_the_complementary_filter_passes_the_block_check_and_compiles(name):
     file = load(name)
     block = file.estimator(kind="complementary")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []
-    assert notes("estimator", block, file.sensors, file.vehicle.commands) == []
+    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []

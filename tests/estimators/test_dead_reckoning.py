@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from baqueano.block_checks import check_estimator, notes
+from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.estimators import DeadReckoning
 from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, map_from_body, wrap
@@ -295,7 +295,7 @@ def test_dead_reckoning_passes_the_block_check_and_compiles(name):
     file = load(name)
     block = file.estimator(kind="dead_reckoning")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []
-    assert notes("estimator", block, file.sensors, file.vehicle.commands) == []
+    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []
 
 
 @pytest.mark.parametrize(

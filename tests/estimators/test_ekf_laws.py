@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import Ekf
-from baqueano.estimators.readings.gate import gate
+from baqueano.estimators.readings.gate import gate_limit
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots
@@ -77,8 +77,8 @@ def test_the_gate_is_the_chi_square_quantile_of_four_sigma():
     from scipy.stats import chi2, norm
 
     for m in (1, 2, 3, 5, 6):
-        assert gate(4.0, m) == pytest.approx(chi2.isf(2.0 * norm.sf(4.0), m), rel=1e-9)
-    assert gate(np.inf, 3) == np.inf
+        assert gate_limit(4.0, m) == pytest.approx(chi2.isf(2.0 * norm.sf(4.0), m), rel=1e-9)
+    assert gate_limit(np.inf, 3) == np.inf
 
 
 def test_es11_a_repeated_or_delayed_tick_does_not_change_the_estimate():

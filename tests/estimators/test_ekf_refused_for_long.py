@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.health import WINDOW_S, Health
-from baqueano.estimators.readings.gate import gate
+from baqueano.estimators.readings.gate import gate_limit
 from baqueano.runs import Run
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate import simulate
@@ -66,9 +66,11 @@ def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
     slot = Slot(has, z, 0.0 * has)
     _, out = kernel.run(Tick(ticks, run.applied, SMALL.sensors._replace(imu=slot)))
     y, S = out.innovation, out.innovation_cov
-    refusals = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
+    refusals = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate_limit(4.0, 3)
     health = Health()
-    reasons = [bool(health.check(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)]
+    reasons = [
+        bool(health.misfit_message(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)
+    ]
     at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refusals, reasons)]
     return Consequence(out.nu - run.truth.nu, refusals, *at)
 

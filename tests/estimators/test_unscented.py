@@ -8,9 +8,9 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from scipy.stats import chi2
 
-from baqueano.block_checks import check_estimator, notes
+from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.estimators import Ekf, Unscented
-from baqueano.estimators.covariance import root
+from baqueano.estimators.covariance import cholesky_root
 from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import compose, map_from_body, wrap
@@ -118,7 +118,7 @@ def test_the_square_root_of_a_singular_covariance_is_correct():
     A = rng.normal(size=(6, 4))
     P = np.zeros((8, 8))
     P[1:7, 1:7] = A @ A.T  # rank 4 of 6, between two rows of zeros
-    np.testing.assert_allclose(root(P) @ root(P).T, P, atol=1e-12)
+    np.testing.assert_allclose(cholesky_root(P) @ cholesky_root(P).T, P, atol=1e-12)
 
 
 def test_an_uncertain_heading_gives_a_more_accurate_pose_than_the_ekf():
@@ -193,7 +193,7 @@ def test_the_unscented_filter_passes_the_block_check_and_compiles(name):
     file = load(name)
     block = file.estimator(kind="unscented")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []
-    assert notes("estimator", block, file.sensors, file.vehicle.commands) == []
+    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []
 
 
 @pytest.mark.parametrize(

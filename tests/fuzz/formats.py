@@ -215,8 +215,8 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
     listening = Door(path, Operator(), folder)
     route = Route(np.arange(2.0), np.zeros((2, 3)), np.zeros((2, 3)), False)
     missions = [
-        Mission("experiment", u=np.tile([0.5, 0.0, 0.1], (3, 1)), vehicle=load("small").text[:300]).json(),
-        Mission("repeat", route=route).json(),
+        Mission("experiment", u=np.tile([0.5, 0.0, 0.1], (3, 1)), vehicle=load("small").text[:300]).to_json(),
+        Mission("repeat", route=route).to_json(),
     ]
     guest = _Guest(path)
 
@@ -227,12 +227,12 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
                 message = decode(_line(encode(dict(generator.choice(SAID))), generator))
                 return message and encode(message)
             case 1:
-                mission = Mission.of_json(damaged_text(generator.choice(missions), generator, ","))
+                mission = Mission.from_json(damaged_text(generator.choice(missions), generator, ","))
                 numbers = [mission.u] if mission.u is not None else []
                 numbers += list(mission.route[:3]) if mission.route is not None else []
                 if not all(np.all(np.isfinite(column)) for column in numbers):
                     raise Silent("a mission with numbers that are not finite")
-                return mission.json()
+                return mission.to_json()
         word = dict(generator.choice(WORDS))
         return guest.answered(_line(json.dumps(word).encode(), generator), number)
 

@@ -93,4 +93,4 @@ def test_random_bytes_give_a_baqueano_error_or_a_value(noise, tmp_path_factory):
 def test_arbitrary_texts_and_values_give_a_baqueano_error_or_a_value(text, value):
     ours_or_a_value(parse, text, "x.toml")
     ours_or_a_value(parse, f"format = 1\nname = {value!r}\nrate_hz = {value!r}\n", "x.toml")
-    ours_or_a_value(Mission.of_json, text)
+    ours_or_a_value(Mission.from_json, text)

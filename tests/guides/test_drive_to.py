@@ -54,7 +54,7 @@ def test_shortest_paths_match_hand_calculations():
 @pytest.mark.parametrize("start", [(0.1, 0.2, 0.5), (-1.0, -0.3, 2.5), (0.0, -0.4, -0.5)])
 def test_the_guide_joins_a_route_within_radius_and_speed(start, radius_m, speed_m_s):
     route = circle(2.0, speed_m_s)
-    guide = DriveTo.join(route, radius_m=radius_m, speed_m_s=speed_m_s)
+    guide = DriveTo.to_route(route, radius_m=radius_m, speed_m_s=speed_m_s)
     state, out = followed(guide, start)
     eta, nu = np.array([r.eta for r in out]), np.array([r.nu for r in out])
     np.testing.assert_allclose(eta[0], start, atol=1e-9)
@@ -90,7 +90,7 @@ def test_the_guide_begins_at_the_vehicle_speed_and_ends_at_rest():
 
 
 def test_the_guide_is_done_if_the_vehicle_is_at_its_goal():
-    guide = DriveTo.join(eight(0.6, 0.2))
+    guide = DriveTo.to_route(eight(0.6, 0.2))
     state, reference = guide.step(guide.init(), at([0.004, 0.004, np.radians(1.0)]))
     assert reference.done == 1.0
     assert state.goal[0] == 0.0
@@ -98,7 +98,7 @@ def test_the_guide_is_done_if_the_vehicle_is_at_its_goal():
 
 def test_a_backward_route_is_reached_backward():
     route = reverse(line(2.0, 0.2), backing=True)  # from x = 2 to 0, heading along x
-    _, out = followed(DriveTo.join(route), (2.4, 0.1, 0.1))
+    _, out = followed(DriveTo.to_route(route), (2.4, 0.1, 0.1))
     assert all(r.nu[0] <= 0.0 for r in out)
     assert np.ptp([r.eta[2] for r in out]) < 1.0
     assert 1.0 <= out[-1].eta[0] <= 2.001

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.guides import InTurn, Repeat, RepeatByProgress
+from baqueano.guides import GuideSequence, Repeat, RepeatByProgress
 from baqueano.guides.shapes import circle, eight, line
 from tests.guides.test_drive_to import DT, at, followed
 
@@ -12,7 +12,7 @@ from tests.guides.test_drive_to import DT, at, followed
 @pytest.mark.parametrize("start", [(0.1, 0.2, 0.5), (-0.5, -0.3, 1.5)])
 def test_the_reference_does_not_jump_between_lead_in_and_route(kind, start):
     route = eight(0.6, 0.2)
-    guide = InTurn.led_in(kind.along(route), route)
+    guide = GuideSequence.with_lead_in(kind.along(route), route)
     state, out = followed(guide, start)
     eta = np.array([r.eta for r in out])
     assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.5 * 0.2 * DT
@@ -25,7 +25,9 @@ def test_the_reference_does_not_jump_between_lead_in_and_route(kind, start):
 def test_a_lead_in_shorter_than_the_route_works(kind):
     """From inside a circle the vehicle joins the route at a route time later than the drive time."""
     route = circle(0.4, 0.25)
-    state, out = followed(InTurn.led_in(kind.along(route), route, radius_m=0.15), (0.0, 0.2, 0.5))
+    state, out = followed(
+        GuideSequence.with_lead_in(kind.along(route), route, radius_m=0.15), (0.0, 0.2, 0.5)
+    )
     eta = np.array([r.eta for r in out])
     assert state.first.goal[0] > 1.5
     assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.5 * 0.25 * DT
@@ -34,7 +36,7 @@ def test_a_lead_in_shorter_than_the_route_works(kind):
 
 def test_a_vehicle_at_the_route_start_needs_no_lead_in():
     route = circle(0.5, 0.2)
-    plain, led = Repeat.along(route, 2), InTurn.led_in(Repeat.along(route, 2), route)
+    plain, led = Repeat.along(route, 2), GuideSequence.with_lead_in(Repeat.along(route, 2), route)
     state, led_state = plain.init(), led.init()
     for k in range(60):
         estimate = at(route.eta[0], k)
@@ -56,7 +58,7 @@ class Counts:
 
 
 def test_a_custom_guide_begins_at_the_join_point():
-    _, out = followed(InTurn.led_in(Counts(), line(2.0, 0.2)), (0.0, 0.2, 0.0))
+    _, out = followed(GuideSequence.with_lead_in(Counts(), line(2.0, 0.2)), (0.0, 0.2, 0.0))
     eta = np.array([r.eta for r in out])
     assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.1 * 0.2 * DT
     assert eta[-1, 0] == pytest.approx(2.0, abs=0.2 * DT)
@@ -64,7 +66,7 @@ def test_a_custom_guide_begins_at_the_join_point():
 
 def test_the_guide_returns_to_its_start_after_the_route():
     route = line(1.0, 0.2)
-    state, out = followed(InTurn.with_way_back(Repeat.along(route), route), np.zeros(3))
+    state, out = followed(GuideSequence.with_way_back(Repeat.along(route), route), np.zeros(3))
     assert state.is_first_over == 1.0
     assert max(r.eta[0] for r in out) > 1.0
     np.testing.assert_allclose(out[-1].eta, np.zeros(3), atol=1e-6)

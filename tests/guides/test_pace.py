@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.safety.paced_guide import PacedGuide
-from baqueano.guides import AtPace, Repeat, RepeatByProgress
+from baqueano.guides import GuideAtPace, Repeat, RepeatByProgress
 from baqueano.guides.shapes import circle
 from tests.guides.test_drive_to import DT, at
 
@@ -24,7 +24,7 @@ def drive_guide(guide, ticks, requests=None):
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 def test_at_full_pace_the_guide_is_unchanged(kind):
-    plain, paced = drive_guide(kind.along(ROUTE), 60), drive_guide(AtPace(kind.along(ROUTE)), 60)
+    plain, paced = drive_guide(kind.along(ROUTE), 60), drive_guide(GuideAtPace(kind.along(ROUTE)), 60)
     for a, b in zip(plain, paced, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 

@@ -18,7 +18,7 @@ from baqueano.identify.validation import (
 )
 from baqueano.messages import text
 from baqueano.runs import write_run
-from baqueano.symbolic import put
+from baqueano.symbolic import with_value
 from tests.identify.true_drives import CASE_FLOOR, case_drives, case_file
 
 FREE = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
@@ -41,7 +41,7 @@ def fits(drives):
 def wrong(fit):
     """Return the fit with 30 % more friction."""
     path = "model.friction.linear"
-    return replace(fit, blocks=put(fit.blocks, path, 1.3 * fit.blocks.model.friction.linear))
+    return replace(fit, blocks=with_value(fit.blocks, path, 1.3 * fit.blocks.model.friction.linear))
 
 
 def advised(fits, drives, cost, other):

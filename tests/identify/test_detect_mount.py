@@ -11,7 +11,7 @@ from baqueano.identify.diagnostics import gain_changes
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
-from baqueano.study.identification.trials import as_sent, guess, robot
+from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
 
 
 def with_imu(run, change):
@@ -73,9 +73,11 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
 def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     """A robot of the independent truth; the fit may not move the lever arm."""
     seed = 700
-    q = robot(seed)
-    file = guess(q)
-    u = as_sent(excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0))
+    q = draw_robot(seed)
+    file = initial_file(q)
+    u = quantised_commands(
+        excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0)
+    )
     motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
     run = counterpart.run_of_vehicle(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])

@@ -14,7 +14,7 @@ DRAG = "model.linear_drag"
 def test_unmodelled_tyre_slip_drag_widens_the_errors():
     """A car of the independent truth has soft tyres. The estimate of its rolling drag is too low, because slip
     explains a part of it."""
-    car = trials.car(702, "understeer")
+    car = trials.draw_car(702, "understeer")
     file = car_file(car)
     u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
     motion = drive_group(car, u[:, None], [702], tick_times(len(u), file.rate_hz))

@@ -6,7 +6,7 @@ import pytest
 from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, robot_values, run_of_vehicle
-from baqueano.study.identification.trials import as_sent, robot
+from baqueano.study.identification.trials import draw_robot, quantised_commands
 
 DELAY_PATH, LAG_PATH = "model.drivetrain.delay_s", "model.drivetrain.lag_s"
 FREE = [f"+{DELAY_PATH}"]
@@ -19,7 +19,7 @@ def logs():
     """Return a robot with quiet sensors, its file, and its logs. One log has the counts of the timer, one has the
     requested commands. The others have the counts and an IMU behind a low-pass, or behind a low-pass and a delay.
     This delay looks like a delay of the motors."""
-    plain = robot(SEED)
+    plain = draw_robot(SEED)
     plain = plain.with_parameters(imu=plain.imu.with_parameters(noise=0.2 * plain.imu.noise))
     behind = plain.with_parameters(imu=plain.imu.with_parameters(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
     chip = behind.with_parameters(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
@@ -27,7 +27,7 @@ def logs():
     requested = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
-    sent_u = as_sent(requested)
+    sent_u = quantised_commands(requested)
     each = np.stack([sent_u] * 3, axis=1)
     motion = drive_group(plain.merge([behind, chip]), each, [SEED] * 3, tick_times(len(sent_u), file.rate_hz))
     kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}

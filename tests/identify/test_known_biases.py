@@ -6,7 +6,7 @@ import pytest
 from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, run_of_vehicle
-from baqueano.study.identification.trials import FLOOR_NOISE, as_sent, guess, robot
+from baqueano.study.identification.trials import FLOOR_NOISE, draw_robot, initial_file, quantised_commands
 
 PATH = "sensors.imu.gyro_bias"
 SECONDS = 40.0
@@ -14,12 +14,14 @@ SECONDS = 40.0
 
 def fitted(bias=None):
     """Return the default fit of a robot on a rough floor without rests; `bias` is that of its gyro."""
-    q = robot(100)
+    q = draw_robot(100)
     q = q.with_parameters(floor=np.array([FLOOR_NOISE]))
     if bias is not None:
         q = q.with_parameters(imu=q.imu.with_parameters(bias=np.array([[0.0, 0.0, bias]])))
-    file = guess(q)
-    u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=0.0))
+    file = initial_file(q)
+    u = quantised_commands(
+        excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=0.0)
+    )
     motion = drive_group(q, u[:, None], [103], tick_times(len(u), file.rate_hz))
     return identify(
         run_of_vehicle(motion, 0, u, file, "floor", 103), file, options=FitOptions(diagnose=False)

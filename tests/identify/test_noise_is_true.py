@@ -12,7 +12,7 @@ from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
-from baqueano.study.identification.trials import FLOOR_NOISE, as_sent, robot
+from baqueano.study.identification.trials import FLOOR_NOISE, draw_robot, quantised_commands
 from baqueano.vehicle_file import parse
 
 pytestmark = pytest.mark.long
@@ -26,12 +26,14 @@ def measured(request):
     """Return the true values of a robot on a rough floor, its file, and the noise that a fit of its friction
     identifies."""
     seed = request.param
-    q = robot(seed)
+    q = draw_robot(seed)
     q = q.with_parameters(floor=np.array([FLOOR_NOISE]))
     file = parse(robot_file(q).text + ODOMETER, "robot.toml").with_values(
         {"estimator.use": ["imu", "odometer"], "model.process_noise_std": [0.0, 0.0, 0.0]}
     )
-    u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0))
+    u = quantised_commands(
+        excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0)
+    )
     motion = drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
     run = replace(run_of_vehicle(motion, 0, u, file, "floor", seed), truth=None)
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)

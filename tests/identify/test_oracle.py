@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.residuals.simulation import HUBER
 from baqueano.signals import Motion
-from baqueano.symbolic import put
+from baqueano.symbolic import with_value
 
 FREE = [f"model.{x}" for x in ("friction.linear[0]", "friction.linear[2]", "actuator_matrix[0,0]")]
 SIGMA = np.array([0.05, 0.05, 0.005])
@@ -17,7 +17,7 @@ def residuals(case, run, theta):
     """Return (z − h)/σ (3 N,) by the step of the vehicle, tick by tick."""
     vehicle = case.vehicle
     for path, x in zip(FREE, theta, strict=True):
-        vehicle = put(vehicle, path.removeprefix("model."), x)
+        vehicle = with_value(vehicle, path.removeprefix("model."), x)
     state, out = vehicle.init(), []
     for u, z in zip(run.applied, run.sensors["imu"].z, strict=True):
         state, motion = vehicle.step(state, u, 0.01, np.zeros(3))

@@ -23,7 +23,7 @@ from baqueano.study.counterpart import (
     run_of_vehicle,
 )
 from baqueano.study.counterpart.world import ROBOT_STEP_S
-from baqueano.study.identification.trials import FLOOR_NOISE, as_sent, car, robot
+from baqueano.study.identification.trials import FLOOR_NOISE, draw_car, draw_robot, quantised_commands
 from baqueano.study.truth import Robots, draw_robots
 from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile, load
@@ -74,7 +74,7 @@ def cars_on_floor(seeds: Sequence[int], duration_s: float) -> list[TrueDrive]:
     floor, drives = np.asarray(load("car").value("model.process_noise_std"))[None], []
     for first in range(0, len(seeds), CARS):
         few = seeds[first : first + CARS]
-        cars = [car(seed % CARS, "matched").with_parameters(floor=floor) for seed in few]
+        cars = [draw_car(seed % CARS, "matched").with_parameters(floor=floor) for seed in few]
         files = [car_file(q) for q in cars]
         us = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in few]
         values = [{name: float(v[0]) for name, v in car_values(q).items()} for q in cars]
@@ -96,9 +96,11 @@ def steps_of_car(seed: int, duration_s: float, rate_hz: float) -> np.ndarray:
 
 def robot_on_floor(seed: int, duration_s: float) -> TrueDrive:
     """Return a drive of a robot with dead zones and lag over a rough floor."""
-    q = robot(seed).with_parameters(floor=np.array([FLOOR_NOISE]))
+    q = draw_robot(seed).with_parameters(floor=np.array([FLOOR_NOISE]))
     file = robot_file(q)
-    u = as_sent(excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=0.0))
+    u = quantised_commands(
+        excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=0.0)
+    )
     (run,) = group_runs([q], [u], [seed], file)
     return TrueDrive(run, file, {name: float(v[0]) for name, v in robot_values(q).items()})
 

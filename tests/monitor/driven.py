@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.drive.session import sensor_monitor
-from baqueano.monitor import Finding, Watching
+from baqueano.monitor import Finding, SensorMonitor
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, run_of_vehicle
@@ -28,7 +28,7 @@ class Kind(NamedTuple):
 
     file: VehicleFile
     estimator: Any
-    sensors: Watching
+    sensors: SensorMonitor
 
 
 @cache
@@ -65,7 +65,7 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
 
 def watch(
     kind: str, run: Run, wrong: Mapping[str, float] = MappingProxyType({})
-) -> tuple[list[Finding], Watching]:
+) -> tuple[list[Finding], SensorMonitor]:
     """Return each finding at its start and again when it became DEGRADED, and the monitor at the end."""
     file, estimator, sensors = kind_of(kind, tuple(wrong.items()))
     belief, findings = estimator.init(), []

@@ -59,12 +59,12 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
         told_s = 1e-9 * first_finding.t_ns - FROM_S
         assert EVENT_S - 0.02 <= told_s <= TOLD_S
         assert not first_finding.is_degraded
-        assert {finding.off for finding in findings} <= {SENSOR, UNKNOWN}
+        assert {finding.wrong_part for finding in findings} <= {SENSOR, UNKNOWN}
         assert {finding.name for finding in findings} == {name}
         for worse in later:
             assert not worse.is_degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
         last = findings[-1]
-        assert last.looks in looks
+        assert last.symptom in looks
         assert last.diagnostic.subject == name
         if sensors.degraded_sensors:
             assert [sensor.name for sensor in sensors.degraded_sensors] == [name]
@@ -81,7 +81,9 @@ def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, na
     off = []
     for run in drives(kind, DRIVES):
         findings, _ = watch(kind, damaged_run(run, name[:-3], [int(name[-2])], fault))
-        off += [finding.off for finding in findings if finding.is_degraded and finding.name == name][:1]
+        off += [finding.wrong_part for finding in findings if finding.is_degraded and finding.name == name][
+            :1
+        ]
     assert len(off) == DRIVES
     assert off.count(SENSOR) >= DRIVES - 1
 
@@ -92,5 +94,5 @@ def test_a_wrong_turning_gain_is_not_reported_as_a_gyro_fault(kind):
     findings, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": 0.5})
     gyro = [finding for finding in findings if finding.name == "imu[2]"]
     assert gyro
-    assert {finding.off for finding in gyro} <= {MODEL, UNKNOWN}
-    assert gyro[-1].off == MODEL
+    assert {finding.wrong_part for finding in gyro} <= {MODEL, UNKNOWN}
+    assert gyro[-1].wrong_part == MODEL

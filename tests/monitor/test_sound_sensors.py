@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.monitor import refusal_event
+from baqueano.monitor import rejection_event
 from tests.monitor.driven import drives, watch
 
 
@@ -22,7 +22,7 @@ def test_rejections_are_counted_for_each_channel():
     z[1500, 1] = np.nan
     spiked_sensors = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
     _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked_sensors))
-    assert [refusal.name for refusal in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
-    assert [refusal.refused for refusal in sensors.refusals] == [0, 0, 10]
-    assert refusal_event(sensors.refusals).figures["imu[2].refused"] == 10
-    assert [refusal.arrived for refusal in sensors.refusals] == [len(z), len(z) - 1, len(z)]
+    assert [refusal.name for refusal in sensors.rejections] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert [refusal.rejected_count for refusal in sensors.rejections] == [0, 0, 10]
+    assert rejection_event(sensors.rejections).figures["imu[2].refused"] == 10
+    assert [refusal.reading_count for refusal in sensors.rejections] == [len(z), len(z) - 1, len(z)]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from baqueano.compare.filter_consistency import STATE_NAMES, filter_consistency
-from baqueano.monitor import REFUSED_SOURCE, Refusals, refusal_event
+from baqueano.monitor import REJECTIONS_SOURCE, Rejections, rejection_event
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import page_of_fit
 from baqueano.report.run_report import page_of_run
@@ -66,7 +66,7 @@ def test_ne8_a_page_fetches_no_file_and_runs_no_script():
 
 
 def test_rejected_readings_have_a_table_only_if_they_were_counted():
-    counts = Event(0, "info", REFUSED_SOURCE, "", refusal_event([Refusals("imu[2]", 12, 400)]))
+    counts = Event(0, "info", REJECTIONS_SOURCE, "", rejection_event([Rejections("imu[2]", 12, 400)]))
     run = replace(a_run(), events=(counts,))
     (table,) = parts_of(page_of_run(run))["Refused readings"]
     assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "refused [%]": 3.0}]

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from baqueano.sensors import Beacon, Compass, Encoders, Imu, Odometer, Pose, Rangefinder, Tags, Wheels
 from baqueano.signals import Motion
-from baqueano.symbolic import get, jacobian, put, scan
+from baqueano.symbolic import jacobian, scan, value_at_path, with_value
 
 QUICK = settings(max_examples=30)
 
@@ -122,7 +122,7 @@ def test_every_parameter_of_the_imu_model_has_a_derivative():
     paths = ["accel_bias[0]", "accel_bias[1]", "gyro_bias", "accel_scale[0]", "accel_scale[1]", "gyro_scale"]
     paths += ["lever_arm_m[0]", "lever_arm_m[1]", "tilt_rad[0]", "tilt_rad[1]", "temperature_c"]
     paths += ["accel_temperature_slope[1]", "gyro_temperature_slope"]
-    start = np.array([float(get(IMU, path)) for path in paths])
+    start = np.array([float(value_at_path(IMU, path)) for path in paths])
     motion_ = Motion(
         np.zeros(3), np.array([0.4, -0.1, 2.0]), np.array([0.5, 0.3, -1.0]), np.array([0.1, -0.2])
     )
@@ -130,7 +130,7 @@ def test_every_parameter_of_the_imu_model_has_a_derivative():
     def h(values):
         imu = IMU
         for path, value in zip(paths, values, strict=True):
-            imu = put(imu, path, value)
+            imu = with_value(imu, path, value)
         return imu.h(motion_)
 
     slope = jacobian(h)(start)

@@ -196,7 +196,7 @@ def test_a_step_never_changes_its_arguments():
     imu = Imu(delay_s=0.01, delay_slots=2, gyro_bias_walk=0.1)
     state, motion_, noise = imu.init(), motion(nu=[1.0, 0.0, 2.0]), np.ones(6)
     imu.step(state, motion_, 0.01, noise)
-    assert not state.signal.past.any()
+    assert not state.signal.past_values.any()
     assert not state.bias.any()
     assert np.array_equal(noise, np.ones(6))
 

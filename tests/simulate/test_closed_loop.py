@@ -10,7 +10,7 @@ from baqueano.guides import Repeat, RepeatByProgress, SinuousCircle
 from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
-from baqueano.simulate.closed_loop import close_loop, reference_duration, references_of, start_of
+from baqueano.simulate.closed_loop import loop_system, reference_duration, references_of, start_pose
 from baqueano.supervisor import Supervisor
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -21,7 +21,7 @@ ROUTE = circle(0.5, 0.3)
 def test_the_compiled_loop_equals_the_clocked_loop(vehicle):
     run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.5)
     world = SimulatedWorld(vehicle.vehicle, vehicle.sensors, 100.0, seed=4)
-    blocks = close_loop(vehicle, ROUTE).blocks
+    blocks = loop_system(vehicle, ROUTE).blocks
     records = []
     loop.run(blocks, world, clock.simulated_ticks(100.0, 1.5), on_record=records.append, eta=np.zeros(3))
     assert len(records) >= 150
@@ -45,7 +45,7 @@ def test_with_perfect_pose_the_estimate_is_the_truth(vehicle):
 
 
 def test_the_simulation_ends_when_the_guide_is_done(vehicle):
-    system = close_loop(vehicle, ROUTE, laps=2)
+    system = loop_system(vehicle, ROUTE, laps=2)
     assert reference_duration(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3, abs=0.02)
     run = simulate_loop(vehicle, rectangle(0.3, 0.2, 0.05, 0.5), perfect=True)
     assert run.reference.done[-1] == 1.0
@@ -54,7 +54,7 @@ def test_the_simulation_ends_when_the_guide_is_done(vehicle):
 
 def test_the_duration_of_a_route_by_progress_does_not_depend_on_its_place(vehicle):
     for start in (np.zeros(3), np.array([0.4, 0.1, 0.0]), np.array([-0.3, -0.1, 0.0])):
-        system = close_loop(vehicle, RepeatByProgress.along(move_route(ROUTE, start)))
+        system = loop_system(vehicle, RepeatByProgress.along(move_route(ROUTE, start)))
         assert reference_duration(system) == pytest.approx(ROUTE.t_s[-1], abs=0.02)
         references = references_of(system, [0, 10**9, 2 * 10**9])
         assert [reference.nu[0] for reference in references] == pytest.approx([0.3] * 3)
@@ -66,8 +66,8 @@ def test_a_shape_is_accepted_as_a_route(vehicle):
 
 
 def test_the_vehicle_starts_at_the_start_of_the_route(vehicle):
-    system = close_loop(vehicle, move_route(ROUTE, np.array([1.0, 2.0, 0.5])))
-    np.testing.assert_allclose(start_of(system), [1.0, 2.0, 0.5], atol=1e-12)
+    system = loop_system(vehicle, move_route(ROUTE, np.array([1.0, 2.0, 0.5])))
+    np.testing.assert_allclose(start_pose(system), [1.0, 2.0, 0.5], atol=1e-12)
     run = simulate_loop(vehicle, move_route(ROUTE, np.array([1.0, 2.0, 0.5])), perfect=True, duration_s=0.1)
     np.testing.assert_allclose(run.truth.eta[0], [1.0, 2.0, 0.5], atol=1e-3)
 

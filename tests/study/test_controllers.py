@@ -5,21 +5,21 @@ import pytest
 
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
-from baqueano.estimators import StateOfWorld
+from baqueano.estimators import TrueState
 from baqueano.guides.shapes import rectangle
 from baqueano.signals import Tick
 from baqueano.study.controllers import controllers
-from baqueano.study.controllers.drives import Contestant, from_origin
-from baqueano.study.controllers.result import JUDGED_BY, Controllers
+from baqueano.study.controllers.drives import Contestant, relative_to_start
+from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.truth import draw_robots
-from baqueano.sweep.pieces import Pieces
+from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.result import SweepCell, SweepDrive, SweepResult
 
 
 def test_the_ideal_estimator_returns_the_pose_of_the_world():
     world = LoopWorld(draw_robots(1, 0), 0, 100.0)
-    estimator = StateOfWorld(lambda: world.motion)
+    estimator = TrueState(lambda: world.motion)
     (tick, *_), truths = world.read(10_000_000), world.new_truths()
     _, estimate = estimator.step(estimator.init(), tick)
     assert isinstance(tick, Tick)
@@ -30,7 +30,7 @@ def test_the_ideal_estimator_returns_the_pose_of_the_world():
 
 def test_moving_a_route_to_the_origin_preserves_its_shape():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
-    moved_route = from_origin(route)
+    moved_route = relative_to_start(route)
     np.testing.assert_allclose(moved_route.eta[0], 0.0, atol=1e-12)
     lengths = [np.hypot(*np.diff(path.eta[:, :2], axis=0).T).sum() for path in (route, moved_route)]
     assert lengths[0] == pytest.approx(lengths[1])
@@ -43,7 +43,7 @@ def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives
     for label, part in (("pd", 1.0), ("mine", best)):
         for k in range(drives):
             e = part * 0.02 * np.exp(0.02 * rng.standard_normal())
-            pieces = {"across_rms_m": Pieces((1000.0 * e * e,), (1000.0,))}
+            pieces = {"across_rms_m": ErrorSegments((1000.0 * e * e,), (1000.0,))}
             drive_results.append(
                 SweepDrive(
                     SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stop_code
@@ -54,7 +54,7 @@ def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives
         Contestant("pd", "pd", {"alpha": 1.0}, ()),
         Contestant("mine", "my.py:Mine", {"k": 1.0}, bound),
     )
-    return Controllers(dict.fromkeys(JUDGED_BY, result_of), contestants, 10, ())
+    return Controllers(dict.fromkeys(EVALUATIONS, result_of), contestants, 10, ())
 
 
 def test_the_verdict_lists_the_code_of_each_missed_requirement():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.runs.importing import import_run
-from baqueano.study.cross_validation_cpm import CrossValidation, fit_to, judge
-from baqueano.study.recordings import MAPS
+from baqueano.study.cross_validation_cpm import CrossValidation, evaluate_on_run, fit_to
+from baqueano.study.recordings import CPM_MAPS
 from baqueano.study.recordings_page import page_of_recordings
 
 pytestmark = pytest.mark.long
@@ -16,20 +16,20 @@ pytestmark = pytest.mark.long
 @pytest.fixture(scope="module")
 def study(cpm_recordings):
     """Return both fits, each judged on the unseen run."""
-    runs = {name[-1]: import_run(name).run for name in MAPS}
+    runs = {name[-1]: import_run(name).run for name in CPM_MAPS}
     fits = {name: fit_to(run) for name, run in runs.items()}
     ways = (("a", "b"), ("b", "a"))
-    return CrossValidation(fits, tuple(judge(fits[a].vehicle_file, a, runs[b], b) for a, b in ways))
+    return CrossValidation(fits, tuple(evaluate_on_run(fits[a].vehicle_file, a, runs[b], b) for a, b in ways))
 
 
 def test_a_fit_to_one_run_predicts_the_other_run(study):
-    for validation in study.judgements:
-        assert validation.held_out
+    for validation in study.evaluations:
+        assert validation.is_held_out
         assert np.all(validation.predicted.explained_variance > 0.9), validation.row()
 
 
 def test_the_filter_error_is_below_one_percent_of_the_distance(study):
-    for validation in study.judgements:
+    for validation in study.evaluations:
         row = validation.row()
         assert row["driven_m"] == pytest.approx(74.6, abs=1.0)
         assert row["ate_m"] < 0.01 * row["driven_m"]
@@ -38,7 +38,7 @@ def test_the_filter_error_is_below_one_percent_of_the_distance(study):
 
 
 def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
-    for validation in study.judgements:
+    for validation in study.evaluations:
         estimate, truth = validation.replayed.estimate, validation.replayed.truth
         at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
         assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05

@@ -3,7 +3,7 @@
 import pytest
 
 from baqueano.study import driving
-from baqueano.study.driving import Driving, EvenDrive
+from baqueano.study.driving import Driving, LapErrors
 
 
 @pytest.mark.long
@@ -18,7 +18,7 @@ def test_an_identified_robot_drives_evenly_on_independent_physics(monkeypatch):
 
 
 def test_a_lap_beyond_a_limit_is_reported_with_its_figure():
-    good = EvenDrive("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
+    good = LapErrors("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
     late = good._replace(seed=1, across_m=0.02, sign_changes=2.0)
     study = Driving((good, late), 2, ())
     assert study.verdict == "WARN"

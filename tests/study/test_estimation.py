@@ -23,10 +23,10 @@ from baqueano.study.estimation.errors import (
     block_errors,
     merge,
 )
-from baqueano.study.estimation.judging import JudgedEstimate
+from baqueano.study.estimation.evaluation import EstimateEvaluation
 from baqueano.study.estimation.references import dead_reckoning, open_loop
 from baqueano.study.estimation.result import EstimationStudy
-from baqueano.study.estimation.subjects import BOTH, IMU, SETUPS, with_sensors
+from baqueano.study.estimation.subjects import BOTH, IMU, SENSOR_SETS, with_sensors
 from baqueano.vehicle_file import load
 
 UNKNOWN = FilterConsistency(NOT_REPORTED, NOT_REPORTED, NOT_REPORTED, {}, (), (), np.nan)
@@ -54,7 +54,7 @@ def test_integration_of_perfect_readings_gives_the_circle():
     car, run = circle()
     eta = dead_reckoning(car, run, np.zeros((len(run.t_ns), 3)), run.truth.eta[0])
     assert np.max(np.hypot(*(eta - run.truth.eta)[:, :2].T)) < 1e-3
-    ideal = with_sensors(car, SETUPS[IMU])
+    ideal = with_sensors(car, SENSOR_SETS[IMU])
     nu = np.tile([V, 0.0, R], (len(run.t_ns), 1))
     assert np.allclose(dead_reckoning(ideal, run, nu, run.truth.eta[0]), eta, atol=1e-12)
 
@@ -121,7 +121,7 @@ def outcome_of(ratio):
     """Return ten blocks in which the error of the estimate is `ratio` times that of the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
     ratio_blocks = BlockSums(ratio**2 * blocks, blocks, np.ones(10))
-    return JudgedEstimate(
+    return EstimateEvaluation(
         f"here, {BOTH}",
         BOTH,
         "ekf",
@@ -210,13 +210,13 @@ def test_the_share_of_good_estimates_counts_only_accepted_fits():
     rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
     assert rows["speed, not worse"]["value"] == 0.5
     assert rows["speed, not worse"]["ok"] is False
-    assert "1 fits refused" in simulated.sentence(outcomes)
-    assert len({simulated.lacking(seed) for seed in range(8)}) == 8  # each lack, a robot and a car
+    assert "1 fits refused" in simulated.count_sentence(outcomes)
+    assert len({simulated.unmodelled_effect(seed) for seed in range(8)}) == 8  # each lack, a robot and a car
 
 
 def test_the_rows_contain_single_vehicles_and_the_table_does_not():
     outcomes = [simulated.SimulatedOutcome(0, "slope", (outcome_of(0.6), outcome_of(1.2)), "")]
-    rows = simulated.each_vehicle(outcomes)
+    rows = simulated.vehicle_rows(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]
     study = EstimationStudy((), tuple(simulated.rows(outcomes)), tuple(rows))
     assert [row for row in study.rows() if row["quantity"] == SPEED] == [

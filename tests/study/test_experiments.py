@@ -10,7 +10,7 @@ from baqueano.identify.design.room import contain_in_room, room_of
 from baqueano.identify.design.vehicle_cloud import possible_vehicles
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
-from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, outcome, vehicles_around
+from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, signal_outcome, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, rows_of
 from baqueano.study.first_drives import (
     DEAD_ZONE,
@@ -20,8 +20,8 @@ from baqueano.study.first_drives import (
     draw_unknown_robot,
     gain_ratios,
 )
-from baqueano.study.first_drives import Row as FirstDrive
-from baqueano.study.identification.bound import numbers
+from baqueano.study.first_drives import FirstDriveRow as FirstDrive
+from baqueano.study.identification.bound import free_values
 from baqueano.study.truth import TruthWorld, draw_cars
 from baqueano.study.truth import draw_robots as robots_drawn
 from baqueano.vehicle_file import load
@@ -82,7 +82,7 @@ def test_a_touched_wall_gives_the_verdict_refused():
 def test_study_vehicles_differ_from_their_file_within_the_stated_spread(name):
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
-    values = numbers(vehicles)
+    values = free_values(vehicles)
     paths = [path for path in possible_vehicles(file, vehicle_count=2).paths if path in values]
     assert len(paths) >= 7
     off = np.array([values[path] / file.value(path) - 1.0 for path in paths])
@@ -99,7 +99,7 @@ def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room(
     ahead = np.tile([1.0, 0.0, 0.0], (len(steps), 1))
 
     def of(u):
-        return outcome(
+        return signal_outcome(
             ("some", PlannedDrive(np.repeat(u[:, None], 2, axis=1), 0.0)), vehicles, "small", room, 0
         )[1]
 
@@ -124,7 +124,9 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
 def test_an_unobservable_parameter_retains_its_prior_uncertainty():
     file = load("small")
     resting = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
-    _, result = outcome(("still", resting), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0)
+    _, result = signal_outcome(
+        ("still", resting), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0
+    )
     assert result.errors == pytest.approx(1.0, rel=1e-3)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.study.faults import FAULTS, Faults, detection, faults
 from baqueano.study.faults.detection import UNDAMAGED, FaultJob, FaultOutcome
-from baqueano.study.wrong import wrong
+from baqueano.study.wrong_estimates import wrong_mask
 
 SOME = (
     "clean", "clean, other start", "gyro in °/s", "time jumps a day", "time jumps seconds", "repeated samples",
@@ -73,8 +73,8 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
 
 
 def test_a_fit_without_parameters_is_excluded_from_the_ratio():
-    none = outcome_of("stuck", "REFUSED", False)._replace(clean=1.0)
-    some = none._replace(off=3.0, clean=2.0)
+    none = outcome_of("stuck", "REFUSED", False)._replace(undamaged_error_rms=1.0)
+    some = none._replace(error_rms=3.0, undamaged_error_rms=2.0)
     assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
     assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
 
@@ -120,7 +120,7 @@ def case_study():
 def test_an_estimate_is_wrong_beyond_five_errors_and_five_percent():
     truth, sd = np.array([1.0, 1.0, 0.0, 1.0, np.nan]), np.array([1e-3, 0.05, 0.01, 0.1, 0.1])
     estimate = np.array([1.04, 1.2, 0.1, np.nan, 1.0])
-    assert wrong(estimate, sd, truth).tolist() == [False, False, True, False, False]
+    assert wrong_mask(estimate, sd, truth).tolist() == [False, False, True, False, False]
 
 
 def test_the_study_contains_every_specified_fault():
@@ -271,4 +271,6 @@ def test_structural_faults_do_not_change_the_original_data(vehicle):
         assert (plan is None) == (vehicle == "car" and name in NOT_FOR_CARS), name
         if plan is not None:
             has_changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
-            assert has_changed or plan.vehicle_file is not of.vehicle_file or plan.second is not None, name
+            assert (
+                has_changed or plan.vehicle_file is not of.vehicle_file or plan.second_vehicle is not None
+            ), name

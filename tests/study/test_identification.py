@@ -15,21 +15,21 @@ import pytest
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     car_file,
-    car_numbers,
+    car_unknowns,
     car_values,
     drive_group,
     robot_file,
     robot_values,
-    with_car_numbers,
+    with_car_unknowns,
     with_values,
 )
 from baqueano.study.counterpart.cars import SPEED
 from baqueano.study.identification import Identification, identification, result, trials
-from baqueano.study.identification.bound import bound_of, perturbed_copies, steps
+from baqueano.study.identification.bound import cramer_rao_bound, difference_steps, perturbed_copies
 from baqueano.study.identification.page import page_of_identification
 from baqueano.study.identification.trials import CASES, TrialOutcome
 from baqueano.study.truth import TruthWorld, draw_cars
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
 
@@ -48,35 +48,35 @@ def study_of(count=200, **options):
     return Identification(tuple(outcome_of(seed=k, **options) for k in range(count)), count)
 
 
-@pytest.mark.parametrize("path", sorted(robot_values(trials.robot(0))))
+@pytest.mark.parametrize("path", sorted(robot_values(trials.draw_robot(0))))
 def test_setting_a_true_value_of_a_robot_changes_no_other_value(path):
-    robot = trials.robot(0)
+    robot = trials.draw_robot(0)
     before = robot_values(robot)
     after = robot_values(with_values(robot, {path: before[path] + 0.01}))
     for name, value in after.items():
         assert value[0] == pytest.approx(before[name][0] + 0.01 * (name == path), abs=1e-12), name
 
 
-@pytest.mark.parametrize("path", car_numbers(draw_cars(1, 0)))
+@pytest.mark.parametrize("path", car_unknowns(draw_cars(1, 0)))
 def test_setting_a_true_value_of_a_car_changes_no_other_value(path):
     cars = draw_cars(2, 3)
-    numbers = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
-    result = car_numbers(with_car_numbers(cars, {path: numbers}))
+    numbers = car_unknowns(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
+    result = car_unknowns(with_car_unknowns(cars, {path: numbers}))
     np.testing.assert_allclose(result[path], numbers)
-    for name, before in car_numbers(cars).items():
+    for name, before in car_unknowns(cars).items():
         if name != path:
             np.testing.assert_allclose(result[name], before)
 
 
 def test_the_error_bound_of_an_unobservable_parameter_is_its_prior_error():
     car = draw_cars(1, 0)
-    quiet = np.zeros((50, 2 * len(car_numbers(car)), 4))
-    bounds = bound_of(quiet, car, {path: 0.5 for path in car_numbers(car)})
+    quiet = np.zeros((50, 2 * len(car_unknowns(car)), 4))
+    bounds = cramer_rao_bound(quiet, car, {path: 0.5 for path in car_unknowns(car)})
     np.testing.assert_allclose(list(bounds.values()), 0.5)
 
 
 def test_the_file_of_a_robot_contains_its_true_values():
-    robot = trials.robot(3)
+    robot = trials.draw_robot(3)
     file = robot_file(robot)
     for path, value in robot_values(robot).items():
         assert float(np.ravel(file.value(path))[0]) == pytest.approx(value[0], rel=1e-9, abs=1e-12), path
@@ -94,12 +94,12 @@ def test_the_stated_true_speed_of_a_car_is_its_final_speed():
 
 def test_the_error_bound_is_computed_from_the_inverse_information():
     """The readings are linear in the parameters, with derivatives that can be calculated by hand."""
-    robot = trials.robot(1)
-    of, rng = steps(robot), np.random.default_rng(0)
+    robot = trials.draw_robot(1)
+    of, rng = difference_steps(robot), np.random.default_rng(0)
     G = rng.normal(size=(60, 3, len(of)))
     values = robot_values(perturbed_copies(robot))
     theta = np.stack([values[path] for path in of])
-    bounds = bound_of(np.einsum("tcp,pk->tkc", G, theta), robot)
+    bounds = cramer_rao_bound(np.einsum("tcp,pk->tkc", G, theta), robot)
     flat = (G / robot.imu.noise[0][:, None]).reshape(-1, len(of))
     expected = np.sqrt(np.diagonal(np.linalg.inv(flat.T @ flat)))
     np.testing.assert_allclose(list(bounds.values()), expected, rtol=1e-6)
@@ -117,19 +117,19 @@ def test_the_fit_to_one_robot_is_not_wrong(case):
 
 
 def test_the_true_value_of_a_drifting_bias_is_its_mean():
-    robot = trials.robot(0)
+    robot = trials.draw_robot(0)
     imu = robot.imu.with_parameters(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
     motion = drive_group(robot.with_parameters(imu=imu), np.zeros((200, 1, 3)), [0], tick_times(200, 100.0))
-    assert np.all(np.abs(motion.wandered) > 1e-3)
-    np.testing.assert_allclose((motion.z - motion.quiet).mean(axis=0), motion.wandered)
+    assert np.all(np.abs(motion.bias_drift) > 1e-3)
+    np.testing.assert_allclose((motion.readings - motion.noiseless).mean(axis=0), motion.bias_drift)
 
 
 def test_study_robots_have_the_documented_properties():
-    q = trials.robot(7)
+    q = trials.draw_robot(7)
     assert np.all((q.forward >= 0.25) & (q.forward <= 0.33))
     assert np.linalg.norm(q.imu.place_m) == pytest.approx(0.03)
     assert np.linalg.norm(np.degrees(q.imu.tilt_rad)) == pytest.approx(2.0)
-    u = trials._steps(trials.guess(q), 0, 10.0)
+    u = trials._steps(trials.initial_file(q), 0, 10.0)
     counts = 255 * np.stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert np.abs(counts).max() <= 255 + 1e-9
@@ -179,7 +179,7 @@ def test_the_study_page_contains_table_and_figures():
 def test_an_interrupted_study_resumes_from_stored_results(tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(
-        result, "work", lambda job: calls.append(job.seeds) or [outcome_of(seed=job.seeds[0])]
+        result, "fit_job", lambda job: calls.append(job.seeds) or [outcome_of(seed=job.seeds[0])]
     )
     for seeds in (8, 16):
         study = identification(seeds, cases=("clean",), keep=tmp_path / "kept")
@@ -200,8 +200,8 @@ def test_an_unknown_case_is_refused_with_the_list_of_cases(capsys):
 
 def test_jobs_run_in_this_process_or_in_other_processes():
     progress = []
-    assert sorted(spread_over(abs, [-3, 1, -2], 1, progress.append)) == [1, 2, 3]
-    assert sorted(spread_over(abs, [-3, 1, -2], 2, progress.append)) == [1, 2, 3]
+    assert sorted(run_in_processes(abs, [-3, 1, -2], 1, progress.append)) == [1, 2, 3]
+    assert sorted(run_in_processes(abs, [-3, 1, -2], 2, progress.append)) == [1, 2, 3]
     assert progress == [1] * 6
 
 
@@ -211,11 +211,11 @@ def test_results_before_ctrl_c_are_returned():
             raise KeyboardInterrupt
         return job
 
-    assert spread_over(work, [1, 2, 3, 4]) == [1, 2]
+    assert run_in_processes(work, [1, 2, 3, 4]) == [1, 2]
 
 
 def test_ctrl_c_before_the_first_seed_is_raised_again(monkeypatch):
-    monkeypatch.setattr(result, "spread_over", lambda *args: [])
+    monkeypatch.setattr(result, "run_in_processes", lambda *args: [])
     with pytest.raises(KeyboardInterrupt):
         identification(3)
 
@@ -229,7 +229,7 @@ def test_ctrl_c_leaves_the_table_of_completed_seeds(tmp_path):
         "def slow(job):\n    if job.seeds[0]:\n        print('one', file=sys.stderr, flush=True)\n"
         "        time.sleep(30)\n"
         "    return [TrialOutcome('clean', s, ('a',), one, one, one, none, 'USABLE', (), True) for s in job.seeds]\n"
-        "result.work, workers.processors = slow, lambda: 1\n"
+        "result.fit_job, workers.processor_count = slow, lambda: 1\n"
         "main(['study', 'identification', '--seeds', '400', '--json', '--figures', 'f'])\n"
     )
     process = subprocess.Popen(

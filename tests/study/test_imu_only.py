@@ -15,8 +15,8 @@ from baqueano.study.imu_only import (
     MAPS,
     MAX_WIDTHS,
     MIN_COVERAGE,
-    NAMES,
-    drive_of,
+    QUANTITY_NAMES,
+    fitted_drive,
     imu_only_study,
     interval_rows,
 )
@@ -40,7 +40,7 @@ def test_speed_without_encoder_is_at_most_30_percent_worse_than_with_odometer(st
 def test_imu_only_intervals_cover_the_odometer_fit_and_are_narrow(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows["intervals that contain the odometer's fit"]["ok"]
-    for name, bar in zip(NAMES, MAX_WIDTHS, strict=True):
+    for name, bar in zip(QUANTITY_NAMES, MAX_WIDTHS, strict=True):
         if np.isfinite(bar):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
 
@@ -104,7 +104,7 @@ def test_steady_speed_and_its_error_are_computed_from_gain_and_friction():
         names=DRIVE_PARAMETERS, estimate=mean, cov=cov, sd=np.sqrt(np.diag(cov)),
         value=lambda name: float(mean[DRIVE_PARAMETERS.index(name)]),
     )  # fmt: skip
-    motion = drive_of(fit, load("car"))
+    motion = fitted_drive(fit, load("car"))
     draws = rng.multivariate_normal(mean, cov, size=40_000)
     speeds = (draws[:, 0] * (0.4 - 0.03) - draws[:, 2]) / draws[:, 1]
     assert motion.value[4] == pytest.approx((7.4 * 0.37 - 0.6) / 1.8)

@@ -7,11 +7,11 @@ from baqueano.drive.closure import closure, lap_closure
 from baqueano.errors import AnswerNo
 from baqueano.study import driving
 from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
-from baqueano.study.driving import SHAPES, guess
+from baqueano.study.driving import SHAPES, initial_file
 from baqueano.study.laps import all_cases, laps_over_fixes, team
 from baqueano.study.laps.drives import STEP_S, Laps
-from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, places, with_fix
-from baqueano.study.laps.result import LapCase, LapStudy, WholeDrive, laps_of
+from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, poses_at_fractions, with_fix
+from baqueano.study.laps.result import FullDrive, LapCase, LapStudy, laps_of
 from baqueano.study.laps.returns import ends_of_laps, refused_share
 from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
 from baqueano.symbolic import function
@@ -66,7 +66,7 @@ def test_a_line_is_read_once_when_crossed_in_its_direction():
 
 
 def test_a_confused_line_reading_names_another_line():
-    ways = [readings_of(lines(seed, PassingFaults(mistaken=1.0)), line(0.05)) for seed in range(20)]
+    ways = [readings_of(lines(seed, PassingFaults(mistaken_rate=1.0)), line(0.05)) for seed in range(20)]
     first = [int(np.flatnonzero(np.isfinite(next(iter(way.values()))))[0]) for way in ways]
     assert set(first) == {1, 2}
 
@@ -74,7 +74,7 @@ def test_a_confused_line_reading_names_another_line():
 def test_a_gate_measures_the_pose_relative_to_the_gate_it_reports():
     poses, start = np.array([[1.0, 0.0, 0.1], [0.0, 5.0, 3.0]]), np.array([[0.0, 0.05]])
     for mistaken, expected in ((0.0, [1.0, 0.05, 0.1]), (1.0, [0.0, 5.05, 3.0])):
-        gate = Gate(poses, 0.1, np.zeros(3), [0], start, PassingFaults(mistaken=mistaken))
+        gate = Gate(poses, 0.1, np.zeros(3), [0], start, PassingFaults(mistaken_rate=mistaken))
         (z,) = readings_of(gate, line(0.05)).values()
         assert z == pytest.approx(expected, abs=0.02)
 
@@ -83,7 +83,7 @@ def test_a_gate_measures_the_pose_relative_to_the_gate_it_reports():
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_vehicle_file_declares_the_sensors_of_each_kind_of_mark(fix, shape):
     route, sizes = SHAPES[shape](0.3), FIXES[fix].sizes
-    file = with_fix(with_fix(guess(), "tags", route), fix, route)
+    file = with_fix(with_fix(initial_file(), "tags", route), fix, route)
     assert {name: sensor.size for name, sensor in file.sensors._asdict().items()} == {"imu": 3, **sizes}
     assert list(file.estimator().use) == ["imu", *sizes]
     reader = FIXES[fix].reader(route, [0], route.eta[:1, :2], PassingFaults())
@@ -98,7 +98,7 @@ def test_the_vehicle_file_declares_the_sensors_of_each_kind_of_mark(fix, shape):
 def test_three_lines_determine_the_pose_on_every_route(shape):
     route = SHAPES[shape](0.3)
     middle = 0.5 * (route.eta[:, :2].min(axis=0) + route.eta[:, :2].max(axis=0))
-    x, y, psi = (places(route, THREE_FRACTIONS) - np.append(middle, 0.0)).T
+    x, y, psi = (poses_at_fractions(route, THREE_FRACTIONS) - np.append(middle, 0.0)).T
     H = np.column_stack([np.cos(psi), np.sin(psi), x * np.sin(psi) - y * np.cos(psi)])
     assert np.linalg.svd(H, compute_uv=False)[-1] > 0.7
 
@@ -108,8 +108,8 @@ FIXED = {"none": [], "tags": [2, 2], "lines": [1, 1, 1], "gate": [1, 1, 1]}
 
 def test_two_turns_on_a_mark_calibrate_the_gyro():
     robots = vehicles(range(3))
-    for run, scale in zip(team.turned_twice(robots, range(3)), robots.imu.gyro_scale, strict=True):
-        result = closure(run, guess())
+    for run, scale in zip(team.simulate_two_turns(robots, range(3)), robots.imu.gyro_scale, strict=True):
+        result = closure(run, initial_file())
         assert result.turns == 2
         assert result.scale == pytest.approx(scale, abs=3.0 * result.sd)
         assert result.sd < 0.004
@@ -185,7 +185,7 @@ def study_of(error_m, sd_m, laps=5, across_m=0.02, stops=False, case=TAGS, forec
     across = np.tile([across_m, -0.01], (10 * laps, 1))
     drives[15 if stops else 10 * laps :, 0] = False
     driven = Laps(error, cov, across, drives, np.zeros(2, bool), ())
-    wholes = tuple(WholeDrive(case, seed, False, forecast) for seed in (3, 4))
+    wholes = tuple(FullDrive(case, seed, False, forecast) for seed in (3, 4))
     return LapStudy(tuple(laps_of(driven, case, [3, 4], laps, 10)), wholes, 2, laps, ())
 
 

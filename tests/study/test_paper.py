@@ -9,7 +9,13 @@ import pytest
 
 from baqueano.report import Headline
 from baqueano.study.paper import dynamic_vs_kinematic
-from baqueano.study.paper.case_study import PRINTED, CaseStudy, ImpliedParameters, case_study, simulate_seed
+from baqueano.study.paper.case_study import (
+    PRINTED_VALUES,
+    CaseStudy,
+    ImpliedParameters,
+    case_study,
+    simulate_seed,
+)
 from baqueano.study.paper.page import page_of_paper
 
 NAMES = [f"d_{a}{b}" for a in "lc" for b in ("x", "y", "psi")] + [
@@ -26,7 +32,7 @@ def test_rows_have_the_order_and_values_of_the_paper(study):
     rows = study.rows()
     assert [row["name"] for row in rows] == NAMES
     assert all(set(row) == {"name", "truth", "paper", "estimate", "sd"} for row in rows)
-    assert {row["name"]: row["paper"] for row in rows} == PRINTED
+    assert {row["name"]: row["paper"] for row in rows} == PRINTED_VALUES
 
 
 def test_friction_is_negative_as_in_the_paper(study):
@@ -51,8 +57,8 @@ def test_gains_of_the_absent_sideways_actuator_have_no_estimate(study):
 
 
 def test_no_parameter_error_exceeds_4_5_standard_errors(study):
-    assert len(study.z) == 12
-    assert np.abs(study.z).max() < 4.5
+    assert len(study.normalised_errors) == 12
+    assert np.abs(study.normalised_errors).max() < 4.5
     assert study.verdict == "USABLE"
 
 
@@ -70,7 +76,7 @@ def test_the_table_shows_both_errors_and_unobservable_parameters(study):
 
 
 def test_a_fit_with_large_errors_is_not_called_usable(study, monkeypatch):
-    monkeypatch.setattr(CaseStudy, "z", property(lambda self: np.array([0.1, 5.0])))
+    monkeypatch.setattr(CaseStudy, "normalised_errors", property(lambda self: np.array([0.1, 5.0])))
     assert study.verdict == "WARN"
 
 

@@ -8,7 +8,7 @@ from baqueano.cli import main
 from baqueano.errors import FileError
 from baqueano.study import recordings as collected
 from baqueano.study.recorded import dart, micromouse, warthog
-from baqueano.study.recordings import RecordingStudy, check_present, missing_of, recordings
+from baqueano.study.recordings import RecordingStudy, check_cpm_present, missing_paths, recordings
 from baqueano.study.recordings_page import page_of_recordings
 from tests.codes import refused
 
@@ -17,7 +17,7 @@ KEYS = ["recording", "quantity", "value", "bar", "ok"]
 
 
 def rows_of(module):
-    missing = missing_of(module.files())
+    missing = missing_paths(module.files())
     if missing:
         pytest.skip(f"recordings: there is no {missing[0]}; set BAQUEANO_DATA to its folder")
     return module.rows(lambda text: None, "auto")
@@ -36,15 +36,15 @@ def test_a_duty_sweep_identifies_dead_zone_and_faster_wheel():
 
 def test_a_skid_steered_vehicle_is_predicted_from_its_wheels():
     """The test uses a fifth of the windows; `baqueano study recordings` uses all of them."""
-    if missing_of(warthog.files()):
+    if missing_paths(warthog.files()):
         pytest.skip("recordings drive_warthog_husky: set BAQUEANO_DATA to their folder")
     runs = warthog.runs_of("warthog")
     half = len(runs) // 2
     fit = warthog.fit_windows(runs[:half:5], "warthog")
-    far_m, far_rad = warthog.errors(fit.vehicle_file, runs[half::5])
+    far_m, far_rad = warthog.median_errors(fit.vehicle_file, runs[half::5])
     assert far_m < 0.5
     assert far_rad < warthog.MAX_ERROR_RAD
-    assert "effective track 1." in warthog.sentence(fit, "warthog")
+    assert "effective track 1." in warthog.fit_sentence(fit, "warthog")
 
 
 def study_of(ok=True):
@@ -82,7 +82,7 @@ def test_a_missing_recording_is_excluded_with_a_note(monkeypatch, tmp_path):
     )
     study = recordings(names=("here", "dart"))
     assert len(study.rows()) == 2
-    assert study.left_out[0].startswith("dart is excluded: dart_jetracer/throttle_step_input")
+    assert study.missing_recordings[0].startswith("dart is excluded: dart_jetracer/throttle_step_input")
     assert study.verdict == "WARN"
 
 
@@ -105,4 +105,4 @@ def test_an_incomplete_set_of_recordings_is_refused(monkeypatch, tmp_path):
         (tmp_path / "cpm_mucar" / f"{name}.csv.gz").touch()
     monkeypatch.setenv("BAQUEANO_DATA", str(tmp_path))
     with refused("study.recordings-missing", FileError, first="cpm_mucar"):
-        check_present()
+        check_cpm_present()

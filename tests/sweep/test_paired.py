@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from baqueano.sweep.error_segments import ErrorSegments, correlation_time, error_segments
 from baqueano.sweep.paired import UNKNOWN, paired_difference
-from baqueano.sweep.pieces import Pieces, correlation_time, pieces_of
 
 DT_S = 0.1
 
@@ -29,7 +29,7 @@ def test_an_interval_of_few_drives_has_its_nominal_coverage(drives, spread):
         level = np.exp(spread * rng.standard_normal(drives))
         cells = [level * np.exp(0.3 * rng.standard_normal(drives)) for _cell in range(2)]
         difference = paired_difference(
-            *([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in cell] for cell in cells)
+            *([ErrorSegments((1000.0 * x,) * 3, (1000.0,) * 3) for x in cell] for cell in cells)
         )
         assert (difference.blocks, difference.is_by_drives) == (drives, True)
         inside += difference.low <= 1.0 <= difference.high
@@ -41,7 +41,7 @@ def trials(time_s: float, count: int = 500) -> tuple[float, float]:
     rng, differences = np.random.default_rng(7), []
     for _ in range(count):
         differences.append(
-            paired_difference(*([pieces_of(*lasting(rng, time_s, 60.0))] for _cell in range(2)))
+            paired_difference(*([error_segments(*lasting(rng, time_s, 60.0))] for _cell in range(2)))
         )
     finite = [difference for difference in differences if np.isfinite(difference.low)]
     return len(finite) / count, sum(difference.low <= 1.0 <= difference.high for difference in finite) / max(
@@ -61,14 +61,14 @@ def test_six_segments_with_errors_correlated_for_5_s_give_no_interval():
     assert finite < 0.15
     assert finite * (1.0 - inside) < 0.02  # wrong claims
     rng = np.random.default_rng(3)
-    comparison = paired_difference(*([pieces_of(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
+    comparison = paired_difference(*([error_segments(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
     assert comparison.ratio > 0.0
     assert not comparison.significant
 
 
 def test_a_long_drive_with_correlated_errors_gets_longer_blocks():
     rng = np.random.default_rng(5)
-    a, b = (pieces_of(*lasting(rng, 5.0, 600.0)) for _ in range(2))
+    a, b = (error_segments(*lasting(rng, 5.0, 600.0)) for _ in range(2))
     difference = paired_difference([a], [b])
     assert a.length_s == 10.0
     assert 4.0 * max(a.correlation_s, b.correlation_s) <= 600.0 / difference.blocks
@@ -87,40 +87,45 @@ def test_the_correlation_time_is_estimated_from_squared_errors(time_s):
 
 def test_a_sample_that_spans_two_segments_is_not_counted():
     t_ns = np.arange(201) * 100_000_000  # 20 s
-    whole = pieces_of(t_ns[:191], np.ones(191), span_s=1.0)  # intervals that begin at 0.0 … 19.0
+    whole = error_segments(t_ns[:191], np.ones(191), span_s=1.0)  # intervals that begin at 0.0 … 19.0
     assert whole.samples == (91.0, 91.0)  # each within 0 … 10 s, or within 10 … 20 s
-    assert pieces_of(t_ns, np.ones(201)).samples == (100.0, 101.0)
-    assert pieces_of(t_ns, np.ones(201), span_s=5.0).length_s == 20.0
+    assert error_segments(t_ns, np.ones(201)).samples == (100.0, 101.0)
+    assert error_segments(t_ns, np.ones(201), span_s=5.0).length_s == 20.0
 
 
 def test_a_short_remainder_is_added_to_the_previous_segment():
     t_ns = np.arange(250) * 100_000_000
-    assert pieces_of(t_ns, np.ones(250)).samples == (100.0, 150.0)
+    assert error_segments(t_ns, np.ones(250)).samples == (100.0, 150.0)
 
 
 @pytest.mark.parametrize(
     "pair",
     [
-        (Pieces((1.0, 0.0), (5.0, 0.0)), Pieces((0.0, 1.0), (0.0, 5.0))),  # no segment is in both drives
         (
-            Pieces((0.0, 1.0), (5.0, 5.0)),
-            Pieces((1.0,), (5.0,)),
+            ErrorSegments((1.0, 0.0), (5.0, 0.0)),
+            ErrorSegments((0.0, 1.0), (0.0, 5.0)),
+        ),  # no segment is in both drives
+        (
+            ErrorSegments((0.0, 1.0), (5.0, 5.0)),
+            ErrorSegments((1.0,), (5.0,)),
         ),  # one drive ended before the other had an error
     ],
 )
 def test_drives_without_common_errors_are_left_out(pair):
     assert paired_difference([pair[0]], [pair[1]]) == UNKNOWN
-    full = Pieces((1.0,), (1.0,)), Pieces((4.0,), (1.0,))
+    full = ErrorSegments((1.0,), (1.0,)), ErrorSegments((4.0,), (1.0,))
     assert paired_difference([pair[0], full[0]], [pair[1], full[1]]).ratio == 0.5
 
 
 def test_few_drives_are_compared_by_segments():
     rng = np.random.default_rng(1)
-    estimate, reference = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
+    estimate, reference = (
+        ErrorSegments(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0)
+    )
     difference = paired_difference([estimate], [reference])
     assert (difference.blocks, difference.is_by_drives, difference.significant) == (12, False, True)
     assert difference.low < difference.ratio < difference.high
-    comparison = paired_difference([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
+    comparison = paired_difference([ErrorSegments((4.0,), (1.0,))], [ErrorSegments((1.0,), (1.0,))])
     assert comparison.ratio == 2.0
     assert np.isnan(comparison.low)
 
@@ -128,13 +133,13 @@ def test_few_drives_are_compared_by_segments():
 def test_a_drive_with_only_one_segment_gives_a_nan_interval():
     """The scatter of its ratio is unknown."""
     rng = np.random.default_rng(2)
-    long, short = (Pieces(tuple(rng.uniform(1.0, 2.0, n)), (1.0,) * n) for n in (12, 1))
+    long, short = (ErrorSegments(tuple(rng.uniform(1.0, 2.0, n)), (1.0,) * n) for n in (12, 1))
     assert np.isnan(paired_difference([long, short], [long, short]).low)
     assert np.isfinite(paired_difference([long, long], [long, long]).low)
 
 
 def test_the_ratio_is_the_geometric_mean_of_the_drives():
-    fours, ones = Pieces((4.0,), (1.0,)), Pieces((1.0,), (1.0,))
+    fours, ones = ErrorSegments((4.0,), (1.0,)), ErrorSegments((1.0,), (1.0,))
     assert paired_difference([fours, ones], [ones, fours]).ratio == pytest.approx(1.0)
     assert paired_difference([fours, fours], [ones, fours]).ratio == pytest.approx(np.sqrt(2.0))
-    assert np.isnan(paired_difference([Pieces((0.0,), (1.0,))], [ones]).ratio)
+    assert np.isnan(paired_difference([ErrorSegments((0.0,), (1.0,))], [ones]).ratio)

@@ -13,10 +13,10 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.runs.run import EstimateLog, Run, TruthLog
 from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
-from baqueano.sweep.figures import figures_of, joining_distance
+from baqueano.sweep.figures import drive_figures, joining_distance
 from baqueano.sweep.grid import sweep as one_process
 from baqueano.sweep.result import SweepCell, SweepResult
-from baqueano.sweep.stored_drives import digest
+from baqueano.sweep.stored_drives import job_digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
 from tests.figure_files import width_mm
@@ -75,7 +75,7 @@ def test_ate_and_rpe_of_a_replay_equal_the_results_of_evo(alignment, figures):
         "evo", None, t_ns, np.zeros((len(t_ns), 3)), estimate=EstimateLog(t_ns, eta, zero, P),
         truth=TruthLog(t_ns, truth, zero, zero), metadata={"kind": "replay"},
     )  # fmt: skip
-    shown, pieces = figures_of(run, alignment=alignment)
+    shown, pieces = drive_figures(run, alignment=alignment)
     assert (shown["ate_m"], shown["ate_heading_rad"]) == pytest.approx(figures, abs=1e-9)
     assert (shown["rpe_m"], shown["rpe_heading_rad"]) == pytest.approx(
         (0.039987329757, 0.0170090357855), abs=1e-9
@@ -131,7 +131,9 @@ def test_the_name_of_a_stored_drive_depends_on_block_source_and_seed(tmp_path, m
         blocks = SweepBlocks(controller="my.py:Mine")
         file = FileText(small.text, small.label, small.path, small.on_disk)
         names.add(
-            digest(SweepJob(SweepCell("m", "", "", ""), "d", file, blocks, SweepSettings(), ROUTE, seed), {})
+            job_digest(
+                SweepJob(SweepCell("m", "", "", ""), "d", file, blocks, SweepSettings(), ROUTE, seed), {}
+            )
         )
     assert len(names) == 3
     from_class = one_process(small, routes=ROUTE, controllers=["my.py:Mine", "kanayama"], processes=1)
@@ -164,7 +166,8 @@ def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
     laws = [law, replace(law, e_max=law.e_max * (1.0 + 1e-12))]
     cell, settings = SweepCell("m", "", "", ""), SweepSettings()
     names = {
-        digest(SweepJob(cell, "d", file, SweepBlocks(controller=law), settings, ROUTE, 0), {}) for law in laws
+        job_digest(SweepJob(cell, "d", file, SweepBlocks(controller=law), settings, ROUTE, 0), {})
+        for law in laws
     }
     assert len(names) == 2
 
@@ -180,7 +183,7 @@ def test_the_name_of_a_stored_drive_contains_the_ends_of_a_route_and_the_start_o
         job._replace(run=run),
         job._replace(run=moved),
     )
-    assert len({digest(each, {}) for each in jobs}) == 4
+    assert len({job_digest(each, {}) for each in jobs}) == 4
 
 
 def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):

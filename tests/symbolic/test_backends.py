@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import backends, compile_block, function, scan
-from baqueano.symbolic.c_code.compile import find
+from baqueano.symbolic.c_code.compile import find_compiler
 
 
 def double(x):
@@ -57,7 +57,7 @@ def test_a_compiler_failure_of_a_requested_c_back_end_is_an_error(elsewhere, mon
         function(double, 1.0, backend="c")
 
 
-@pytest.mark.skipif(not find().compiler, reason="no C compiler")
+@pytest.mark.skipif(not find_compiler().compiler, reason="no C compiler")
 def test_python_runs_a_kernel_that_the_compiler_refuses(elsewhere, monkeypatch, capfd):
     monkeypatch.setattr("baqueano.symbolic.c_code.c.header", lambda *args: "this is not C")
     block = compile_block(type("Block", (), {"step": staticmethod(lambda c, x: (c, double(x)))})())

@@ -10,7 +10,7 @@ from baqueano.diagnostics import fault
 from baqueano.symbolic.c_code import compile
 from tests.codes import refused
 
-pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
+pytestmark = pytest.mark.skipif(compile.find_compiler().compiler is None, reason="no C compiler")
 
 EXPORT = "#ifdef _WIN32\n__declspec(dllexport)\n#endif\n"
 SCRIPT = """
@@ -24,7 +24,7 @@ print(library.answer())
 @pytest.fixture
 def cache(tmp_path, monkeypatch) -> Path:
     """Return an empty cache in a home folder with a realistic name."""
-    compile.find()  # its probe is not a library of the package
+    compile.find_compiler()  # its probe is not a library of the package
     home = tmp_path / "José Ñandú (casa)"
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"):
         monkeypatch.setenv(name, str(home))
@@ -41,29 +41,29 @@ def libraries(cache: Path) -> list[Path]:
 
 
 def test_a_library_is_cached_in_a_folder_with_spaces_and_accents(cache):
-    assert compile.load(answer(41)).answer() == 41
+    assert compile.load_library(answer(41)).answer() == 41
     assert len(libraries(cache)) == 1
     before = libraries(cache)[0].stat().st_mtime_ns
     compile._libraries.clear()
-    assert compile.load(answer(41)).answer() == 41
+    assert compile.load_library(answer(41)).answer() == 41
     assert libraries(cache)[0].stat().st_mtime_ns == before
 
 
 def test_a_different_source_gives_a_different_library(cache):
-    assert compile.load(answer(1)).answer() == 1
-    assert compile.load(answer(2)).answer() == 2
+    assert compile.load_library(answer(1)).answer() == 1
+    assert compile.load_library(answer(2)).answer() == 2
     assert len(libraries(cache)) == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a library", None])
 def test_a_damaged_library_is_built_again(cache, damage):
-    compile.load(answer(42))
+    compile.load_library(answer(42))
     path = libraries(cache)[0]
     whole = path.read_bytes()
     path.unlink()  # the old one stays mapped
     path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
     compile._libraries.clear()
-    assert compile.load(answer(42)).answer() == 42
+    assert compile.load_library(answer(42)).answer() == 42
     assert [p.stat().st_size > 1000 for p in libraries(cache)] == [True]
 
 
@@ -84,12 +84,12 @@ def test_two_processes_can_build_the_same_library_at_once(cache, tmp_path):
 def test_compilation_works_without_a_writable_cache(cache):
     cache.parent.mkdir(parents=True)
     cache.write_text("a file where the folder should be")
-    assert compile.load(answer(44)).answer() == 44
+    assert compile.load_library(answer(44)).answer() == 44
 
 
 def test_invalid_c_source_is_an_error_that_quotes_the_compiler(cache):
     with refused("compiler.refuses", compile.CompileError):
-        compile.load("int answer(void) { return nonsense; }\n")
+        compile.load_library("int answer(void) { return nonsense; }\n")
 
 
 def test_a_missing_compiler_is_reported_with_the_install_command(monkeypatch):
@@ -97,24 +97,24 @@ def test_a_missing_compiler_is_reported_with_the_install_command(monkeypatch):
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setattr(compile.importlib.util, "find_spec", lambda name: None)
     compile._find.cache_clear()
-    search = compile.find()
+    search = compile.find_compiler()
     assert search.compiler is None
     assert search.reason == fault("compiler.absent", "pip install ziglang")
     with refused("compiler.absent", compile.CompileError):
-        compile.load(answer(45))
+        compile.load_library(answer(45))
     compile._find.cache_clear()
 
 
 def test_a_configured_but_missing_compiler_is_reported_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
-    search = compile.find()
+    search = compile.find_compiler()
     assert search.compiler is None
     assert search.reason == fault("compiler.no-command", found="no-such-compiler --fast")
 
 
 def test_the_message_of_a_failing_compiler_is_quoted(monkeypatch, cache):
     monkeypatch.setenv("BAQUEANO_CC", f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'")
-    search = compile.find()
+    search = compile.find_compiler()
     assert search.compiler is None
     assert (search.reason.code, search.reason.figures["error"].strip()) == (
         "compiler.refuses",
@@ -128,10 +128,10 @@ def test_a_library_that_cannot_be_loaded_is_a_compile_error(monkeypatch, cache):
         (folder / "damaged").write_text("not a library")
         return folder / "damaged"
 
-    compile.find()
+    compile.find_compiler()
     monkeypatch.setattr(compile, "_build", fail_build)
     with refused("compiler.trouble", compile.CompileError):
-        compile.load(answer(48))
+        compile.load_library(answer(48))
 
 
 def test_flags_that_a_compiler_refuses_are_omitted(monkeypatch, cache):
@@ -142,11 +142,11 @@ def test_flags_that_a_compiler_refuses_are_omitted(monkeypatch, cache):
         return [(*first, "-march=no-such-processor"), *remaining]
 
     monkeypatch.setattr(compile, "_flag_sets", with_refused_flags)
-    assert compile.load(answer(46)).answer() == 46
+    assert compile.load_library(answer(46)).answer() == 46
 
 
 def test_fast_math_is_never_enabled():
-    compiler = compile.find().compiler
+    compiler = compile.find_compiler().compiler
     assert compiler is not None
     for operations in (10, 10_000, 100_000):
         for flags in compile._flag_sets(compiler, operations, find_vectors=True, is_hasty=False):
@@ -154,5 +154,5 @@ def test_fast_math_is_never_enabled():
 
 
 def test_loading_a_library_does_not_disable_subnormal_numbers(cache):
-    compile.load(answer(47))
+    compile.load_library(answer(47))
     assert 1e-310 * 0.5 == 5e-311

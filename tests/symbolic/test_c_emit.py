@@ -12,8 +12,8 @@ from baqueano.symbolic.graph.emit import (
     LEAF_OPERATORS,
     EmittedBranch,
     arguments,
-    cost,
-    plan,
+    operation_cost,
+    plan_statements,
     scheduled_statements,
     with_reciprocals,
 )
@@ -22,7 +22,7 @@ from baqueano.symbolic.graph.program import Program
 
 from .random_programs import random_program
 
-needs_compiler = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
+needs_compiler = pytest.mark.skipif(compile.find_compiler().compiler is None, reason="no C compiler")
 
 
 def is_leaf(term) -> bool:
@@ -62,7 +62,7 @@ def test_every_schedule_computes_terms_before_their_use(seed, operations):
     program = random_program(seed, operations=operations, m=8)
     roots = (*program.outputs, *program.next_carry)
     check(scheduled_statements(roots, is_leaf), set(), roots)
-    order = plan(program.initial, roots, {*program.carry, *program.inputs})
+    order = plan_statements(program.initial, roots, {*program.carry, *program.inputs})
     check(order.loop_statements, check(order.statements_before, set(), program.initial), roots)
 
 
@@ -177,10 +177,10 @@ def test_terms_that_depend_only_on_parameters_are_computed_before_the_loop():
     t = Text()
     exponential = t.make("exp", t.theta)
     output = t.make("mul", exponential, t.x)
-    order = plan([], [output, exponential], {t.x, t.y})
+    order = plan_statements([], [output, exponential], {t.x, t.y})
     assert order.statements_before == [exponential]
     assert order.loop_statements == [output]
-    assert cost(order.loop_statements) == 1.0
+    assert operation_cost(order.loop_statements) == 1.0
     assert set(arguments(order.loop_statements)) == {exponential, t.x}
 
 

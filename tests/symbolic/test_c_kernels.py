@@ -12,7 +12,7 @@ from baqueano.symbolic.graph.program import Program
 
 from .random_programs import CaseOfKernel, in_casadi, in_numpy, random_program
 
-pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
+pytestmark = pytest.mark.skipif(compile.find_compiler().compiler is None, reason="no C compiler")
 
 PARAMETERS = (1, 4, 5, 8, 11, 21)  # one block of rows, less than one, several
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baqueano.symbolic import TraceError, function, jacobian, put, scan
+from baqueano.symbolic import TraceError, function, jacobian, scan, with_value
 from tests.codes import refused
 
 X, A = np.array([1.0, 2.0, 3.0]), np.eye(3)
@@ -226,4 +226,4 @@ def test_an_unsupported_request_to_a_scan_is_refused(backend):
 )
 def test_an_invalid_parameter_path_is_refused_with_an_explanation(path, expected):
     with refused(expected[0], (ValueError, AttributeError), **expected[1]):
-        put({"friction": {"a": 1.0}, "gains": np.ones(2)}, path, 1.0)
+        with_value({"friction": {"a": 1.0}, "gains": np.ones(2)}, path, 1.0)

@@ -10,13 +10,13 @@ import pytest
 
 from baqueano.errors import USER_MODULE_PREFIX
 from baqueano.symbolic import compile_block, function
-from baqueano.symbolic.c_code.compile import find
+from baqueano.symbolic.c_code.compile import find_compiler
 from tests.codes import refused
 
 BACKENDS = [
     "numpy",
     "python",
-    pytest.param("c", marks=pytest.mark.skipif(not find().compiler, reason="no cc")),
+    pytest.param("c", marks=pytest.mark.skipif(not find_compiler().compiler, reason="no cc")),
 ]
 
 

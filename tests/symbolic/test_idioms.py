@@ -5,7 +5,7 @@ import pytest
 from numpy import array  # bound before any trace
 
 from baqueano.symbolic import function, interp, jacobian, scan, where
-from baqueano.symbolic.c_code.compile import find
+from baqueano.symbolic.c_code.compile import find_compiler
 
 TABLE = np.array([-2.0, -0.5, 0.1, 1.0]), np.array([3.0, -1.0, 0.5, 0.25])
 T = np.array([[1.0, 0.0, 0.5], [0.0, 2.0, 0.0], [0.25, 0.0, 3.0]])
@@ -156,7 +156,7 @@ POINTS = [
 ]
 BACKENDS = [
     "python",
-    pytest.param("c", marks=pytest.mark.skipif(not find().compiler, reason="no C compiler")),
+    pytest.param("c", marks=pytest.mark.skipif(not find_compiler().compiler, reason="no C compiler")),
 ]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import note
-from baqueano.symbolic import function, get, put
+from baqueano.symbolic import function, value_at_path, with_value
 from tests.codes import refused
 
 
@@ -51,16 +51,16 @@ SYSTEM = System(Body(Friction(), 1.5), {"imu": [1.0, 2.0]})
     ],
 )
 def test_put_returns_a_changed_copy_and_preserves_the_original(path, value):
-    before = get(SYSTEM, path)
-    new = put(SYSTEM, path, value)
-    assert np.all(get(new, path) == value)
-    assert get(SYSTEM, path) is before or get(SYSTEM, path) == before
+    before = value_at_path(SYSTEM, path)
+    new = with_value(SYSTEM, path, value)
+    assert np.all(value_at_path(new, path) == value)
+    assert value_at_path(SYSTEM, path) is before or value_at_path(SYSTEM, path) == before
     assert type(new) is System
     assert type(new.model) is Body
 
 
 def test_only_objects_on_the_path_are_copied():
-    new = put(SYSTEM, "model.mass", 3.0)
+    new = with_value(SYSTEM, "model.mass", 3.0)
     assert new.model.friction is SYSTEM.model.friction
     assert new.sensors is SYSTEM.sensors
     assert new.model.computed == 2.0  # pyright: ignore[reportAttributeAccessIssue]
@@ -68,16 +68,16 @@ def test_only_objects_on_the_path_are_copied():
 
 def test_put_preserves_the_shape_and_the_other_entries_of_an_array():
     T = {"T": np.arange(6.0).reshape(2, 3)}
-    assert put(T, "T[1,2]", 9.0)["T"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 9.0]]
-    assert put(T, "T[1]", np.zeros(3))["T"].tolist() == [[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]
-    assert put((1.0, 2.0), "[1]", 3.0) == (1.0, 3.0)
+    assert with_value(T, "T[1,2]", 9.0)["T"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 9.0]]
+    assert with_value(T, "T[1]", np.zeros(3))["T"].tolist() == [[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]
+    assert with_value((1.0, 2.0), "[1]", 3.0) == (1.0, 3.0)
 
 
 def test_traced_values_can_be_put_into_blocks_and_arrays():
     def loss(theta):
-        system = put(SYSTEM, "model.friction.linear[2]", theta[0])
-        system = put(system, "model.friction.dry", theta[1])
-        system = put(system, "model.mass", theta[0] * 2.0)
+        system = with_value(SYSTEM, "model.friction.linear[2]", theta[0])
+        system = with_value(system, "model.friction.dry", theta[1])
+        system = with_value(system, "model.mass", theta[0] * 2.0)
         friction = system.model.friction
         return friction.linear @ np.array([1.0, 1.0, 3.0]) + friction.dry - system.model.mass
 
@@ -94,13 +94,13 @@ def test_traced_values_can_be_put_into_blocks_and_arrays():
     ],
 )
 def test_an_unknown_name_is_refused_with_valid_names(path, kind, near):
-    for call in (lambda: get(SYSTEM, path), lambda: put(SYSTEM, path, 1.0)):
+    for call in (lambda: value_at_path(SYSTEM, path), lambda: with_value(SYSTEM, path, 1.0)):
         with refused("path.no-such-name", AttributeError, kind=kind, near=near):
             call()
 
 
 def test_an_index_out_of_range_is_an_index_error():
     with pytest.raises(IndexError):
-        put(SYSTEM, "sensors.imu[5]", 1.0)
+        with_value(SYSTEM, "sensors.imu[5]", 1.0)
     with pytest.raises(IndexError):
-        put(SYSTEM, "model.friction.linear[3]", 1.0)
+        with_value(SYSTEM, "model.friction.linear[3]", 1.0)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import jacobian, scan
-from baqueano.symbolic.c_code.compile import find
+from baqueano.symbolic.c_code.compile import find_compiler
 
 BACKENDS = [
     "numpy",
     "python",
-    pytest.param("c", marks=pytest.mark.skipif(not find().compiler, reason="no cc")),
+    pytest.param("c", marks=pytest.mark.skipif(not find_compiler().compiler, reason="no cc")),
 ]
 N = 7
 DT = 0.1

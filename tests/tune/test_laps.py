@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.guides.shapes import circle
 from baqueano.tune.laps import simulated_laps
-from baqueano.tune.rehearsal import rehearse
+from baqueano.tune.objective import tuning_objective
 from baqueano.tune.search import descend
 from baqueano.vehicle_file import load
 
@@ -19,9 +19,9 @@ def laps():
 
 def test_the_cost_of_a_lap_equals_the_cost_in_tune(laps):
     own = laps.space.file_gains
-    lap, rehearsal = laps.lap(own), rehearse(load("small"), ROUTE)
+    lap, rehearsal = laps.lap(own), tuning_objective(load("small"), ROUTE)
     assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(rehearsal.cost(own), rel=1e-9)
-    assert lap.distance_rms_m == pytest.approx(rehearsal.drive(own).distance_rms_m, rel=1e-9)
+    assert lap.distance_rms_m == pytest.approx(rehearsal.drive_errors(own).distance_rms_m, rel=1e-9)
     assert laps.costs(np.array([own, own]))[1] == pytest.approx([lap.path_cost, lap.jerk_cost])
 
 

@@ -4,8 +4,8 @@ import control
 import numpy as np
 import pytest
 
-from baqueano.symbolic import put
-from baqueano.tune.margins import Linear, linearise, loop_margins, loop_transfer, margins
+from baqueano.symbolic import with_value
+from baqueano.tune.margins import LinearSystem, linearise, loop_margins, loop_transfer, margins
 from baqueano.vehicle_file import load
 from tests.papers_pd import with_papers_pd
 
@@ -24,7 +24,7 @@ def test_margins_equal_the_margins_of_python_control(name, late):
     omega = np.geomspace(0.02, np.pi / DT_S, 4000)
     response = control.frd(loop(np.exp(1j * omega * DT_S)), omega, smooth=True)
     gains, phases, _, _, at, _ = control.stability_margins(response, returnall=True)
-    own_margins = margins(Linear(loop.A, loop.B, loop.C, loop.D, DT_S))
+    own_margins = margins(LinearSystem(loop.A, loop.B, loop.C, loop.D, DT_S))
     above, below = [g for g in gains if g > 1.0], [g for g in gains if g < 1.0]
     assert own_margins[0] == pytest.approx(min(above, default=np.inf), rel=1e-3)
     assert own_margins[1] == pytest.approx(max(below, default=0.0), rel=1e-3)
@@ -57,7 +57,7 @@ def test_margins_of_a_vehicle_loop_equal_the_margins_of_python_control(plant):
         assert own_margins[3] == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
 
 
-def closed_with(loop: Linear, gain: float, ticks: int) -> float:
+def closed_with(loop: LinearSystem, gain: float, ticks: int) -> float:
     """Return the largest eigenvalue of the loop with additional gain and delay."""
     A, B, C = loop.A, gain * loop.B, loop.C
     for _ in range(ticks):
@@ -92,8 +92,8 @@ def test_additional_delay_reduces_the_delay_margin_by_its_amount():
 
 def test_a_gain_that_makes_the_loop_oscillate_has_no_margin():
     file = with_papers_pd()
-    calm = put(put(file.controller(), "alpha", 4.0), "beta", 1.0)
-    wild = put(calm, "beta", 200.0)
+    calm = with_value(with_value(file.controller(), "alpha", 4.0), "beta", 1.0)
+    wild = with_value(calm, "beta", 200.0)
     assert all(m.stable for m in loop_margins(file, calm, 0.2))
     assert not any(m.stable for m in loop_margins(file, wild, 0.2))
 

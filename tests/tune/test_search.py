@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.tune.search import DIVERGED_COST, at_limit, coordinates, gains, halton, search, stretch
+from baqueano.tune.search import DIVERGED_COST, at_limit, coordinates, gain_derivative, gains, halton, search
 from tests.codes import refused
 
 LOW, HIGH = np.array([0.0, 0.0, 1.0]), np.array([100.0, 10.0, 50.0])
@@ -45,7 +45,7 @@ def test_the_gain_scale_is_smooth_with_an_exact_derivative():
     np.testing.assert_allclose(coordinates(gains(x, LOW, HIGH), LOW, HIGH), x, atol=1e-12)
     d = 1e-6
     slope = (gains(x + d, LOW, HIGH) - gains(x - d, LOW, HIGH)) / (2 * d)
-    np.testing.assert_allclose(stretch(x, LOW, HIGH), slope, rtol=1e-8)
+    np.testing.assert_allclose(gain_derivative(x, LOW, HIGH), slope, rtol=1e-8)
 
 
 def test_nan_costs_of_unstable_gains_do_not_disturb_other_descents():

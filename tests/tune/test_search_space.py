@@ -8,7 +8,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.parameter import parameter
 from baqueano.tune import tune
-from baqueano.tune.rehearsal import rehearse
+from baqueano.tune.objective import tuning_objective
 from baqueano.tune.search import at_limit
 from baqueano.tune.search_space import search_space
 from baqueano.vehicle_file import load
@@ -46,7 +46,7 @@ def test_an_array_gain_is_named_as_a_whole_or_by_entry():
 
 
 def test_the_gradient_with_respect_to_an_entry_is_exact():
-    drive = rehearse(load("small"), ROUTE, controller="lqr", gains=["e_max", "k_i"], duration_s=1.0)
+    drive = tuning_objective(load("small"), ROUTE, controller="lqr", gains=["e_max", "k_i"], duration_s=1.0)
     gains = drive.space.file_gains
     slope = drive.cost_and_gradient(gains)[1]
     steps = np.diag(1e-6 * gains)
@@ -70,7 +70,7 @@ def test_gains_of_the_previous_controller_are_removed_from_the_file(lqr):
 
 def test_the_reported_cost_equals_the_cost_of_a_drive_with_these_gains(lqr):
     """The memory of a linear quadratic regulator is initialised with its gains."""
-    drive = rehearse(lqr.updated_file(), ROUTE, gains=["e_max"], duration_s=1.0)
+    drive = tuning_objective(lqr.updated_file(), ROUTE, gains=["e_max"], duration_s=1.0)
     assert drive.cost(drive.space.file_gains) == pytest.approx(lqr.cost, rel=1e-3)
 
 

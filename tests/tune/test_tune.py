@@ -13,7 +13,7 @@ from baqueano.guides.shapes import circle, sinuous_circle
 from baqueano.messages import verdict_line
 from baqueano.simulate import simulate_loop
 from baqueano.tune import tune
-from baqueano.tune.rehearsal import Rehearsal, rehearse
+from baqueano.tune.objective import Objective, tuning_objective
 from baqueano.vehicle_file import ParameterCov, load
 from tests.codes import refused
 from tests.papers_pd import with_papers_pd
@@ -39,7 +39,7 @@ def test_the_cost_equals_the_sum_of_the_paper_over_the_drive(small):
     d = run.reference.eta - run.truth.eta
     r = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2 + (0.06 * wrap(d[:, 2])) ** 2)  # half the track of 0.12 m
     by_hand = np.sum(np.where(r <= 0.1, 0.5 * r**2, 0.1 * r - 0.005))
-    assert rehearse(small, ROUTE, **PAPERS).cost(GAINS) == pytest.approx(by_hand, rel=1e-9)
+    assert tuning_objective(small, ROUTE, **PAPERS).cost(GAINS) == pytest.approx(by_hand, rel=1e-9)
 
 
 def test_the_default_cost_adds_jerk_to_the_cost_of_the_paper(small):
@@ -47,12 +47,14 @@ def test_the_default_cost_adds_jerk_to_the_cost_of_the_paper(small):
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent is not None
     jerks = np.sum((run.sent - run.applied) ** 2)
-    papers = rehearse(small, ROUTE, **PAPERS).cost(GAINS)
-    assert rehearse(small, ROUTE, aside_m=0.0).cost(GAINS) == pytest.approx(papers + 0.1 * jerks, rel=1e-9)
+    papers = tuning_objective(small, ROUTE, **PAPERS).cost(GAINS)
+    assert tuning_objective(small, ROUTE, aside_m=0.0).cost(GAINS) == pytest.approx(
+        papers + 0.1 * jerks, rel=1e-9
+    )
 
 
 def test_the_gradient_through_the_closed_loop_is_exact(small):
-    drive = rehearse(small, ROUTE)
+    drive = tuning_objective(small, ROUTE)
     for gains in (GAINS, np.array([2.0, 8.0, 0.01])):
         cost, slope = drive.cost_and_gradient(gains)
         assert cost == pytest.approx(drive.cost(gains), rel=1e-12)
@@ -64,7 +66,7 @@ def test_the_gradient_through_the_closed_loop_is_exact(small):
 def test_a_search_without_gradients_gives_no_lower_cost(small, tuning):
     from scipy.optimize import differential_evolution
 
-    drive = rehearse(small, ROUTE, **PAPERS)
+    drive = tuning_objective(small, ROUTE, **PAPERS)
     bounds = list(zip(drive.space.low, drive.space.high, strict=True))
     evolved = differential_evolution(
         drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8
@@ -103,8 +105,8 @@ def test_a_weight_on_the_command_gives_a_smoother_drive(small, tuning):
 
 def test_the_cost_is_invariant_under_motions_of_the_route(small):
     moved_route = move_route(ROUTE, np.array([3.0, -2.0, 3.0]))
-    assert rehearse(small, moved_route).cost(GAINS) == pytest.approx(
-        rehearse(small, ROUTE).cost(GAINS), rel=1e-6
+    assert tuning_objective(small, moved_route).cost(GAINS) == pytest.approx(
+        tuning_objective(small, ROUTE).cost(GAINS), rel=1e-6
     )
 
 
@@ -138,19 +140,21 @@ def test_the_file_receives_the_gains_with_their_provenance(tuning, tmp_path):
 
 
 def test_the_gradient_is_exact_with_the_estimator_in_the_loop(small):
-    drive = rehearse(small, circle(0.4, 0.3), estimator=True, aside_m=0.0, duration_s=0.6, backend="python")
+    drive = tuning_objective(
+        small, circle(0.4, 0.3), estimator=True, aside_m=0.0, duration_s=0.6, backend="python"
+    )
     cost, slope = drive.cost_and_gradient(GAINS)
     h = np.array([0.0, 3e-5, 0.0])
     numeric = (drive.cost(GAINS + h) - drive.cost(GAINS - h)) / 6e-5
     assert slope[1] == pytest.approx(numeric, rel=2e-3, abs=1e-7)
     assert cost != pytest.approx(
-        rehearse(small, circle(0.4, 0.3), aside_m=0.0, duration_s=0.6).cost(GAINS), rel=1e-3
+        tuning_objective(small, circle(0.4, 0.3), aside_m=0.0, duration_s=0.6).cost(GAINS), rel=1e-3
     )
 
 
 def test_a_slow_loop_with_the_estimator_draws_noise_for_each_row_of_a_tick(small):
     slow = small.with_values({"rate_hz": 30.0})  # a tick of 33 ms is divided into two rows
-    drive = rehearse(slow, circle(0.4, 0.3), estimator=True, duration_s=0.6, backend="python")
+    drive = tuning_objective(slow, circle(0.4, 0.3), estimator=True, duration_s=0.6, backend="python")
     assert np.isfinite(drive.cost(GAINS))
 
 
@@ -162,32 +166,32 @@ def identified_file(small):
 
 def test_the_cost_can_weigh_mean_and_worst_of_drawn_vehicles(small, identified_file):
     route = circle(0.4, 0.3)
-    drive = rehearse(identified_file, route, draws=5, duration_s=3.0)
+    drive = tuning_objective(identified_file, route, draws=5, duration_s=3.0)
     costs = []
     for linear, mass, late in drive.vehicles:
         vehicle = small.with_values({"model.friction.linear": [linear, 40.0, 0.0115], "model.mass_kg": mass,
                                      "model.drivetrain.delay_s": late})  # fmt: skip
-        costs.append(rehearse(vehicle, route, duration_s=3.0).cost(GAINS))
+        costs.append(tuning_objective(vehicle, route, duration_s=3.0).cost(GAINS))
     assert np.std(costs) > 0
     # the file also computes another inertia from another mass: the two are near, not equal
-    np.testing.assert_allclose(drive.of_vehicles(GAINS[None])[0], costs, rtol=0.05)
+    np.testing.assert_allclose(drive.vehicle_costs(GAINS[None])[0], costs, rtol=0.05)
     assert np.mean(costs) < drive.cost(GAINS) < max(costs) * 1.05
 
 
 def test_an_unfitted_delay_is_varied_by_ten_milliseconds(identified_file):
-    late = rehearse(identified_file, ROUTE, draws=50).vehicles[:, -1]
+    late = tuning_objective(identified_file, ROUTE, draws=50).vehicles[:, -1]
     assert late[0] == 0.01
     assert 0.0 <= late.min() < 0.002
     assert 0.018 < late.max() <= 0.02
 
 
 def test_the_gradient_over_vehicles_is_exact_sequentially_and_as_a_batch(identified_file, monkeypatch):
-    drive = rehearse(identified_file, circle(0.4, 0.3), draws=3, duration_s=1.0)
+    drive = tuning_objective(identified_file, circle(0.4, 0.3), draws=3, duration_s=1.0)
     cost, slope = drive.cost_and_gradient(GAINS)
     numeric = [(drive.cost(GAINS + h) - drive.cost(GAINS - h)) / (2 * h.sum()) for h in np.diag(1e-5 * GAINS)]
     np.testing.assert_allclose(slope, numeric, rtol=2e-3)
     for name in ("MIN_BATCH_DRIVES", "MIN_BATCH_TICKS"):
-        monkeypatch.setattr(sys.modules[Rehearsal.__module__], name, 2)
+        monkeypatch.setattr(sys.modules[Objective.__module__], name, 2)
     total, batch_gradient = drive.cost_and_gradient(GAINS)
     assert total == pytest.approx(cost, rel=1e-9) == drive.cost(GAINS)
     np.testing.assert_allclose(batch_gradient, slope, rtol=1e-6)
@@ -203,16 +207,16 @@ def test_robust_gains_are_not_worse_than_nominal_gains_for_other_vehicles(identi
         duration_s=2.0,
         gains=["alpha", "beta"],
     )
-    assert tuning.worst is not None
-    assert (tuning.worst.draws, tuning.worst.judges) == (4, 200)
-    assert tuning.worst.cost <= tuning.worst.nominal
-    assert f"worst of 200 other vehicles: {tuning.worst.cost:.4g} m²" in tuning.table()
-    assert tuning.rows()[0]["worst_cost"] == tuning.worst.cost
+    assert tuning.worst_case is not None
+    assert (tuning.worst_case.draws, tuning.worst_case.judges) == (4, 200)
+    assert tuning.worst_case.cost <= tuning.worst_case.nominal
+    assert f"worst of 200 other vehicles: {tuning.worst_case.cost:.4g} m²" in tuning.table()
+    assert tuning.rows()[0]["worst_cost"] == tuning.worst_case.cost
 
 
 def test_several_routes_have_equal_weight(small):
     routes = [circle(0.4, 0.3), ROUTE]
-    both, first, second = (rehearse(small, way, duration_s=2.0) for way in (routes, *routes))
+    both, first, second = (tuning_objective(small, way, duration_s=2.0) for way in (routes, *routes))
     cost, slope = both.cost_and_gradient(GAINS)
     assert cost == pytest.approx(0.5 * (first.cost(GAINS) + second.cost(GAINS)), rel=1e-12)
     each = [drive.cost_and_gradient(GAINS)[1] for drive in (first, second)]
@@ -222,13 +226,15 @@ def test_several_routes_have_equal_weight(small):
 @pytest.mark.long
 def test_several_seeds_have_equal_weight_and_other_seeds_check_the_result(small):
     options: dict = {"estimator": True, "duration_s": 0.4, "gains": ["beta"]}
-    both, *each = (rehearse(small, ROUTE, seeds=n, seed=k, **options) for n, k in ((2, 7), (1, 7), (1, 8)))
+    both, *each = (
+        tuning_objective(small, ROUTE, seeds=n, seed=k, **options) for n, k in ((2, 7), (1, 7), (1, 8))
+    )
     gains = np.array([3.0])
     assert both.cost(gains) == pytest.approx(np.mean([drive.cost(gains) for drive in each]), rel=1e-12)
     tuning = tune(small, ROUTE, starts=1, polish=False, seeds=2, **options)
-    assert tuning.fresh is not None
-    assert tuning.fresh.seeds == 30
-    assert tuning.fresh.searched == pytest.approx(tuning.cost, rel=1e-9)
+    assert tuning.fresh_seeds is not None
+    assert tuning.fresh_seeds.seeds == 30
+    assert tuning.fresh_seeds.searched == pytest.approx(tuning.cost, rel=1e-9)
     assert "on 30 other seeds" in tuning.table()
 
 
@@ -236,8 +242,8 @@ def test_the_weight_of_effort_adds_the_squared_commands_to_the_cost(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent is not None
-    papers = rehearse(small, ROUTE, **PAPERS).cost(GAINS)
-    priced = rehearse(small, ROUTE, effort_m2=0.02, **PAPERS).cost(GAINS)
+    papers = tuning_objective(small, ROUTE, **PAPERS).cost(GAINS)
+    priced = tuning_objective(small, ROUTE, effort_m2=0.02, **PAPERS).cost(GAINS)
     assert priced == pytest.approx(papers + 0.02 * np.sum(run.sent**2), rel=1e-9)
 
 
@@ -272,9 +278,9 @@ def test_a_start_beside_the_route_makes_feedback_gains_identifiable():
     feedforward = load("small")
     gains = tune(feedforward, ROUTE, starts=3, polish=False)
     assert gains.verdict == "USABLE"
-    assert all(g.limit == 0 and g.cost_less > 1.0 for g in gains.gains if g.name != "k_i")
+    assert all(g.bound_side == 0 and g.cost_less > 1.0 for g in gains.gains if g.name != "k_i")
     assert gains.drive.saturated < 0.1
-    flat = rehearse(feedforward, ROUTE, aside_m=0.0)
+    flat = tuning_objective(feedforward, ROUTE, aside_m=0.0)
     assert flat.cost(np.array([0.1, 0.5, 2.0, 0.5])) == pytest.approx(
         flat.cost(np.array([0.5, 1.0, 4.0, 0.25])), rel=0.1
     )

@@ -15,7 +15,7 @@ SETTING, KEY = "robot.imu_filter", "sensors.imu.low_pass_hz"
 def test_the_modelled_low_pass_has_the_delay_of_the_chip(setting):
     imu = load("small").with_values({SETTING: setting}).sensors.imu
     assert imu.low_pass_hz == low_pass_hz(setting)
-    tau_s = CHIPS[0x68].bands[setting].gyro_delay_s
+    tau_s = CHIPS[0x68].filter_bands[setting].gyro_delay_s
     assert 0.5 / (np.pi * imu.low_pass_hz) == pytest.approx(tau_s)
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from baqueano.symbolic import function, jacobian, put
+from baqueano.symbolic import function, jacobian, with_value
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, constant_effort
 
 QUICK = settings(max_examples=30)
@@ -126,7 +126,7 @@ def test_every_parameter_of_a_vehicle_has_a_derivative(name):
     def f(scale):
         changed_vehicle = vehicle
         for k, path in enumerate(paths):
-            changed_vehicle = put(changed_vehicle, path, START[name][k] + scale[k])
+            changed_vehicle = with_value(changed_vehicle, path, START[name][k] + scale[k])
         return advanced(changed_vehicle, effort)(x)
 
     slope = jacobian(f)(np.zeros(len(paths)))
@@ -135,9 +135,9 @@ def test_every_parameter_of_a_vehicle_has_a_derivative(name):
 
 
 def value(vehicle, path):
-    from baqueano.symbolic import get
+    from baqueano.symbolic import value_at_path
 
-    return float(get(vehicle, path))
+    return float(value_at_path(vehicle, path))
 
 
 START = {name: [value(VEHICLES[name], path) for path in paths] for name, paths in PARAMETERS.items()}
@@ -164,7 +164,7 @@ def test_every_parameter_of_a_drivetrain_has_a_derivative():
     def f(change):
         changed_drivetrain = d
         for path, a, b in zip(paths, start, change, strict=True):
-            changed_drivetrain = put(changed_drivetrain, path, a + b)
+            changed_drivetrain = with_value(changed_drivetrain, path, a + b)
         state, efforts = changed_drivetrain.init(), []
         for u in ([-0.7, 0.0, 0.6], [0.5, 0.0, 0.5], [0.2, 0.0, 0.6]):
             state, effort = changed_drivetrain.step(state, np.array(u), 0.01)

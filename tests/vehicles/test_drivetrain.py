@@ -125,18 +125,18 @@ def test_a_lag_reaches_63_percent_after_its_time_constant():
     state = d.init()
     for _ in range(5):
         state, _ = d.step(state, np.array([1.0, 0.0, 0.0]), 0.01)
-    assert state.lagged[0] == pytest.approx(1.0 - np.exp(-1.0), abs=1e-14)
+    assert state.lag_state[0] == pytest.approx(1.0 - np.exp(-1.0), abs=1e-14)
 
 
 @QUICK
 @given(st.floats(1e-3, 1.0), st.floats(1e-4, 0.1), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_a_lag_over_one_tick_equals_the_lag_over_two_half_ticks(lag_s, dt_s, start, target):
     d = Drivetrain(commands=1, lag_s=lag_s)
-    state, u = d.init()._replace(lagged=np.array([start])), np.array([target])
+    state, u = d.init()._replace(lag_state=np.array([start])), np.array([target])
     once, whole = d.step(state, u, 2.0 * dt_s)
     half, first = d.step(state, u, dt_s)
     twice, second = d.step(half, u, dt_s)
-    assert twice.lagged == pytest.approx(once.lagged, abs=1e-12)
+    assert twice.lag_state == pytest.approx(once.lag_state, abs=1e-12)
     assert 0.5 * (first.mean + second.mean) == pytest.approx(whole.mean, abs=1e-10)
 
 
@@ -151,7 +151,7 @@ def test_a_tick_of_zero_duration_does_not_change_the_lag():
     d = Drivetrain(mixing="two_wheels", lag_s=0.05, delay_s=0.01, delay_slots=1)
     state, _ = d.step(d.init(), np.array([1.0, 0.0, 0.0]), 0.01)
     after, effort = d.step(state, np.array([1.0, 0.0, 0.0]), 0.0)
-    assert after.lagged == pytest.approx(state.lagged, abs=1e-6)
+    assert after.lag_state == pytest.approx(state.lag_state, abs=1e-6)
     assert np.all(np.isfinite(effort))
 
 
@@ -160,8 +160,8 @@ def test_a_step_never_changes_its_arguments():
     state, u = d.init(), np.array([0.9, 0.0, 0.4])
     d.step(state, u, 0.01)
     assert np.array_equal(u, [0.9, 0.0, 0.4])
-    assert not state.past.any()
-    assert not state.lagged.any()
+    assert not state.past_commands.any()
+    assert not state.lag_state.any()
 
 
 ERRORS = [
@@ -238,7 +238,7 @@ def test_the_inverse_drivetrain_returns_the_command_for_an_effort(size, sign, co
         battery_nominal_v=7.4,
     )
     effort = drivetrain.unmix(size * sign)
-    command = drivetrain.static(drivetrain.mix(drivetrain.inverse(effort)))
+    command = drivetrain.static_response(drivetrain.mix(drivetrain.inverse(effort)))
     np.testing.assert_allclose(drivetrain.unmix(command), effort, atol=1e-9)
 
 
@@ -251,7 +251,7 @@ def test_the_inverse_drivetrain_is_continuous_at_zero():
 def test_the_battery_voltage_affects_motors_and_no_servo():
     car = Car(0.2, 5.0, 0.4, drivetrain=Drivetrain(commands=2, battery_v=5.0, battery_nominal_v=10.0))
     assert car.drivetrain.servos == 1
-    np.testing.assert_allclose(car.drivetrain.static(np.array([0.4, 0.4])), [0.2, 0.4])
+    np.testing.assert_allclose(car.drivetrain.static_response(np.array([0.4, 0.4])), [0.2, 0.4])
     np.testing.assert_allclose(car.drivetrain.inverse(np.array([0.2, 0.4])), [0.4, 0.4])
 
 

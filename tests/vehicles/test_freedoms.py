@@ -11,9 +11,9 @@ from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
 from baqueano.vehicles.freedoms import (
     coasting_axes,
     damping_derivatives,
+    decay_rates,
     is_steered,
     is_turned_by_last_command,
-    rates,
 )
 
 SMALL, CAR, KINEMATIC = load("small").vehicle, load("car").vehicle, Kinematic(np.eye(3))
@@ -46,7 +46,7 @@ def test_vehicles_that_can_turn_are_recognised(vehicle, does):
 def test_the_decay_rate_is_friction_over_mass():
     friction = Friction(linear=np.array([3.0, 4.0, 0.01]), coulomb=np.array([0.2, 0.0, 0.0]))
     vehicle = Planar(0.5, 0.002, np.eye(3), friction=friction)
-    assert rates(vehicle) == pytest.approx([(3.0 + 0.2 / 0.05) / 0.5, 8.0, 5.0], rel=1e-6)
+    assert decay_rates(vehicle) == pytest.approx([(3.0 + 0.2 / 0.05) / 0.5, 8.0, 5.0], rel=1e-6)
     fields = [path for path, _ in all_parameters(vehicle, "model")]
     slope_by_path = dict(damping_derivatives(vehicle, fields))
     assert slope_by_path["model.friction.linear[1]"] == pytest.approx([0.0, 2.0, 0.0])
@@ -58,5 +58,5 @@ def test_the_decay_rate_is_friction_over_mass():
 
 def test_the_yaw_decay_rate_of_a_car_is_one_over_its_lag():
     car = Car(0.15, 7.0, 0.4, linear_drag=2.0, yaw_lag_s=0.05, drivetrain=Drivetrain(commands=2))
-    assert rates(car) == pytest.approx([2.0, 0.0, 20.0], rel=1e-6)
-    assert rates(KINEMATIC).tolist() == [0.0, 0.0, 0.0]
+    assert decay_rates(car) == pytest.approx([2.0, 0.0, 20.0], rel=1e-6)
+    assert decay_rates(KINEMATIC).tolist() == [0.0, 0.0, 0.0]

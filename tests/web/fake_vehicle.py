@@ -5,8 +5,8 @@ from contextlib import asynccontextmanager
 
 from baqueano.diagnostics import Severity, note
 from baqueano.errors import RobotUnreachable
-from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.shelf import Shelf
+from baqueano.web.lab.run_list import RunList
+from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.live import Live
 from baqueano.web.page import BrowserPage
 from baqueano.web.server import Server
@@ -52,11 +52,11 @@ class FakeLink:
 @asynccontextmanager
 async def live_page(tmp_path, **options):
     """Serve a fake vehicle."""
-    link, lab, shelf = FakeLink(), Lab(), Shelf(tmp_path)
+    link, lab, shelf = FakeLink(), WorkerClient(), RunList(tmp_path)
     live = Live(link, lambda: server.visitors)
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    server = Server(page.receive, page.on_disconnect, shelf.body, **options)
-    live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
+    server = Server(page.receive, page.on_disconnect, shelf.content_at, **options)
+    live.send_hello = lambda visitor: page.send_hello(visitor, live.hello(visitor))
     server.foxglove = live.foxglove
     live.begin()
     hearing = asyncio.create_task(live.run())

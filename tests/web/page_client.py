@@ -14,8 +14,8 @@ from websockets.asyncio.client import ClientConnection, connect
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, write_run
 from baqueano.vehicle_file import load
 from baqueano.web import SUBPROTOCOL
-from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.shelf import Shelf
+from baqueano.web.lab.run_list import RunList
+from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.page import BrowserPage
 from baqueano.web.server import Server
 
@@ -52,11 +52,11 @@ def folder_of(path: Path, **runs: Run) -> Path:
 @asynccontextmanager
 async def recorded_page(folder: Path, *runs_open: str, **options: Any) -> AsyncIterator[Server]:
     """Serve the runs of a folder."""
-    lab = Lab()
+    lab = WorkerClient()
     paths = tuple((folder / f"{name}.mcap").resolve() for name in runs_open)
-    shelf = Shelf(folder, paths)
+    shelf = RunList(folder, paths)
     page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-    server = Server(page.receive, page.on_disconnect, shelf.body, **options)
+    server = Server(page.receive, page.on_disconnect, shelf.content_at, **options)
     try:
         async with server:
             yield server

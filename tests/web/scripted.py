@@ -17,7 +17,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from baqueano.door.frames.rows import ESTIMATE, OTHER_COLUMNS
+from baqueano.door.frames.rows import ESTIMATE_COLUMNS, OTHER_COLUMNS
 from baqueano.web.page import label_fields
 from tests.web.scripted_answers import GAINS, RUNS, answer_to, route
 from tests.web.scripted_ledger import Faults, ledger
@@ -98,7 +98,7 @@ SENTENCES = {
 
 
 def fields() -> list[dict[str, str]]:
-    units = dict(ESTIMATE) | {name: unit.replace("1", "") for name, unit, _ in OTHER_COLUMNS}
+    units = dict(ESTIMATE_COLUMNS) | {name: unit.replace("1", "") for name, unit, _ in OTHER_COLUMNS}
     columns = label_fields(
         [{"name": name, "unit": units.get(name, "s"), "group": name} for name in PLAIN], "en"
     )

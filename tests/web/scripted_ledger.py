@@ -56,7 +56,7 @@ class Faults:
             self.rows[word["over"] - 1] |= {"over": True, "until_s": t_s}
         else:
             fields = {name: value for name, value in word.items() if name not in ("is", "robot")}
-            fault, number = Fault.of_words(fields | {"at_s": t_s}), len(self.rows) + 1
+            fault, number = Fault.parse(fields | {"at_s": t_s}), len(self.rows) + 1
             with use_language(language):
                 subject = text(fault.message(number))
             self.rows.append({

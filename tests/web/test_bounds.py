@@ -10,8 +10,8 @@ from websockets.frames import Frame, Opcode
 
 from baqueano.web import server as serving
 from baqueano.web.feed import HEAD_LAYOUT
-from baqueano.web.guard import Rate
-from baqueano.web.lab.handle import Lab
+from baqueano.web.guard import RateLimit
+from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.visitor import FRAGMENT_BYTES
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import WAIT_S, browser, drive, folder_of, line_to, recorded_page, request, run_page
@@ -79,7 +79,7 @@ def test_ne5_a_browser_with_many_waiting_questions_is_disconnected(folder, monke
         ):
             run = visitor.hello["runs"][0]["id"]
             await visitor.next("runs")
-            monkeypatch.setattr(Lab, "request", never)
+            monkeypatch.setattr(WorkerClient, "request", never)
             for number in range(40):
                 await visitor.send("ask", id=number, run=run, runs=[run], **question)
             with pytest.raises(ConnectionClosed):
@@ -92,10 +92,10 @@ def test_ne5_a_browser_with_many_waiting_questions_is_disconnected(folder, monke
 
 def test_ne5_at_most_fifty_messages_per_second_are_accepted():
     now = 0.0
-    rate = Rate(50.0, lambda: now)
-    assert sum(rate.one_more() for _ in range(200)) == 100
+    rate = RateLimit(50.0, lambda: now)
+    assert sum(rate.allows_message() for _ in range(200)) == 100
     now = 1.0
-    assert sum(rate.one_more() for _ in range(200)) == 50
+    assert sum(rate.allows_message() for _ in range(200)) == 50
 
 
 def test_ne5_at_most_thirty_two_browsers_are_accepted(folder):
@@ -155,7 +155,7 @@ def test_a_browser_that_does_not_read_is_disconnected(folder):
             guest.line.transport.pause_reading()
             picture, start_s = bytes(200_000), time.monotonic()
             for _ in range(400):
-                visitor.show(picture)
+                visitor.send_latest(picture)
                 await asyncio.sleep(0)
             assert time.monotonic() - start_s < WAIT_S
             assert visitor._writer.transport.get_write_buffer_size() <= len(picture) + 100
@@ -180,7 +180,7 @@ def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
                     line = await lines.enter_async_context(line_to(server, max_queue=1))
                     line.transport.pause_reading()
                     await line.send('{"is": "hello", "lang": "en"}')
-                await until(lambda: len(live._all()) == 12)
+                await until(lambda: len(live._browsers()) == 12)
                 await asyncio.sleep(0.3)
                 buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
                 assert max(buffers) <= FRAGMENT_BYTES + 100

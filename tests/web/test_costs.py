@@ -21,7 +21,7 @@ def test_the_scripts_of_the_page_have_at_most_120_kb():
 
 
 def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeypatch):
-    encoded, shown, frame_of, show = [], [], live_module.binary_frame, Visitor.show
+    encoded, shown, frame_of, show = [], [], live_module.binary_frame, Visitor.send_latest
 
     def encode(data):
         encoded.append(frame_of(data))
@@ -32,7 +32,7 @@ def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeypatch):
         show(visitor, picture)
 
     monkeypatch.setattr(live_module, "binary_frame", encode)
-    monkeypatch.setattr(Visitor, "show", show_picture)
+    monkeypatch.setattr(Visitor, "send_latest", show_picture)
 
     async def job():
         async with live_page(tmp_path) as (server, link, _), AsyncExitStack() as room:

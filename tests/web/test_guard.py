@@ -15,7 +15,7 @@ from baqueano.web import guard as guarding
 from baqueano.web import run as running
 from baqueano.web import server as serving
 from baqueano.web.guard import MAX_FAILURES, TOKEN_LIFETIME_S, Guard, Role
-from baqueano.web.http import REPORT_POLICY, RefusedRequest, head_of, static
+from baqueano.web.http import REPORT_POLICY, RefusedRequest, parse_head, static_files
 from baqueano.web.run import PageOptions, show_runs
 from baqueano.web.share import own_names, qr_code, url
 from tests.web.page_client import (
@@ -192,7 +192,7 @@ def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
         async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
             for role, token in server.guard.tokens.items():
                 async with browser(server, token=token) as visitor:
-                    assert visitor.hello["role"] == role.word
+                    assert visitor.hello["role"] == role.protocol_name
                     assert visitor.hello["shared"]  # the page explains this risk
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello"}))
@@ -206,13 +206,13 @@ def test_ne4_after_five_wrong_tokens_every_token_is_refused_for_a_minute():
     guard = Guard((), 1, shared=True, now=lambda: now)
     right = guard.tokens[Role.DRIVE]
     for _ in range(MAX_FAILURES):
-        assert guard.role("10.0.0.1", "wrong", True) is None
-    assert guard.role("10.0.0.1", right, True) is None
-    assert guard.role("10.0.0.2", right, True) is Role.DRIVE
+        assert guard.role_of_browser("10.0.0.1", "wrong", True) is None
+    assert guard.role_of_browser("10.0.0.1", right, True) is None
+    assert guard.role_of_browser("10.0.0.2", right, True) is Role.DRIVE
     now = 60.1
-    assert guard.role("10.0.0.1", right, True) is Role.DRIVE
+    assert guard.role_of_browser("10.0.0.1", right, True) is Role.DRIVE
     now = TOKEN_LIFETIME_S + 1.0
-    assert guard.role("10.0.0.2", right, True) is None
+    assert guard.role_of_browser("10.0.0.2", right, True) is None
 
 
 def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
@@ -221,14 +221,14 @@ def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
     guard = Guard((), 1, shared=True)
     for token in guard.tokens.values():
         comparisons.clear()
-        assert guard.role("10.0.0.1", token, True)
+        assert guard.role_of_browser("10.0.0.1", token, True)
         assert len(comparisons) == len(Role)
 
 
 def test_ne4_many_addresses_with_wrong_tokens_use_little_memory():
     guard = Guard((), 1, shared=True)
     for k in range(5000):
-        guard.role(f"10.0.{k // 256}.{k % 256}", "wrong", True)
+        guard.role_of_browser(f"10.0.{k // 256}.{k % 256}", "wrong", True)
     assert len(guard._failures) <= guarding.MAX_ADDRESSES + 1
 
 
@@ -269,7 +269,7 @@ def test_a_script_is_compressed_only_for_clients_that_accept_gzip(folder, offer,
 @pytest.mark.parametrize("path", ["x", "http://evil.example/", "/\0", "/a b", "*", "/\xe9"])
 def test_ne6_an_invalid_path_is_refused(folder, path):
     with pytest.raises(RefusedRequest):
-        head_of(f"GET {path} HTTP/1.1\r\n\r\n".encode("latin-1"))
+        parse_head(f"GET {path} HTTP/1.1\r\n\r\n".encode("latin-1"))
 
 
 def test_ne6_a_symbolic_link_in_the_folder_of_runs_is_not_served(tmp_path):
@@ -335,7 +335,7 @@ def test_ne7_only_the_printed_addresses_contain_a_token(folder, caplog, capfd):
 
 
 def test_ne8_no_file_of_the_page_refers_to_an_external_address():
-    for path, asset in static(serving.STATIC).items():
+    for path, asset in static_files(serving.STATIC).items():
         text = asset.content.decode("utf-8", "replace")
         foreign = [
             address

@@ -25,9 +25,9 @@ from baqueano.vehicle_file import load
 from baqueano.vehicles import FromAcceleration
 from baqueano.web.lab import identification as module
 from baqueano.web.lab import identifying as identifying_module
-from baqueano.web.lab.drives import Drives
+from baqueano.web.lab.drives import DriveIdentifications
 from baqueano.web.lab.identification import DriveIdentification, label_of
-from baqueano.web.lab.identifying import Identifying
+from baqueano.web.lab.live_identification import LiveIdentification
 from baqueano.web.lab.recorded import pack_run
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import browser, recorded_page, run_page
@@ -49,7 +49,7 @@ def driven_runs():
 
 def rows_of(run):
     record = pack_run(run)
-    return [column["name"] for column in record.fields], record.x.tolist()
+    return [column["name"] for column in record.fields], record.columns.tolist()
 
 
 def fitted(drive, seconds=60.0):
@@ -65,7 +65,7 @@ def test_before_8_s_the_page_shows_errors_predicted_from_the_guess(driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
-    drive.rows(names, rows[:700])
+    drive.add_rows(names, rows[:700])
     while (state := drive.state())["busy"]:
         pass
     assert state["fit"] is None
@@ -83,7 +83,7 @@ def test_a_fit_replaces_predicted_errors_with_values_near_the_truth(driven_runs)
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     for at in range(0, len(rows), 100):
-        drive.rows(names, rows[at : at + 100])
+        drive.add_rows(names, rows[at : at + 100])
         drive.state()
     state = fitted(drive)
     assert state["fit"]["verdict"] in ("USABLE", "WARN")
@@ -110,9 +110,9 @@ def test_the_next_fit_waits_longer_after_a_slow_fit(driven_runs, monkeypatch):
     real = DriveIdentification._fit
     monkeypatch.setattr(module, "PERIOD_S", 0.05)
     monkeypatch.setattr(drive, "_fit", slow)
-    drive.rows(names, rows[:900])
+    drive.add_rows(names, rows[:900])
     for at in range(900, len(rows)):
-        drive.rows(names, rows[at : at + 1])
+        drive.add_rows(names, rows[at : at + 1])
         drive.state()
         time.sleep(0.08)
         if len(began) == 3:
@@ -140,7 +140,7 @@ def test_after_8_s_a_fit_begins_each_second_or_without_a_compiler_each_15_s(
     names = ["t", "u.0", "u.1", "u.2", "z.imu[0]", "z.imu[1]", "z.imu[2]"]
     for k in range(160):  # 40 s in quarters, the drive and the clock at the same pace
         clock.now_s += 0.25
-        drive.rows(names, [[0.01 * (25 * k + j), *[0.1] * 6] for j in range(25)])
+        drive.add_rows(names, [[0.01 * (25 * k + j), *[0.1] * 6] for j in range(25)])
         assert drive.state()["compiled"] == drive.compiled
         if drive._job is not None:
             drive._job.result()
@@ -160,7 +160,7 @@ class Viewer:
 def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
     async def job():
         sent, waits, visitor = [], [], Viewer()
-        identifying = Identifying(lambda: [visitor])
+        identifying = LiveIdentification(lambda: [visitor])
 
         async def request(do, **words):
             sent.append(len(words["rows"]))
@@ -168,17 +168,17 @@ def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
 
         async def wait(seconds):
             waits.append(seconds)
-            identifying.take([[0.01 * len(waits), 0.0]])
+            identifying.add_rows([[0.01 * len(waits), 0.0]])
             if len(waits) == 5:
-                identifying.look(visitor, False)
+                identifying.set_subscription(visitor, False)
 
         monkeypatch.setattr(identifying._lab, "request", request)
         patched = {name: getattr(asyncio, name) for name in ("create_task", "CancelledError")}
         monkeypatch.setattr(identifying_module, "asyncio", SimpleNamespace(**patched, sleep=wait))
         identifying.vehicle = "small"
         identifying.begin(["t", "u.0"])
-        identifying.take([[0.0, 0.0]])
-        identifying.look(visitor, True)
+        identifying.add_rows([[0.0, 0.0]])
+        identifying.set_subscription(visitor, True)
         await identifying._asking
         assert waits == [1.0] * 5
         assert sent == [1] * 5
@@ -191,19 +191,19 @@ def test_missing_ticks_are_simulated_without_measurements(driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     whole, gap = DriveIdentification(guess), DriveIdentification(guess)
-    whole.rows(names, rows[:300])
-    gap.rows(names, rows[:100])
-    gap.rows(names, rows[140:300])
-    assert gap.seconds == whole.seconds == 3.0
+    whole.add_rows(names, rows[:300])
+    gap.add_rows(names, rows[:100])
+    gap.add_rows(names, rows[140:300])
+    assert gap.duration_s == whole.duration_s == 3.0
     for drive in (whole, gap):
         while drive.state()["busy"]:
             pass
         drive.close()
     assert gap.state()["bits"] < whole.state()["bits"]
-    gap.rows(names, rows[1000:1100])  # seven seconds later it is another segment
-    assert gap.seconds == 1.0
-    gap.rows(names, rows[1000:1050])  # earlier data are not used twice
-    assert gap.seconds == 1.0
+    gap.add_rows(names, rows[1000:1100])  # seven seconds later it is another segment
+    assert gap.duration_s == 1.0
+    gap.add_rows(names, rows[1000:1050])  # earlier data are not used twice
+    assert gap.duration_s == 1.0
 
 
 def test_every_parameter_of_the_garage_has_a_readable_label():
@@ -290,7 +290,7 @@ def test_a_drive_that_cannot_be_fitted_reports_its_reason(tmp_path):
     guess = load("small")
     drive = DriveIdentification(guess)
     names = ["t", "u.0", "u.1", "u.2", "z.imu[0]", "z.imu[1]", "z.imu[2]"]
-    drive.rows(names, [[0.01 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for k in range(900)])
+    drive.add_rows(names, [[0.01 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for k in range(900)])
     end = time.monotonic() + 20.0
     while not (state := drive.state())["why"] and state["fit"] is None and time.monotonic() < end:
         time.sleep(0.05)
@@ -304,7 +304,7 @@ def test_the_page_process_does_not_import_numpy():
     async def job():
         program = await asyncio.create_subprocess_exec(
             sys.executable, "-c",
-            "import sys, baqueano.web.run, baqueano.web.lab.identifying; sys.exit('numpy' in sys.modules)",
+            "import sys, baqueano.web.run, baqueano.web.lab.live_identification; sys.exit('numpy' in sys.modules)",
         )  # fmt: skip
         assert await program.wait() == 0
 
@@ -316,7 +316,7 @@ def test_a_vehicle_at_rest_is_not_fitted_repeatedly(driven_runs, monkeypatch):
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     monkeypatch.setattr(module, "PERIOD_S", 0.0)
-    drive.rows(names, rows[:900])
+    drive.add_rows(names, rows[:900])
     fitted(drive)
     while drive.state()["busy"]:
         time.sleep(0.02)
@@ -332,7 +332,7 @@ def test_a_vehicle_at_rest_is_not_fitted_repeatedly(driven_runs, monkeypatch):
 def test_a_changed_vehicle_file_is_read_again_for_the_next_drive(tmp_path, driven_runs):
     guess, small, run = driven_runs
     names, rows = rows_of(run)
-    path, drives = tmp_path / "own.toml", Drives()
+    path, drives = tmp_path / "own.toml", DriveIdentifications()
     path.write_text(guess.text, encoding="utf-8")
 
     def guess_after(drive: int) -> float:

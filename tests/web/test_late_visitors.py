@@ -51,12 +51,12 @@ def test_a_browser_that_connects_during_a_drive_misses_no_row(tmp_path):
 def test_the_history_ends_for_a_browser_that_is_slower_than_the_drive():
     async def job():
         feed = Feed()
-        feed.columns(COLUMNS)
-        feed.take({"x": [[0.0] * len(COLUMNS)]})
+        feed.begin_drive(COLUMNS)
+        feed.add_rows({"x": [[0.0] * len(COLUMNS)]})
         sent = 0
         async for _ in feed.history():
             sent += 1
-            feed.take({"x": [[0.05 * sent, *[0.0] * (len(COLUMNS) - 1)]]})
+            feed.add_rows({"x": [[0.05 * sent, *[0.0] * (len(COLUMNS) - 1)]]})
         assert sent == 1
 
     run_page(job)

@@ -20,26 +20,26 @@ class Clock:
 def lease_of(by="ana"):
     clock = Clock()
     lease = Lease(clock)
-    lease.take(by, by)
+    lease.acquire(by, by)
     return clock, lease
 
 
 def test_rt13_a_lease_ends_300_ms_after_the_last_beat():
     clock, lease = lease_of()
     clock.s = 0.2
-    assert lease.beat("ana", 1, 0.0)
+    assert lease.renew("ana", 1, 0.0)
     clock.s = 0.2 + LEASE_S
     assert lease.holder == "ana"
     clock.s += 0.001
     assert lease.holder is None
-    assert not lease.beat("ana", 2, 0.0)
+    assert not lease.renew("ana", 2, 0.0)
 
 
 def test_rt13_ne4_a_driver_with_a_frozen_picture_loses_the_lease():
     clock, lease = lease_of()
     for k in range(1, 11):
         clock.s = 0.05 * k
-        lease.beat("ana", k, age_s=0.0 if k < 3 else clock.s)
+        lease.renew("ana", k, age_s=0.0 if k < 3 else clock.s)
     assert lease.holder == "ana"
     clock.s = 0.31 + LEASE_S
     assert lease.holder is None
@@ -47,22 +47,22 @@ def test_rt13_ne4_a_driver_with_a_frozen_picture_loses_the_lease():
 
 def test_rt13_the_lease_accepts_an_older_picture_over_a_slow_connection():
     _, lease = lease_of()
-    assert not lease.beat("ana", 1, age_s=0.4)
-    assert lease.beat("ana", 2, age_s=0.4, way_s=0.15)
-    assert not lease.beat("ana", 3, age_s=float("nan"), way_s=0.15)
+    assert not lease.renew("ana", 1, age_s=0.4)
+    assert lease.renew("ana", 2, age_s=0.4, way_s=0.15)
+    assert not lease.renew("ana", 3, age_s=float("nan"), way_s=0.15)
 
 
 def test_rt14_a_second_driver_is_refused_until_the_vehicle_is_handed_over():
     _, lease = lease_of()
     with pytest.raises(SafetyStop) as error:
-        lease.take("luis", "luis")
+        lease.acquire("luis", "luis")
     assert error.value.diagnostic.figures["name"] == "ana"
     with pytest.raises(SafetyStop):
-        lease.give("luis", "luis", "luis")
-    lease.give("ana", "luis", "luis")
+        lease.pass_to("luis", "luis", "luis")
+    lease.pass_to("ana", "luis", "luis")
     assert lease.holder == "luis"
-    lease.give("luis")
-    lease.take("ana", "ana")
+    lease.pass_to("luis")
+    lease.acquire("ana", "ana")
     assert not lease.on_disconnect("luis")
     assert lease.on_disconnect("ana")
     assert lease.holder is None
@@ -86,14 +86,14 @@ def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
             holder = None
         if word == "take":
             if holder in (None, driver):
-                lease.take(driver, driver)
+                lease.acquire(driver, driver)
                 holder, last, n_last = driver, clock.s, 0
             else:
                 with pytest.raises(SafetyStop):
-                    lease.take(driver, driver)
+                    lease.acquire(driver, driver)
         elif word == "beat":
             counts = holder == driver and n > n_last and age <= LEASE_S
-            assert lease.beat(driver, n, age) == counts
+            assert lease.renew(driver, n, age) == counts
             n_last = n if holder == driver and n > n_last else n_last
             last = clock.s if counts else last
             counted_drivers += [driver] if counts else []
@@ -101,6 +101,6 @@ def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
             lease.on_disconnect(driver)
             holder = None if holder == driver else holder
         elif holder == driver:
-            lease.give(driver)
+            lease.pass_to(driver)
             holder = None
         assert lease.holder == holder

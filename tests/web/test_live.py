@@ -43,8 +43,8 @@ async def until_frames(visitor, count):
 
 def test_frames_are_float32_in_the_order_of_the_fields():
     feed = Feed()
-    feed.columns(COLUMNS)
-    frame = feed.take({"x": [[1.0, 2.0, None, 4.0, 5.0, 6.0, 7.0], [1.5, 0, 0, 0, 0, 0, 1e-3]]})
+    feed.begin_drive(COLUMNS)
+    frame = feed.add_rows({"x": [[1.0, 2.0, None, 4.0, 5.0, 6.0, 7.0], [1.5, 0, 0, 0, 0, 0, 1e-3]]})
     number, rows, t0 = struct.unpack("<IId", frame[:16])
     assert (number, rows, t0) == (1, 2, 1.0)
     x = np.frombuffer(frame, "<f4", offset=16).reshape(2, 7)
@@ -52,15 +52,17 @@ def test_frames_are_float32_in_the_order_of_the_fields():
     assert x[1, 6] == np.float32(1e-3)
     assert feed.value("cross") == 1e-3
     assert math.isnan(feed.value("battery"))
-    assert feed.take({"x": [[1.0]]}) is None
-    assert feed.take({"x": [["a"] * 7]}) is None
+    assert feed.add_rows({"x": [[1.0]]}) is None
+    assert feed.add_rows({"x": [["a"] * 7]}) is None
 
 
 def test_the_mean_of_a_column_is_taken_over_the_last_seconds():
     feed = Feed()
-    feed.columns(COLUMNS)
+    feed.begin_drive(COLUMNS)
     for k in range(30):
-        feed.take({"x": [[float(k), 0, 0, 0, 1.0 if k < 20 else 3.0, 0, 0], [k + 0.5, 0, 0, 0, None, 0, 0]]})
+        feed.add_rows(
+            {"x": [[float(k), 0, 0, 0, 1.0 if k < 20 else 3.0, 0, 0], [k + 0.5, 0, 0, 0, None, 0, 0]]}
+        )
     assert feed.mean("nis", 9.5) == (3.0, 10)
     assert feed.mean("battery", 9.0)[1] == 0
 
@@ -339,7 +341,7 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
         page = live_page(tmp_path)
         async with page as (server, link, live):
             files = LocalFiles("robot", "small", tmp_path, tmp_path / "runs")
-            live.presume(files, await files.describe())
+            live.use_local_files(files, await files.describe())
             async with browser(server) as ana:
                 assert ana.hello["routes"] == ["oval"]
                 for kind, more in (
@@ -348,7 +350,7 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
                     ("teach", {"name": "ring"}),
                 ):
                     await drive_page(ana, link, kind, **more)
-                    mission = Mission.of_json(link.requests("mission")[-1]["mission"])
+                    mission = Mission.from_json(link.requests("mission")[-1]["mission"])
                     assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
                     assert 'name = "small"' in mission.vehicle
                 for kind, more in (

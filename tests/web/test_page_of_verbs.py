@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive.session import stop_of
+from baqueano.drive.session import stop_reason_of
 from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
 from baqueano.runs.route_file import read_route, write_route
@@ -150,7 +150,7 @@ def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
 
         run_page(job)
         assert exit_code_of(verb) == 5
-    reason = stop_of(read_run(tmp_path / "run.mcap"))
+    reason = stop_reason_of(read_run(tmp_path / "run.mcap"))
     assert reason.code == StopReason.STOPPED_BY
     assert reason.figures["words"] == "eva"
 
@@ -250,8 +250,8 @@ def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signa
         assert exit_code_of(verb) == 5
         assert all_gone(children)
     run = read_run(tmp_path / "run.mcap")
-    assert stop_of(run).code == StopReason.HOLDER_SILENT
-    assert stop_of(run).figures["silent_ms"] <= 500.0
+    assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
+    assert stop_reason_of(run).figures["silent_ms"] <= 500.0
     assert not run.applied[-1].any()
 
 
@@ -281,7 +281,7 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_command(tmp_path):
             run_page(job)
             assert exit_code_of(verb) == 5
         watcher.close()
-    assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_BY
+    assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_BY
 
 
 def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
@@ -301,7 +301,7 @@ def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
         run_page(lambda: at_the_wheel(port, silent))
         assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
-    assert stop_of(run).code == StopReason.HOLDER_SILENT
+    assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
     assert run.truth.eta[-1, 0] > 0.2
 
 

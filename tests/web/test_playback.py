@@ -13,11 +13,11 @@ import pytest
 from baqueano.cli.page.playback import PlaybackPage, run_with_page
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
-from baqueano.tune.tuned import Gain
+from baqueano.tune.tune_result import Gain
 from baqueano.web import share
-from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.playback import RunPlayer, read
+from baqueano.web.lab.playback import RunPlayer, read_entries
 from baqueano.web.lab.recorded import pack_run
+from baqueano.web.lab.worker_client import WorkerClient
 from tests.web.page_client import drive, folder_of, run_page
 
 
@@ -25,7 +25,7 @@ async def play(playback, paths):
     """Return the messages of a playback."""
     words = []
     for path in [*paths, None]:
-        playback.put(path)
+        playback.enqueue(path)
     await playback.receive(words.append)
     return words
 
@@ -34,7 +34,7 @@ def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive())
 
     async def job():
-        lab = Lab()
+        lab = WorkerClient()
         words = await play(
             RunPlayer(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
         )
@@ -42,7 +42,7 @@ def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
         kinds = [word["is"] for word in words]
         assert kinds[1:4] == ["vehicle", "fields", "route"]
         rows = [row for word in words if word["is"] == "frame" for row in word["x"]]
-        np.testing.assert_array_equal(np.array(rows, "f4"), pack_run(drive()).x)
+        np.testing.assert_array_equal(np.array(rows, "f4"), pack_run(drive()).columns)
         assert {"MISSION", "READY"} == {word["state"] for word in words if word["is"] == "state"}
         assert words[-1]["said"].code == "web.demo-done"
 
@@ -53,10 +53,10 @@ def test_playback_can_be_stopped_paused_and_paced(tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive())
 
     async def job():
-        lab = Lab()
+        lab = WorkerClient()
         playback, words = RunPlayer(lab, 0.5), []
-        playback.put(folder / "circle.mcap")
-        playback.put(None)
+        playback.enqueue(folder / "circle.mcap")
+        playback.enqueue(None)
         playing = asyncio.create_task(playback.receive(words.append))
         while not any(word["is"] == "frame" for word in words):
             await asyncio.sleep(0.01)
@@ -86,7 +86,7 @@ def test_playback_waits_for_a_viewer_only_once(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 0.2)
 
     async def job():
-        lab = Lab()
+        lab = WorkerClient()
         playback = RunPlayer(lab, 1.0)
         playback.viewers = lambda: 0
         words = await play(playback, 2 * [folder / "circle.mcap"])
@@ -107,7 +107,7 @@ def test_invalid_input_lines_of_the_playback_are_ignored():
         json.dumps({"say": message.to_json()}).encode() + b"\n",
     ]
     messages = []
-    read(io.BytesIO(b"".join(lines)), messages.append)
+    read_entries(io.BytesIO(b"".join(lines)), messages.append)
     assert [str(messages[0]), *messages[1:]] == ["a.mcap", message, None]
 
 
@@ -139,14 +139,14 @@ def test_a_closed_page_does_not_end_the_work():
 def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
-    for name, seconds in (("BEFORE_FIT_S", 0.1), ("FIT_SHOWN_S", 0.2), ("GAINS_SHOWN_S", 0.2)):
+    for name, seconds in (("PAUSE_BEFORE_FIT_S", 0.1), ("FIT_DISPLAY_S", 0.2), ("GAINS_DISPLAY_S", 0.2)):
         monkeypatch.setattr(module, name, seconds)
     taught_run = replace(drive(), metadata={"kind": "experiment"})
     folder = folder_of(tmp_path / "runs", experiment=taught_run, repeat=drive())
     gains = {"history": [3.0, 1.0], "before": 3.0, "cost": 1.0, "gains": []}
 
     async def job():
-        lab = Lab()
+        lab = WorkerClient()
         words = await play(RunPlayer(lab, 10.0), [folder / "experiment.mcap", gains, folder / "repeat.mcap"])
         await lab.close()
         scenes = [word["scene"] for word in words if word["is"] == "state"]
@@ -173,7 +173,7 @@ def test_tuned_gains_are_sent_as_valid_json_numbers():
     )
     PlaybackPage(Program()).show_tuning(tuning)
     messages = []
-    read(io.BytesIO(pipe.getvalue()), messages.append)
+    read_entries(io.BytesIO(pipe.getvalue()), messages.append)
     assert messages[0]["history"] == [3.0, 3.0, 1.0]  # the least so far
     assert messages[0]["gains"][0]["value"] == 2.5
     assert messages[1] is None

@@ -15,8 +15,8 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.runs import write_run
 from baqueano.vehicle_file import load
-from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.tuning import TuningBench
+from baqueano.web.lab.tuning import TuningWorker
+from baqueano.web.lab.worker_client import WorkerClient
 from tests.web.page_client import WAIT_S, browser, folder_of, recorded_page, run_page
 
 EKF = '''from baqueano.estimators import AugmentedEkf
@@ -61,7 +61,7 @@ def inodes_of(pid, *tables):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
 def test_the_lab_worker_has_no_socket(folder):
     async def job():
-        lab = Lab()
+        lab = WorkerClient()
         async with asyncio.timeout(WAIT_S):
             listener = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)  # of the page
             for do, words in (("runs", {"paths": []}), ("open", {"path": str(folder / "round.mcap")})):
@@ -264,7 +264,7 @@ def test_a_stop_does_not_wait_for_a_long_request(folder):
 
 def test_gains_are_written_to_a_user_file_but_not_to_the_garage(tmp_path):
     path = load("small").save(tmp_path / "vehicle.toml")
-    bench = TuningBench()
+    bench = TuningWorker()
     word = {"route": "circle", "gains": [0.25, 1.5, 6.0, 0.2]}
     assert bench.write(word | {"vehicle": str(path)}) == {"file": "vehicle.toml"}
     file = load(path)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.web.http import static
+from baqueano.web.http import static_files
 
 STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
 SCRIPTS = sorted(STATIC.glob("*.js"))
@@ -58,8 +58,8 @@ def test_a_script_module_imports_only_existing_files_of_its_folder(path):
 
 def test_the_scripts_are_small():
     assert sum(path.stat().st_size for path in SCRIPTS) <= JAVASCRIPT_KB * 1000
-    assets = static(STATIC)
-    assert sum(len(assets[f"/static/{path.name}"].packed) for path in SCRIPTS) <= WIRE_KB * 1000
+    assets = static_files(STATIC)
+    assert sum(len(assets[f"/static/{path.name}"].gzip_bytes) for path in SCRIPTS) <= WIRE_KB * 1000
 
 
 def test_the_html_document_contains_no_inline_script_or_style():

@@ -30,7 +30,7 @@ def folder(tmp_path):
 
 def columns_of(run):
     record = pack_run(run)
-    return {field["name"]: record.x[:, k] for k, field in enumerate(record.fields)}, record
+    return {field["name"]: record.columns[:, k] for k, field in enumerate(record.fields)}, record
 
 
 def test_columns_of_a_run_contain_its_recorded_values():
@@ -44,9 +44,9 @@ def test_columns_of_a_run_contain_its_recorded_values():
     assert np.isnan(x["innov.imu[1]"]).all()
     assert np.isnan(x["truth.x"]).all()
     assert (x["u.0"][0], x["asked.0"][0], x["P.yy"][0]) == (0.5, np.float32(0.6), 9.0)
-    assert record.around["vehicle"]["footprint"] == {"kind": "round", "length_m": 0.14, "width_m": 0.14}
-    assert record.around["route"]["closed"] is False
-    assert record.around["blocks"]["model"] == "planar"
+    assert record.description["vehicle"]["footprint"] == {"kind": "round", "length_m": 0.14, "width_m": 0.14}
+    assert record.description["route"]["closed"] is False
+    assert record.description["blocks"]["model"] == "planar"
 
 
 @pytest.mark.parametrize(
@@ -56,8 +56,8 @@ def test_a_run_with_an_invalid_vehicle_file_is_shown(text):
     from dataclasses import replace
 
     _, record = columns_of(replace(drive(ticks=20), vehicle_text=text))
-    assert record.x.shape[0] == 20
-    assert len(record.around["vehicle"]["command"]) == 3
+    assert record.columns.shape[0] == 20
+    assert len(record.description["vehicle"]["command"]) == 3
 
 
 def test_a_run_without_ticks_or_estimates_is_shown():
@@ -66,7 +66,7 @@ def test_a_run_without_ticks_or_estimates_is_shown():
     bare = replace(drive(ticks=5), estimate=None, reference=None, requested=None, sensors={}, events=())
     x, record = columns_of(bare)
     assert np.isnan(x["eta.x"]).all()
-    assert record.around["route"] is None
+    assert record.description["route"] is None
     empty = replace(bare, t_ns=bare.t_ns[:0], applied=bare.applied[:0])
     assert pack_run(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
 
@@ -84,7 +84,7 @@ def test_a_browser_receives_the_whole_run_and_its_ghost(folder):
             assert labels["z.imu[2]"] == labels["innov.imu[2]"] == "yaw rate of the gyro"
             await visitor.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
             columns = len(first["fields"])
-            np.testing.assert_array_equal(visitor.rows(1, columns), pack_run(drive()).x)
+            np.testing.assert_array_equal(visitor.rows(1, columns), pack_run(drive()).columns)
             assert visitor.rows(2, columns).shape == (40, columns)
 
     run_page(job)

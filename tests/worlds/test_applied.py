@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.worlds.applied import COMMAND_DELAY_NS, AppliedDuties, AppliedMotors, MotorCharacteristic
+from baqueano.worlds.applied_duty import COMMAND_DELAY_NS, AppliedDuties, AppliedMotors, MotorCharacteristic
 
 MS = 1_000_000
 UNEQUAL = AppliedMotors(

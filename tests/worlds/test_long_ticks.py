@@ -7,9 +7,9 @@ from baqueano import clock, loop
 from baqueano.guides.shapes import circle
 from baqueano.signals import Command
 from baqueano.simulate import simulate, simulate_loop
-from baqueano.simulate.closed_loop import close_loop
+from baqueano.simulate.closed_loop import loop_system
 from baqueano.vehicle_file import load
-from baqueano.worlds import ShakenWorld, SimulatedWorld
+from baqueano.worlds import FaultyWorld, SimulatedWorld
 
 SLOW = load("small").with_values(
     {"rate_hz": 10.0, "model.drivetrain.delay_s": 0.13, "model.friction.linear": [3.3, 12.0, 0.0115]}
@@ -30,7 +30,7 @@ def drive_loop(world):
     return np.array(u), np.array(eta), np.array(z)
 
 
-@pytest.mark.parametrize("kind", [SimulatedWorld, ShakenWorld])
+@pytest.mark.parametrize("kind", [SimulatedWorld, FaultyWorld])
 def test_a_closed_loop_at_10_hz_equals_its_open_loop_replay(kind):
     u, eta, z = drive_loop(kind(SLOW.vehicle, SLOW.sensors, SLOW.rate_hz, SEED))
     run = simulate(SLOW, u, SEED)
@@ -58,7 +58,7 @@ def test_compiled_and_clocked_loop_agree_at_10_hz():
     run = simulate_loop(SLOW, route, seed=4, duration_s=3.0)
     world, records = SimulatedWorld(SLOW.vehicle, SLOW.sensors, SLOW.rate_hz, seed=4), []
     loop.run(
-        close_loop(SLOW, route).blocks,
+        loop_system(SLOW, route).blocks,
         world,
         clock.simulated_ticks(SLOW.rate_hz, 3.0),
         on_record=records.append,

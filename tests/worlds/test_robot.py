@@ -116,7 +116,7 @@ def test_without_recording_each_event_is_reported_once_and_memory_is_constant():
             line.waiting = [telemetry(50 * k, (0.6, 0.6), (0, k), silent=k >= 100)]
             chip.waiting = [Sample(50 * k * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0)]
             chip.happened = [SimpleNamespace(message=note("imu.started"))] if k == 1500 else []
-            events += robot.poll(50 * k * MS)
+            events += robot.pop_events(50 * k * MS)
             if k == 1500:
                 memory_before = tracemalloc.get_traced_memory()[0]
         growth_bytes = tracemalloc.get_traced_memory()[0] - memory_before
@@ -208,13 +208,13 @@ def test_a_silent_link_and_a_stopped_firmware_are_reported():
     line = Line(telemetry(10))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.read(10 * MS)
-    assert robot.trouble(50 * MS) is None
-    silent = robot.trouble(300 * MS)
+    assert robot.stop_reason(50 * MS) is None
+    silent = robot.stop_reason(300 * MS)
     assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
     latched = stop(StopReason.UNO_LATCHED)
     line.waiting = [telemetry(310, stop_code=latched)]
     robot.read(310 * MS)
-    assert robot.trouble(310 * MS) == latched
+    assert robot.stop_reason(310 * MS) == latched
 
 
 def test_a_noisy_line_has_a_longer_timeout_than_a_silent_line():
@@ -222,11 +222,11 @@ def test_a_noisy_line_has_a_longer_timeout_than_a_silent_line():
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.read(10 * MS)
     line.noise_ns = 905 * MS
-    assert robot.trouble(910 * MS) is None
+    assert robot.stop_reason(910 * MS) is None
     line.noise_ns = 1015 * MS
-    assert robot.trouble(1020 * MS).code == StopReason.LINE_NOISY
+    assert robot.stop_reason(1020 * MS).code == StopReason.LINE_NOISY
     line.noise_ns = 105 * MS
-    silent = robot.trouble(300 * MS)
+    silent = robot.stop_reason(300 * MS)
     assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
 
 

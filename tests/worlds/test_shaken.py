@@ -13,7 +13,7 @@ from baqueano.runs import read_run
 from baqueano.signals import STANDARD_GRAVITY, Command
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import parse
-from baqueano.worlds import Fault, ShakenWorld, SimulatedWorld, ledger_of
+from baqueano.worlds import Fault, FaultyWorld, SimulatedWorld, fault_ledger
 from baqueano.worlds.faults.fault import PUSH_S, faults_in
 from tests.codes import refused
 
@@ -25,7 +25,7 @@ ALL = [
 ]  # fmt: skip
 
 
-def world(cls=ShakenWorld, file=FILE, **options):
+def world(cls=FaultyWorld, file=FILE, **options):
     return cls(file.vehicle, file.sensors, file.rate_hz, backend="numpy", **options)
 
 
@@ -47,7 +47,7 @@ def test_without_faults_the_world_equals_the_simulated_world():
 
 @pytest.mark.parametrize("words", ALL)
 def test_a_fault_acts_from_its_first_tick(words):
-    fault = Fault.of_words(words)
+    fault = Fault.parse(words)
     rows, twin = drive_world(world(shake=[fault])), drive_world(world())
     first = round(fault.at_s * FILE.rate_hz)
     np.testing.assert_array_equal(rows[:first], twin[:first])
@@ -58,7 +58,7 @@ def test_a_fault_acts_from_its_first_tick(words):
 
 
 def test_removing_a_fault_does_not_change_the_noise_of_others():
-    spikes = Fault.of_words("0.1-2 s: spikes imu[0] 5, 10 %")
+    spikes = Fault.parse("0.1-2 s: spikes imu[0] 5, 10 %")
     lone = drive_world(world(shake=[spikes]))
     both = drive_world(world(shake=[spikes, "1 s: spikes imu[1] 5, 20 %", "1.5 s: drift imu[2] 0.1"]))
     np.testing.assert_array_equal(lone[:, 6], both[:, 6])
@@ -110,7 +110,7 @@ def test_a_faulty_run_stores_its_faults_and_is_exactly_reproducible(tmp_path):
     path = tmp_path / "run.mcap"
     run = repeat(FILE, circle(0.3, 0.2), shake=ALL, seed=4, duration_s=3.0, path=path)
     faults_of_run = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
-    assert sorted(faults_of_run, key=str) == sorted(map(Fault.of_words, ALL), key=str)
+    assert sorted(faults_of_run, key=str) == sorted(map(Fault.parse, ALL), key=str)
     second = repeat(FILE, circle(0.3, 0.2), shake=faults_of_run, seed=4, duration_s=3.0)
     for series, repeated_series in ((run.truth.eta, second.truth.eta), (run.estimate.eta, second.estimate.eta),
                        (run.applied, second.applied), (run.sensors["imu"].z, second.sensors["imu"].z)):  # fmt: skip
@@ -120,11 +120,11 @@ def test_a_faulty_run_stores_its_faults_and_is_exactly_reproducible(tmp_path):
 def test_faults_added_during_a_run_are_exactly_reproducible():
     lively = world()
     at = {
-        50: lambda w: w.shake({"kind": "drift", "of": "imu[2]", "size": 0.1}),
-        80: lambda w: w.shake({"kind": "tilt", "x": 0.03}),
+        50: lambda w: w.begin_fault({"kind": "drift", "of": "imu[2]", "size": 0.1}),
+        80: lambda w: w.begin_fault({"kind": "tilt", "x": 0.03}),
         120: lambda w: w.end_fault(1),
-        130: lambda w: w.shake({"kind": "tilt", "y": 0.02}),  # replaces the first
-        150: lambda w: w.shake({"kind": "push", "x": 0.1, "frame": "map"}),
+        130: lambda w: w.begin_fault({"kind": "tilt", "y": 0.02}),  # replaces the first
+        150: lambda w: w.begin_fault({"kind": "push", "x": 0.1, "frame": "map"}),
     }
     rows = drive_world(lively, at=at)
     events = [(t_ns, SHAKE_SOURCE, event) for t_ns, event in lively.new_events()]
@@ -183,34 +183,34 @@ def test_an_unsuitable_fault_for_a_vehicle_is_refused():
 
 def rows_of(words, seconds=8.0):
     run = repeat(FILE, circle(0.4, 0.25), laps=0, seed=1, duration_s=seconds, shake=[words])
-    ledger = ledger_of(run, FILE)
+    ledger = fault_ledger(run, FILE)
     (row,) = ledger.rows
     return ledger, row
 
 
 def test_the_ledger_lists_each_detection_with_its_time():
     _, row = rows_of("4 s: push 0.4 N s left")
-    nis = next(notice for notice in row.noticed if notice.witness == "nis")
+    nis = next(notice for notice in row.notices if notice.witness == "nis")
     assert 0.0 < nis.after_s < 0.1
     assert nis.message.figures["nis"] > nis.message.figures["most"]
     _, row = rows_of("4-6 s: cut imu")
-    stop = next(notice for notice in row.noticed if notice.witness == "supervisor")
+    stop = next(notice for notice in row.notices if notice.witness == "supervisor")
     assert stop.after_s == pytest.approx(0.5, abs=0.05)  # imu_timeout_s
     _, row = rows_of("4 s: drift imu[2] 1")
-    assert "monitor" in [notice.witness for notice in row.noticed]
+    assert "monitor" in [notice.witness for notice in row.notices]
 
 
 def test_the_detection_of_a_fault_is_not_assigned_to_the_next_fault():
     u = np.tile([0.5, 0.0, 0.1], (600, 1))
     run = experiment(FILE, u, seed=1, shake=["3 s: push 0.4 N s left", "3.5 s: drift imu[2] 0.02"])
-    push, drift = ledger_of(run, FILE).rows
-    assert "nis" in [notice.witness for notice in push.noticed]
-    assert drift.noticed == []
+    push, drift = fault_ledger(run, FILE).rows
+    assert "nis" in [notice.witness for notice in push.notices]
+    assert drift.notices == []
 
 
 def test_the_ledger_gives_the_reason_if_no_fault_detector_reacted():
     ledger, row = rows_of("4 s: drift imu[2] 0.15")
-    assert row.noticed == []
+    assert row.notices == []
     assert set(row.silent_witnesses()) == {"monitor", "model", "supervisor", "gate", "nis"}
     reason = ledger.unnoticed_diagnostic(row)
     assert reason.code == "ledger.nobody-and-off"

@@ -8,14 +8,14 @@
     anywhere        a clock that begins at the epoch 1970 gives the same results as one that begins at 0
     alone           the block does not use a clock, file, random number or print
 
-The list is empty if a block passes. `notes` reports if a block can be compiled.
+The list is empty if a block passes. `compilation_notes` reports if a block can be compiled.
 """
 
 from collections.abc import Callable
 
-from baqueano.block_checks.compiling import notes
+from baqueano.block_checks.compiling import compilation_notes
+from baqueano.block_checks.loop_blocks import check_controller, check_estimator, check_guide, check_supervisor
 from baqueano.block_checks.motion import check_sensor, check_vehicle
-from baqueano.block_checks.rooms import check_controller, check_estimator, check_guide, check_supervisor
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import Diagnostic
 
@@ -28,7 +28,7 @@ __all__ = [
     "check_sensor",
     "check_supervisor",
     "check_vehicle",
-    "notes",
+    "compilation_notes",
 ]
 
 CHECKS: dict[str, Callable[..., list[Diagnostic]]] = {

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.block_checks.loop_blocks import TICK_NS, default_sensors, slots_at
 from baqueano.block_checks.motion import DT_S, circle_motion
-from baqueano.block_checks.rooms import TICK_NS, a_sensor, slots_at
 from baqueano.block_checks.source import place
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import Diagnostic, Severity, note
@@ -18,7 +18,7 @@ RELATIVE_TOLERANCE = (
 )
 
 
-def notes(
+def compilation_notes(
     role: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
 ) -> list[Diagnostic]:
     """Return notes on a block that fulfils its contract, but cannot be compiled or gives other results when compiled.
@@ -43,12 +43,12 @@ def notes(
 
     Examples
     --------
-    >>> notes("controller", bq.load("small").controller())
+    >>> compilation_notes("controller", bq.load("small").controller())
     []
     """
     block_class = type(block)
     subject, place_text = f"{block_class.__name__}.step()", place(getattr(block_class, "step", block_class))
-    arguments = _arguments(role, block, a_sensor() if sensors is None else sensors, commands)
+    arguments = _step_arguments(role, block, default_sensors() if sensors is None else sensors, commands)
     try:
         compiled = function(block.step, *arguments, backend=backend)(*arguments)
     except TraceError as error:
@@ -72,7 +72,7 @@ def notes(
     return []
 
 
-def _arguments(role: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[Any, ...]:
+def _step_arguments(role: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[Any, ...]:
     """Return the arguments of a step of the block, at a tick in the middle of a circle."""
     estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
     reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.trial import AT_START, GaveUp, Trial
+from baqueano.block_checks.trial import AT_START, CheckAborted, Trial
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.sensors.sampling import detects
 from baqueano.signals import Motion, Slot
@@ -44,13 +44,13 @@ def check_vehicle(block: object) -> list[Diagnostic]:
         trial.add_fault("check.no-drivetrain")
     try:
         if isinstance(n, int) and not trial.is_incomplete:
-            _drive(trial, n)
-    except GaveUp:
+            _check_drive(trial, n)
+    except CheckAborted:
         pass
     return trial.reported_faults()
 
 
-def _drive(trial: Trial, n: int) -> None:
+def _check_drive(trial: Trial, n: int) -> None:
     state = trial.checked_call("init", AT_START, ETA, NU)
     for quantity, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,))):
         trial.expect(f"state.{quantity}", getattr(state, quantity, None), shape, AT_START, "init")
@@ -61,7 +61,7 @@ def _drive(trial: Trial, n: int) -> None:
     for k in range(TICK_COUNT):
         u = np.array([0.5, 0.0, 0.4])[:n] if n <= 3 else np.full(n, 0.3)
         state, motion = trial.step(IN_CURVE, state, u, DT_S, np.zeros(3))
-        _motion(trial, motion, note("when.tick-of-curve", tick=k + 1))
+        _check_motion(trial, motion, note("when.tick-of-curve", tick=k + 1))
     start = trial.checked_call("init", note("when.rest"))
     rest_state = start
     for _ in range(TICK_COUNT):
@@ -72,7 +72,7 @@ def _drive(trial: Trial, n: int) -> None:
     next_state = trial.checked_call("advance", WHILE_ROLLING, ETA, NU, effort, DT_S)
     if not (isinstance(next_state, tuple) and len(next_state) == 3):
         trial.add_fault("check.returns", "advance", found=type(next_state).__name__, expected="(η, ν, ν̇)")
-        raise GaveUp
+        raise CheckAborted
     for name, value in zip(("η", "ν", "ν̇"), next_state, strict=True):
         trial.expect(name, value, (3,), WHILE_ROLLING, "advance")
     trial.check_wrapped("ψ", float(next_state[0][2]), WHILE_ROLLING)
@@ -84,11 +84,11 @@ def _drive(trial: Trial, n: int) -> None:
         )
 
 
-def _motion(trial: Trial, motion: Motion, context: Diagnostic) -> None:
+def _check_motion(trial: Trial, motion: Motion, context: Diagnostic) -> None:
     if not isinstance(motion, Motion):
         expected = "(state, Motion(eta, nu, nu_dot, gravity))"
         trial.add_fault("check.returns", "step", found=type(motion).__name__, expected=expected)
-        raise GaveUp
+        raise CheckAborted
     for name, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,)), ("gravity", (2,))):
         trial.expect(f"Motion.{name}", getattr(motion, name), shape, context)
     trial.check_wrapped("Motion.eta[2]", float(motion.eta[2]), context)
@@ -118,13 +118,13 @@ def check_sensor(block: object) -> list[Diagnostic]:
             trial.add_fault("check.no-attribute", name=name)
     try:
         if not trial.is_incomplete:
-            _measure(trial, block)
-    except GaveUp:
+            _check_measurements(trial, block)
+    except CheckAborted:
         pass
     return trial.reported_faults()
 
 
-def _measure(trial: Trial, block: Any) -> None:
+def _check_measurements(trial: Trial, block: Any) -> None:
     m = int(block.size)
     Q = trial.expect_covariance("cov", block.cov, m, AT_START, "h")
     if np.any(np.diag(Q) <= 0.0):
@@ -137,17 +137,17 @@ def _measure(trial: Trial, block: Any) -> None:
             trial.add_fault(
                 "check.returns", "step", found=type(slot).__name__, expected="(state, Slot(has, z))"
             )
-            raise GaveUp
+            raise CheckAborted
         z = trial.expect("Slot.z", slot.z, expected.shape, IN_CURVE)
         if slot.has not in (0.0, 1.0):
             trial.add_fault("check.has", "step", found=str(slot.has))
         if slot.has == 0.0 and np.any(z):
             trial.add_fault("check.has-not", "step")
         answers += int(slot.has > 0.0)
-    _rate(trial, block, answers)
+    _check_rate(trial, block, answers)
 
 
-def _rate(trial: Trial, block: Any, answer_count: int) -> None:
+def _check_rate(trial: Trial, block: Any, answer_count: int) -> None:
     if block.rate_hz == float("inf"):
         return  # this sensor measures when something happens
     delay_s = float(getattr(block, "delay_s", 0.0))

@@ -23,7 +23,7 @@ AT_START = note("when.start")
 INCOMPLETE_CODES = ("check.no-method", "check.no-attribute", "check.no-commands", "check.no-drivetrain")
 
 
-class GaveUp(Exception):
+class CheckAborted(Exception):
     """Exception that ends the check, because the block raised an exception or returned an unusable result."""
 
 
@@ -60,13 +60,13 @@ class Trial:
     def checked_call(self, method_name: str, context: Diagnostic, *arguments: object) -> Any:
         """Return the result of a call. Repeat some calls, and store faults if results, arguments or the block change.
 
-        Raise GaveUp if the block raises an exception.
+        Raise CheckAborted if the block raises an exception.
         """
         frozen_arguments = _freeze(arguments)
         first = self._call(method_name, context, arguments)
         if _freeze(arguments) != frozen_arguments:
             self.add_fault("check.changes-arguments", method_name, when=context)
-        if self._repeats(method_name, context) and _freeze(first) != _freeze(
+        if self._is_call_repeated(method_name, context) and _freeze(first) != _freeze(
             self._call(method_name, context, copy.deepcopy(arguments))
         ):
             self.add_fault("check.two-answers", method_name, when=context)
@@ -75,13 +75,13 @@ class Trial:
             self._frozen_fields = _freeze(_fields(self.block))
         return first
 
-    def _repeats(self, method_name: str, context: Diagnostic) -> bool:
+    def _is_call_repeated(self, method_name: str, context: Diagnostic) -> bool:
         """Return True if a call is to be repeated: the first five calls of a kind, then every tenth."""
         count = self._calls_of[method_name, context] = self._calls_of.get((method_name, context), 0) + 1
         return count <= 5 or count % 10 == 0
 
     def step(self, context: Diagnostic, *arguments: object) -> tuple[Any, Any]:
-        """Return (state, output) of a step. Raise GaveUp for another result."""
+        """Return (state, output) of a step. Raise CheckAborted for another result."""
         result = self.checked_call("step", context, *arguments)
         is_record = type(result) is not tuple  # a Command is also a tuple of two
         if not (isinstance(result, tuple) and len(result) == 2) or is_record:
@@ -89,7 +89,7 @@ class Trial:
                 self.add_fault("check.values", "step", count=len(result), when=context)
             else:
                 self.add_fault("check.one-value", "step", found=type(result).__name__, when=context)
-            raise GaveUp
+            raise CheckAborted
         return result
 
     def expect(
@@ -100,24 +100,24 @@ class Trial:
         context: Diagnostic,
         method_name: str = "step",
     ) -> np.ndarray:
-        """Return the value as a finite array of this shape. Raise GaveUp for another value."""
+        """Return the value as a finite array of this shape. Raise CheckAborted for another value."""
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
             self.add_fault(
                 "check.no-numbers", method_name, what=quantity, found=type(value).__name__, shape=str(shape)
             )
-            raise GaveUp from None
+            raise CheckAborted from None
         if array.shape != shape:
             self.add_fault(
                 "check.shape", method_name, what=quantity, found=str(array.shape), shape=str(shape)
             )
-            raise GaveUp
+            raise CheckAborted
         if not np.all(np.isfinite(array)):
             self.add_fault(
                 "check.not-finite", method_name, what=quantity, found=str(array.tolist()), when=context
             )
-            raise GaveUp
+            raise CheckAborted
         return array
 
     def check_stamp(self, output: object, t_ns: int, quantity: str, context: Diagnostic) -> None:
@@ -171,7 +171,7 @@ class Trial:
                 )
             else:
                 self.add_fault("check.raises", named_method, error=error_text(error), when=context)
-            raise GaveUp from error
+            raise CheckAborted from error
 
 
 def _line(block_class: type, error: BaseException) -> int:

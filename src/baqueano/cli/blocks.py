@@ -42,13 +42,13 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 
 def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
     """Return a message with the recommended estimator for the sensors of a vehicle."""
-    from baqueano.estimators.readings.velocity_readings import pose_sensors, readings_of
+    from baqueano.estimators.readings.velocity_readings import pose_sensors, velocity_readings
     from baqueano.vehicle_file.build import DEFAULT_KINDS
 
     names, pose_sensor_names = vehicle_file.sensors._fields, pose_sensors(vehicle_file.sensors)
     if pose_sensor_names:
         case = "place"
-    elif any(not reading.is_gyro for reading in readings_of(vehicle_file.sensors)):
+    elif any(not reading.is_gyro for reading in velocity_readings(vehicle_file.sensors)):
         case = "speed"
     else:
         case = "gyro" if names else "nothing"

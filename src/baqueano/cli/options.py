@@ -315,11 +315,11 @@ def raise_stop(run: "Run", path: Path) -> None:
     """
     from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
-    from baqueano.drive import stop_of
+    from baqueano.drive import stop_reason_of
     from baqueano.errors import SafetyStop
 
     print_warnings(run)
-    stop_reason = stop_of(run)
+    stop_reason = stop_reason_of(run)
     if stop_reason is None:
         return
     if stop_reason.code == StopReason.INTERRUPTED:

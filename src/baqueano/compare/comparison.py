@@ -24,7 +24,7 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number
-from baqueano.monitor import Refusals, refusals_of
+from baqueano.monitor import Rejections, rejections_in
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class RunComparison:
     diverged_s: float  # time from which the estimate has diverged; NaN: never
     invalid_covariance: InvalidCovariance | None  # None: the covariance is valid at every tick
     refusals: tuple[
-        Refusals, ...
+        Rejections, ...
     ] = ()  # how often the estimator rejected each channel; empty: rejections are not recorded
     laps: tuple[DriveLap, ...] = ()  # laps of a route that returns to its beginning
 
@@ -98,7 +98,10 @@ class RunComparison:
         row |= {"sign_changes_per_s": self.sign_changes_per_s, "at_limit": self.at_limit}
         row |= self.consistency.row()
         for refusal in self.refusals:
-            row |= {f"refused_{refusal.name}": refusal.refused, f"arrived_{refusal.name}": refusal.arrived}
+            row |= {
+                f"refused_{refusal.name}": refusal.rejected_count,
+                f"arrived_{refusal.name}": refusal.reading_count,
+            }
         row |= {"laps": len(self.laps)}
         row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "diverged_s": self.diverged_s}
         return row | corridor_row(self.corridor)
@@ -301,7 +304,7 @@ def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s:
         across_first=_distances_between_runs(run, first), pace_true=_speed_errors(run.truth, run),
         pace_estimate=_speed_errors(run.estimate, run),
         **_command_figures(run), consistency=filter_consistency(run, alignment),
-        refusals=refusals_of(run.events), laps=laps_of(run), corridor=corridor_of(run), diverged_s=lost_s,
+        refusals=rejections_in(run.events), laps=laps_of(run), corridor=corridor_of(run), diverged_s=lost_s,
         invalid_covariance=invalid_covariance(run))  # fmt: skip
 
 

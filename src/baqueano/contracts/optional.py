@@ -38,7 +38,7 @@ DEFAULTS: dict[str, object] = {
 }
 
 
-def of(block: object, name: str) -> Tree:
+def attribute(block: object, name: str) -> Tree:
     """Return the optional attribute `name` of a block, or its default. Raise KeyError for a name without a default."""
     return getattr(block, name, DEFAULTS[name])
 
@@ -46,13 +46,13 @@ def of(block: object, name: str) -> Tree:
 def nested_blocks(block: object) -> Iterator[Tree]:
     """Yield the block and the blocks that it contains, from outside to inside."""
     yield block
-    for name in of(block, "goes_around"):
+    for name in attribute(block, "goes_around"):
         yield from nested_blocks(getattr(block, name))
 
 
 def is_dynamic(vehicle: object) -> bool:
     """Return True for a model with an acceleration; False for a model in which the command is a velocity."""
-    return of(vehicle, "nu_dot") is not None
+    return attribute(vehicle, "nu_dot") is not None
 
 
 def has_field(block: object, name: str) -> bool:

@@ -7,11 +7,11 @@ a class from `ModelFollower` and define only its law: the requested velocity.
 """
 
 from baqueano.contracts.blocks import Controller
-from baqueano.controllers.first_drive_pulses import CarefulController
-from baqueano.controllers.hand import Hand
+from baqueano.controllers.first_drive_pulses import PulseController
 from baqueano.controllers.heading_hold import HeadingHold
 from baqueano.controllers.kanayama import Kanayama
 from baqueano.controllers.lqr import Lqr
+from baqueano.controllers.manual import ManualController
 from baqueano.controllers.model_following import FollowerState, ModelFollower, Tracking
 from baqueano.controllers.mpc import Mpc
 from baqueano.controllers.pd import Pd, PdState
@@ -21,16 +21,16 @@ from baqueano.controllers.schedule import Schedule
 from baqueano.controllers.stanley import Stanley
 
 __all__ = [
-    "CarefulController",
     "Controller",
-    "Hand",
     "HeadingHold",
     "Kanayama",
     "Lqr",
+    "ManualController",
     "ModelFollower",
     "Mpc",
     "Pd",
     "PdFeedforward",
+    "PulseController",
     "PurePursuit",
     "Schedule",
     "Stanley",

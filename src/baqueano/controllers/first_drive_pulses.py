@@ -8,7 +8,7 @@ from baqueano.signals import Command, Estimate, Reference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CarefulController:
+class PulseController:
     """Controller that sends the pulses of a first drive.
 
     Parameters
@@ -24,7 +24,7 @@ class CarefulController:
     >>> class Still:
     ...     def init(self): return 0
     ...     def advance(self, state, estimate): return state + 1, np.zeros(2), state > 9
-    >>> state, command = CarefulController(Still()).step(0, None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> state, command = PulseController(Still()).step(0, None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
     >>> command.u
     array([0., 0.])
     """

@@ -11,7 +11,7 @@ v, so s = v₀ v / (v² + (v₀/4)²); else s is 1. `heading_gains` finds k, τ 
 the first tick with |r| < MAX_QUIET_RAD_S after the turn, at the latest SETTLING_CONSTANTS (τ + T) after its end. Before
 that tick, only −K_r r acts.
 
-If an estimator has rejected the IMU for more than MIN_LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
+If an estimator has rejected the IMU for more than MIN_REJECTED_S, r and ψ follow the gyro: its innovation is added.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ MAX_TURN_SHARE = 0.25  # largest correction, as a share of the limit of u_ψ
 MAX_SPEED_SHARE = 0.5  # share of the speed command: no wheel stops or turns backward for the correction
 MAX_QUIET_RAD_S = 0.05
 SETTLING_CONSTANTS = 3.0
-MIN_LEFT_OUT_S = 0.05  # longer than any spike
+MIN_REJECTED_S = 0.05  # longer than any spike
 
 
 class Gains(NamedTuple):
@@ -55,11 +55,11 @@ class HeadingHoldState(NamedTuple):
 
     hand: Tree
     t_ns: int  # of the last tick, -1 before the first
-    out_s: float  # duration for which the IMU has been rejected
+    rejected_s: float  # duration for which the IMU has been rejected
     forward_sign: float = 0.0  # sign of the requested speed, 0 without a reference heading
-    since_ns: int = 0  # time of the first request of this speed without a turn
+    straight_since_ns: int = 0  # time of the first request of this speed without a turn
     psi: float = nan  # ψ_r [rad], NaN until it is set
-    sum: float = 0.0  # ∫e dt [rad s]
+    integral: float = 0.0  # ∫e dt [rad s]
     missing_angle: float = 0.0  # integral of the rejected innovations [rad]
 
 
@@ -75,7 +75,7 @@ class HeadingHold:
         Gains of (1), from (3): `drive.by_hand.heading_gains` finds them for a vehicle file.
     limit : float
         Largest u_ψ; the correction is at most a quarter of it.
-    of_speed : float
+    speed_scale : float
         Bound of the correction, as a ratio to |u_x|.
     gyro : Gyro, optional
         Position of the gyro in the innovations, for an estimator that can reject the gyro.
@@ -87,8 +87,9 @@ class HeadingHold:
     Examples
     --------
     >>> from baqueano.signals import Estimate
-    >>> from baqueano.controllers.hand import Hand
-    >>> hold = HeadingHold(Hand(lambda: [0.3, 0.0, 0.0]), place_poles(k=8.0, tau_s=0.2, late_s=0.03), limit=1.0)
+    >>> from baqueano.controllers.manual import ManualController
+    >>> gains = pole_placement_gains(k=8.0, tau_s=0.2, late_s=0.03)
+    >>> hold = HeadingHold(ManualController(lambda: [0.3, 0.0, 0.0]), gains, limit=1.0)
     >>> state, command = hold.step(hold.init(), None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
     >>> print(command.u)
     [0.3 0.  0. ]
@@ -99,7 +100,7 @@ class HeadingHold:
     hand: Tree
     gains: Gains
     limit: float
-    of_speed: float = inf
+    speed_scale: float = inf
     gyro: Gyro | None = None
 
     def init(self) -> HeadingHoldState:
@@ -114,8 +115,8 @@ class HeadingHold:
         u, t_ns = command.u, estimate.t_ns
         dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
         missing_rate = self._missing_yaw_rate(estimate)
-        out_s = state.out_s + dt_s if missing_rate else 0.0
-        missing_rate = missing_rate if out_s > MIN_LEFT_OUT_S else 0.0
+        out_s = state.rejected_s + dt_s if missing_rate else 0.0
+        missing_rate = missing_rate if out_s > MIN_REJECTED_S else 0.0
         v, r = float(estimate.nu[0]), float(estimate.nu[2]) + missing_rate
         forward_sign = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
         if not forward_sign or not isfinite(v + r + float(estimate.eta[2])):
@@ -124,13 +125,13 @@ class HeadingHold:
             state = HeadingHoldState(hand, t_ns, out_s, forward_sign, t_ns)
         missing_angle = state.missing_angle + missing_rate * dt_s
         psi, psi_r = float(estimate.eta[2]) + missing_angle, state.psi
-        is_quiet = abs(r) < MAX_QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
+        is_quiet = abs(r) < MAX_QUIET_RAD_S or seconds(t_ns, state.straight_since_ns) >= self.gains.wait_s
         psi_r = psi if isnan(psi_r) and is_quiet else psi_r
         e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
         u = u.copy()
-        u[-1], sum_e = self._turn(e, state.sum, r, dt_s, v, abs(float(u[0])))
+        u[-1], sum_e = self._turn(e, state.integral, r, dt_s, v, abs(float(u[0])))
         next_state = HeadingHoldState(
-            hand, t_ns, out_s, forward_sign, state.since_ns, psi_r, sum_e, missing_angle
+            hand, t_ns, out_s, forward_sign, state.straight_since_ns, psi_r, sum_e, missing_angle
         )
         return next_state, command._replace(u=u)
 
@@ -138,7 +139,7 @@ class HeadingHold:
         self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float
     ) -> tuple[float, float]:
         """Return u_ψ and ∫e dt [rad s]; the integral does not grow while u_ψ is at its bound.  (1)"""
-        K, bound = self.gains, min(MAX_TURN_SHARE * self.limit, self.of_speed * speed)
+        K, bound = self.gains, min(MAX_TURN_SHARE * self.limit, self.speed_scale * speed)
         s = K.speed_m_s * v / (v * v + (0.25 * K.speed_m_s) ** 2) if K.speed_m_s else 1.0
         integral = sum_e + e * dt_s
         turn = s * (K.psi * e + K.integral * integral - K.rate * r)
@@ -156,7 +157,7 @@ class HeadingHold:
         return float(y[-1]) / self.gyro.scale if is_rejected else 0.0
 
 
-def place_poles(k: float, tau_s: float, late_s: float) -> Gains:
+def pole_placement_gains(k: float, tau_s: float, late_s: float) -> Gains:
     """Return the gains of (3) for the model (2) with gain `k`, time constant `tau_s` and total delay `late_s`."""
     omega = 1.0 / (BANDWIDTH_MARGIN * late_s)
     tp = max(omega * tau_s, 1.0 - 2.0 * omega * tau_s)

@@ -49,7 +49,7 @@ class FollowerState(NamedTuple):
         Time of the last tick; -1 before the first.
     nu : ndarray (3,) [m/s, m/s, rad/s]
         ν_f, the reference without jumps, in the body frame.
-    v_i : float [m/s]
+    integral_v : float [m/s]
         Integral part of the requested speed: k_i times the integral of e_x.
     effort : ndarray (n,) [unit of u]
         ε of (5), from which the command is computed.
@@ -59,7 +59,7 @@ class FollowerState(NamedTuple):
 
     t_ns: int
     nu: np.ndarray
-    v_i: float
+    integral_v: float
     effort: np.ndarray
     law: np.ndarray
 
@@ -120,7 +120,7 @@ class ModelFollower:
     ...     def velocity_law(self, memory, now):
     ...         return memory, (0.5 * now.nu_f[0] + now.e[0], 2.0 * now.e_chi)
     >>> robot = bq.load("small")
-    >>> print(f"{Slow(robot.vehicle, limit=robot.command.limit).late_s:.2f} s behind its reference")
+    >>> print(f"{Slow(robot.vehicle, limit=robot.command.limit).response_delay_s:.2f} s behind its reference")
     0.15 s behind its reference
     """
 
@@ -167,7 +167,7 @@ class ModelFollower:
         nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # ν_f starts at the velocity of the vehicle
         nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
-        displacement = 0.25 * self.late_s * (nu + 2.0 * nu_f + nu_r)
+        displacement = 0.25 * self.response_delay_s * (nu + 2.0 * nu_f + nu_r)
         eta_p = eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement  # (1)
         e = pose_error(eta_r, eta_p)
         e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu))  # (2)
@@ -175,18 +175,18 @@ class ModelFollower:
             np.clip(e[0], -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M),
             MAX_INTEGRAL_SHARE * np.abs(nu_f[0]),
         )
-        v_i = np.clip(state.v_i + self.k_i * e_x * dt_s, -max_integral, max_integral)
+        v_i = np.clip(state.integral_v + self.k_i * e_x * dt_s, -max_integral, max_integral)
         kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
         forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)
         tracking = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, forward_sign, dt_s)
         law, (v_w, omega_w) = self.velocity_law(state.law, tracking)
         effort = self._effort(state.effort, np.array([v_w + v_i, nu[1], omega_w]), nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
-        u = drivetrain.turn_first(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
+        u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
         return FollowerState(estimate.t_ns, nu_f, v_i, effort, law), Command(estimate.t_ns, u)
 
     @property
-    def late_s(self) -> float:
+    def response_delay_s(self) -> float:
         """Return T [s], the delay of the vehicle behind its reference."""
         drivetrain = self.vehicle.drivetrain
         return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S

@@ -69,7 +69,7 @@ class Schedule:
         return ScheduleState(start), Command(estimate.t_ns, self.u[max(k, 0)])
 
 
-def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
+def script_commands(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
     """Return the commands (N, n) of a script [(seconds, command), …], one row per tick.
 
     Raise UsageError for a malformed entry.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from baqueano.diagnostics import fault
-from baqueano.door.guests import Guest
+from baqueano.door.clients import DoorClient
 from baqueano.door.wire import encode
 from baqueano.errors import Invalid
 from baqueano.runs.folder import is_run_name
@@ -15,7 +15,7 @@ from baqueano.runs.folder import is_run_name
 CHUNK_BYTES = 48 << 10  # bytes of a run in one message
 LIST_LIFETIME_S = 0.2  # the list of runs is not read again within this time
 MAX_FETCHES = 8  # transfers at the same time
-WAIT_S = 0.01
+FULL_QUEUE_PAUSE_S = 0.01
 
 
 class RunFiles:
@@ -40,10 +40,10 @@ class RunFiles:
             self._list, self._looked_s = encode({"is": "runs", "runs": names}), time.monotonic()
         return self._list
 
-    def fetch(self, guest: Guest, name: str, is_connected: Callable[[Guest], bool]) -> None:
+    def fetch(self, client: DoorClient, name: str, is_connected: Callable[[DoorClient], bool]) -> None:
         """Send a run in chunks to a client while `is_connected` returns True for it; the last chunk has `left` 0.
 
-        A thread sends each chunk once few bytes wait for the guest. Raise Invalid if the run does not exist, or if too
+        A thread sends each chunk once few bytes wait for the client. Raise Invalid if the run does not exist, or if too
         many transfers are under way. Raise OSError if the file cannot be opened.
         """
         path = self.folder / name
@@ -60,14 +60,14 @@ class RunFiles:
         def pieces() -> None:
             with run_file:
                 remaining, is_last = path.stat().st_size, False
-                while not is_last and is_connected(guest):
-                    if guest.waiting > 4 * CHUNK_BYTES:
-                        time.sleep(WAIT_S)
+                while not is_last and is_connected(client):
+                    if client.pending_bytes > 4 * CHUNK_BYTES:
+                        time.sleep(FULL_QUEUE_PAUSE_S)
                         continue
                     data = run_file.read(min(CHUNK_BYTES, remaining))
                     remaining = remaining - len(data) if data else 0
                     is_last = remaining == 0
-                    guest.enqueue(
+                    client.enqueue(
                         {
                             "is": "file",
                             "run": name,

@@ -45,34 +45,34 @@ class Operator:
 
     # called by the door
 
-    def sign_of_life(self, guest: object) -> None:
-        """Record a heartbeat of `guest`, if it is the holder."""
-        if guest is self._holder:
+    def record_heartbeat(self, client: object) -> None:
+        """Record a heartbeat of `client`, if it is the holder."""
+        if client is self._holder:
             self._last_beat_ns = self._now_ns()
 
-    def hold(self, guest: object, silence_s: float | None = None) -> None:
-        """Make `guest` the holder. After `silence_s` [s] of silence (None: SILENCE_S) it is regarded as disconnected.
+    def set_holder(self, client: object, silence_s: float | None = None) -> None:
+        """Make `client` the holder. After `silence_s` [s] of silence (None: SILENCE_S) it is regarded as disconnected.
 
         Raise SafetyStop while another client is the holder.
         """
         with self._lock:
-            self._check_only_holder(guest)
-            self._holder = guest
+            self._check_only_holder(client)
+            self._holder = client
             self._silence_s = SILENCE_S if silence_s is None else silence_s
-        self.sign_of_life(guest)
+        self.record_heartbeat(client)
 
-    def release(self, guest: object) -> None:
-        """Revoke the right of `guest` to drive, if it is the holder.
+    def revoke_holder(self, client: object) -> None:
+        """Revoke the right of `client` to drive, if it is the holder.
 
         If its mission is still under way, the mission ends by (1).
         """
         with self._lock:
-            if self._holder is guest:
+            if self._holder is client:
                 self._holder = None
 
-    def holds(self, guest: object) -> bool:
-        """Return True if `guest` is the holder."""
-        return guest is self._holder
+    def is_holder(self, client: object) -> bool:
+        """Return True if `client` is the holder."""
+        return client is self._holder
 
     @property
     def silence_s(self) -> float:
@@ -84,57 +84,57 @@ class Operator:
         """Return True while a mission is under way or waits."""
         return self._busy
 
-    def check_admission(self, guest: object) -> None:
-        """Raise SafetyStop if a mission of `guest` would be refused now.
+    def check_admission(self, client: object) -> None:
+        """Raise SafetyStop if a mission of `client` would be refused now.
 
         It is refused if a mission is under way or waits, or if another client is the holder.
         """
         with self._lock:
-            if self._busy and guest is self._holder:
+            if self._busy and client is self._holder:
                 raise SafetyStop(note("door.own-mission", Severity.ERROR))
             if (
                 self._busy and self._holder is None
             ):  # its holder has disconnected: heartbeats of a new holder must not keep it alive
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP_COMMAND))
-            self._check_only_holder(guest)
+            self._check_only_holder(client)
 
     def queue_mission(
         self,
-        guest: object,
+        client: object,
         mission: str,
         attended: bool = True,
         name: str = "",
         silence_s: float | None = None,
     ) -> None:
-        """Make `guest` the holder, and queue its mission in JSON. Raise SafetyStop as `check_admission` does.
+        """Make `client` the holder, and queue its mission in JSON. Raise SafetyStop as `check_admission` does.
 
         The client recognises the messages about its mission by `name`. `attended` is True if the silence of the holder
-        stops the mission; `silence_s` is as in `hold`.
+        stops the mission; `silence_s` is as in `set_holder`.
         """
-        self.check_admission(guest)
-        self.hold(guest, silence_s)
+        self.check_admission(client)
+        self.set_holder(client, silence_s)
         self._busy, self._quit = True, False
         self._missions.append((mission, attended, name))
 
-    def set_command(self, guest: object, u: object) -> None:
+    def set_command(self, client: object, u: object) -> None:
         """Set the command (n,) of the holder; ignore other clients and values that are not finite."""
-        if guest is self._holder:
+        if client is self._holder:
             u = np.asarray(u, dtype=float)
             if u.ndim == 1 and np.all(np.isfinite(u)):
                 self._u, self._u_ns = u, self._now_ns()
-            self.sign_of_life(guest)
+            self.record_heartbeat(client)
 
-    def mark(self, guest: object) -> None:
-        """Record that the vehicle is on its mark now, if `guest` is the holder."""
-        if guest is self._holder:
+    def record_mark(self, client: object) -> None:
+        """Record that the vehicle is on its mark now, if `client` is the holder."""
+        if client is self._holder:
             self._marks += 1
 
-    def change(self, guest: object, path: str, value: object) -> None:
+    def set_gain(self, client: object, path: str, value: object) -> None:
         """Set a gain from the next tick on.
 
-        Raise SafetyStop if `guest` is not the holder, or no mission is under way.
+        Raise SafetyStop if `client` is not the holder, or no mission is under way.
         """
-        if guest is not self._holder or not self._busy:
+        if client is not self._holder or not self._busy:
             raise SafetyStop(note("door.not-holder", Severity.ERROR))
         self._changes.append((path, value))
 
@@ -143,9 +143,9 @@ class Operator:
         with self._lock:
             self._stop = self._stop or reason
 
-    def end(self, guest: object) -> None:
-        """End the drive regularly, if `guest` is the holder."""
-        if guest is self._holder:
+    def request_end(self, client: object) -> None:
+        """End the drive regularly, if `client` is the holder."""
+        if client is self._holder:
             self._quit = True
 
     # called by the loop
@@ -157,11 +157,11 @@ class Operator:
         return u.copy() if is_fresh and u is not None else np.zeros(n)
 
     @property
-    def done(self) -> bool:
+    def is_end_requested(self) -> bool:
         """Return True if the holder has ended the drive."""
         return self._quit
 
-    def next(self) -> tuple[str, bool, str] | None:
+    def pop_mission(self) -> tuple[str, bool, str] | None:
         """Remove and return the waiting mission: (JSON, attended, name), or None without one."""
         return self._missions.popleft() if self._missions else None
 
@@ -174,7 +174,7 @@ class Operator:
             return stop(StopReason.HOLDER_SILENT, silent_ms=1e3 * min(silent_s, 99.0))
         return None
 
-    def changes(self) -> list[tuple[str, object]]:
+    def pop_changes(self) -> list[tuple[str, object]]:
         """Return the gains set since the last call, as (path, value)."""
         return [self._changes.popleft() for _ in range(len(self._changes))]
 
@@ -183,7 +183,7 @@ class Operator:
         mark_count, self._marks = self._marks, 0
         return mark_count
 
-    def forget(self, reason: Diagnostic | None) -> None:
+    def discard_requests(self, reason: Diagnostic | None) -> None:
         """Discard the command, the requests to end or to clear a stop, and the stop with this `reason`.
         A stop with another reason remains.
         """
@@ -191,7 +191,7 @@ class Operator:
             self._stop = None if self._stop == reason else self._stop
             self.clear_requested, self._quit, self._u = False, False, None
 
-    def free(self) -> None:
+    def record_mission_end(self) -> None:
         """Record that the mission has ended, so that another can be requested."""
         self._busy = False
 

@@ -13,7 +13,7 @@ from baqueano.errors import (
 )
 
 
-def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | None, int]:
+def mission_outcome(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | None, int]:
     """Call `drive`, and return the reason for which the drive ended and its exit code.
 
     sys.exit() in a block, outside the guards of the loop, ends its mission and not the service.

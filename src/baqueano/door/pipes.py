@@ -17,19 +17,21 @@ def attach(path: Path, source: BinaryIO, sink: BinaryIO) -> None:
 
     Raise RobotUnreachable if no service listens there.
     """
-    from baqueano.door.remote import not_reachable  # that module loads numpy, which the page does not need
+    from baqueano.door.remote import (
+        unreachable_service,  # that module loads numpy, which the page does not need
+    )
 
     line = socket.socket(socket.AF_UNIX)
     try:
         line.connect(str(path))
     except OSError as error:
-        from baqueano.door.remote import not_reachable  # that module reads runs; a page does not
+        from baqueano.door.remote import unreachable_service  # that module reads runs; a page does not
 
-        raise RobotUnreachable(not_reachable(path, error)) from error
-    join(line, source, sink)
+        raise RobotUnreachable(unreachable_service(path, error)) from error
+    forward_bytes(line, source, sink)
 
 
-def join(connection: socket.socket, source: BinaryIO, sink: BinaryIO) -> None:
+def forward_bytes(connection: socket.socket, source: BinaryIO, sink: BinaryIO) -> None:
     """Forward the bytes in both directions until one side ends."""
 
     def forward_answers() -> None:

@@ -1,7 +1,7 @@
 """Drive the vehicle from the laptop: send a mission by ssh, then heartbeats, and receive its run.
 
   ssh HOST baqueano robot attach       joins the two ends; only ssh listens on the network
-  a heartbeat every BEAT_PERIOD_S      the vehicle stops SILENCE_S after the last one (operator.py)
+  a heartbeat every HEARTBEAT_PERIOD_S      the vehicle stops SILENCE_S after the last one (operator.py)
 
 HOST is an address for ssh, such as user@name:port; "here" is this computer, and a path is the socket of a service.
 """
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.drive.mission import Mission
 
-BEAT_PERIOD_S = 0.1
+HEARTBEAT_PERIOD_S = 0.1
 SET_POINT_PERIOD_S = 0.02  # between commands of a person who drives
 PING_PERIOD_S = 0.5
 GREETING_TIMEOUT_S = 15.0  # ssh exchanges keys, and a Pi starts Python
@@ -131,7 +131,7 @@ class Remote:
         self._drop_old_messages()
         name = uuid4().hex
         self._check_version()
-        self.send(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
+        self.send(do="mission", id=name, mission=mission.to_json(), attended=attended, door=VERSION)
         outcome = self._await_end(name, hand, progress, on_event, words, on_state)
         if outcome["run"] is not None:
             self.fetch(outcome["run"], path)
@@ -163,7 +163,9 @@ class Remote:
                 for request in words():
                     self.send(**request)
                 self._ping()
-                message = self._next_message(BEAT_PERIOD_S if hand is None or ending else SET_POINT_PERIOD_S)
+                message = self._next_message(
+                    HEARTBEAT_PERIOD_S if hand is None or ending else SET_POINT_PERIOD_S
+                )
                 on_state(self.state | {"link_ms": self.link_ms})
                 if message is None:
                     progress(time.monotonic() - start_s)
@@ -224,11 +226,11 @@ class Remote:
         path.parent.mkdir(parents=True, exist_ok=True)
         with write_then_appear(path) as run_file:
             self.send(do="fetch", run=run)
-            for piece in self._pieces(run, shutil.disk_usage(path.parent).free):
+            for piece in self._run_chunks(run, shutil.disk_usage(path.parent).free):
                 run_file.write(piece)
         return path
 
-    def _pieces(self, run: str, max_bytes: int) -> Iterator[bytes]:
+    def _run_chunks(self, run: str, max_bytes: int) -> Iterator[bytes]:
         """Yield a run in pieces.
 
         Raise FileError if it has more than `max_bytes` bytes, and RobotUnreachable if its pieces are not consistent.
@@ -257,7 +259,7 @@ class Remote:
                 raise RobotUnreachable(fault("remote.run-otherwise", host=self.name, run=run))
             yield piece
 
-    def runs(self) -> list[str]:
+    def run_names(self) -> list[str]:
         """Return the names of the runs on the vehicle."""
         self.send(do="runs")
         return self.receive(("runs",), 10.0)["runs"]
@@ -289,7 +291,7 @@ def connect(host: str, **first: Any) -> Iterator[Remote]:
         with _local_remote(SOCKET if host == "here" else Path(host), first) as remote:
             yield remote
         return
-    command = _ssh(host)
+    command = _attach_command(host)
     if shutil.which("ssh") is None:
         raise RobotUnreachable(fault("remote.no-ssh", host=host))
     with subprocess.Popen(
@@ -319,7 +321,7 @@ def _local_remote(path: Path, first: "JsonObject") -> Iterator[Remote]:
         connection.connect(str(path))
     except OSError as error:
         connection.close()
-        raise RobotUnreachable(not_reachable(path, error)) from error
+        raise RobotUnreachable(unreachable_service(path, error)) from error
     with connection, connection.makefile("wb") as sink, connection.makefile("rb") as source:
         remote = Remote(sink, source, str(path))  # pyright: ignore[reportArgumentType]
         try:
@@ -354,7 +356,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
         return remote.state
 
 
-def not_reachable(path: Path, error: OSError) -> Diagnostic:
+def unreachable_service(path: Path, error: OSError) -> Diagnostic:
     """Return the diagnostic for a socket at which no service listens."""
     return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
 
@@ -385,7 +387,7 @@ def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
         ) from error
 
 
-def _ssh(host: str) -> list[str]:
+def _attach_command(host: str) -> list[str]:
     """Return the ssh command to the service at HOST, with options that end it if the network is lost."""
     options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
     return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *host_args(host), ATTACH_COMMAND]

@@ -1,7 +1,7 @@
 """Run a command at a vehicle, and end it after Ctrl-C, a lost connection, or a failure of the user's laptop.
 
   ssh ends      only the command's stdin ends: without a terminal no signal arrives                             (1)
-  Wi-Fi ends    sshd can wait for hours, so a heartbeat is written to the command's stdin each BEAT_PERIOD_S   (2)
+  Wi-Fi ends    sshd can wait for hours, so a heartbeat is written to the command's stdin each HEARTBEAT_PERIOD_S   (2)
   HUP, TERM     the terminal has hung up, or the machine is switched off                                        (3)
 
 (1) applies only to a pipe or a socket, because /dev/null, a file or a terminal cannot be closed from the other end. (2)
@@ -21,20 +21,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from baqueano.door.ssh import answer, print_streams
+from baqueano.door.ssh import print_streams, read_limited
 from baqueano.messages.language import translate as _
 
-BEAT_PERIOD_S = 0.5
+HEARTBEAT_PERIOD_S = 0.5
 MAX_SILENCE_S = 2.0  # Wi-Fi is sometimes interrupted for half a second
 POLL_PERIOD_S = 0.1
-ENDING_TIMEOUT_S = 15.0  # time for the other end to clean up
+EXIT_TIMEOUT_S = 15.0  # time for the other end to clean up
 STDIN = 0
 
 
-def answer_of(command: list[str]) -> tuple[bytes, int]:
+def command_output(command: list[str]) -> tuple[bytes, int]:
     """Run a program, and return its stdout and its exit code; show its stderr as it arrives.
 
-    During this time heartbeats are written to its stdin. Ctrl-C ends the heartbeats and waits up to ENDING_TIMEOUT_S
+    During this time heartbeats are written to its stdin. Ctrl-C ends the heartbeats and waits up to EXIT_TIMEOUT_S
     for the program, so that its last messages are shown. A second Ctrl-C ends the wait.
     """
     program = subprocess.Popen(
@@ -48,20 +48,20 @@ def answer_of(command: list[str]) -> tuple[bytes, int]:
 
     def beat() -> None:
         with suppress(OSError):
-            while not is_over.wait(BEAT_PERIOD_S):
+            while not is_over.wait(HEARTBEAT_PERIOD_S):
                 beats.write(b"\n")
 
     beating = threading.Thread(target=beat, name="sign of life", daemon=True)
     beating.start()
     with program, print_streams((program.stderr, sys.stderr)):
         try:
-            return answer(program.stdout), program.wait()
+            return read_limited(program.stdout), program.wait()
         except KeyboardInterrupt:
             is_over.set()
             beating.join()
             beats.close()
             with suppress(subprocess.TimeoutExpired):
-                program.wait(ENDING_TIMEOUT_S)
+                program.wait(EXIT_TIMEOUT_S)
             raise
         finally:
             is_over.set()

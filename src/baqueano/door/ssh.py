@@ -49,13 +49,13 @@ def ssh_line(host: str, *words: str) -> str:
     """Return the line to type for a command at `host`, or for a login.
 
     >>> ssh_line("pilot@rover.local:2222", "sudo", "reboot")
-    'ssh -p 2222 pilot@rover.local sudo reboot'
+    'ssh_command -p 2222 pilot@rover.local sudo reboot'
     """
     *port_words, _dashes, name = host_args(host)
-    return shell_command("ssh", *port_words, name, *words)
+    return shell_command("ssh_command", *port_words, name, *words)
 
 
-def ssh(host: str, command: str, *options: str) -> list[str]:
+def ssh_command(host: str, command: str, *options: str) -> list[str]:
     """Return the command line that runs `command` at `host`. Raise UsageError if `host` is not a computer."""
     if host in ("emulated", "simulated"):
         raise UsageError(fault("ssh.no-hardware", host=host))
@@ -66,7 +66,9 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
     ]  # fmt: skip
 
 
-def run(command: list[str], input_bytes: bytes = b"", return_output: bool = True) -> tuple[bytes, int]:
+def run_command(
+    command: list[str], input_bytes: bytes = b"", return_output: bool = True
+) -> tuple[bytes, int]:
     """Run a program, and return its stdout and its exit code; show its stderr as it arrives.
 
     If `return_output` is False, stdout is also shown, and b"" is returned. `input_bytes` is sent to its stdin; if it
@@ -82,16 +84,16 @@ def run(command: list[str], input_bytes: bytes = b"", return_output: bool = True
             stderr=subprocess.PIPE,
             bufsize=0,
         )
-        output, errors = _pipe(program.stdout), _pipe(program.stderr)
+        output, errors = _open_pipe(program.stdout), _open_pipe(program.stderr)
         with program, print_streams((errors, sys.stderr), *([] if return_output else [(output, sys.stdout)])):
             try:
-                return answer(output) if return_output else b"", program.wait()
+                return read_limited(output) if return_output else b"", program.wait()
             except BaseException:
                 program.kill()
                 raise
 
 
-def answer(stream: IO[bytes]) -> bytes:
+def read_limited(stream: IO[bytes]) -> bytes:
     """Return all bytes of a stream. Raise RobotUnreachable if the stream has more than MAX_ANSWER_BYTES bytes."""
     output = bytearray()
     while data := os.read(stream.fileno(), 1 << 16):
@@ -104,7 +106,7 @@ def answer(stream: IO[bytes]) -> bytes:
 @contextmanager
 def print_streams(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
     """Show the text of each source stream at its target, in printable form (printable.py), while the body runs."""
-    threads = [threading.Thread(target=_show, args=stream_pair, daemon=True) for stream_pair in streams]
+    threads = [threading.Thread(target=_copy_text, args=stream_pair, daemon=True) for stream_pair in streams]
     for thread in threads:
         thread.start()
     try:
@@ -114,7 +116,7 @@ def print_streams(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
             thread.join(LAST_OUTPUT_S)
 
 
-def _show(source: IO[bytes], sink: TextIO) -> None:
+def _copy_text(source: IO[bytes], sink: TextIO) -> None:
     """Show the text of a stream as it arrives, because a password prompt ends without a newline.
 
     A raw terminal of ssh needs \\r.
@@ -133,6 +135,6 @@ def _show(source: IO[bytes], sink: TextIO) -> None:
             return
 
 
-def _pipe(stream: IO[bytes] | None) -> IO[bytes]:
+def _open_pipe(stream: IO[bytes] | None) -> IO[bytes]:
     assert stream is not None
     return stream

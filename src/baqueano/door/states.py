@@ -36,7 +36,7 @@ NEXT_STATE = {
 }
 
 
-class Machine:
+class StateMachine:
     """The present state; `reason` states why the vehicle does not drive, None if it is allowed to drive."""
 
     def __init__(self) -> None:

@@ -25,8 +25,8 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
-from baqueano.drive.session import marks_of
-from baqueano.drive.verbs import replay
+from baqueano.drive.session import mark_times_ns
+from baqueano.drive.tasks import replay
 from baqueano.errors import AnswerNo, Invalid
 from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
@@ -114,7 +114,7 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     The scales of speed sensors need `length_m`, the length of the path between the first and the last mark. Raise
     AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
     """
-    marks = marks_of(run)
+    marks = mark_times_ns(run)
     if len(marks) < 2:
         raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
     name = _gyro_of(run, vehicle_file)
@@ -135,7 +135,9 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
         path, old_scale = _speed_scale(wheels, getattr(vehicle_file.sensors, wheels))
         new_scale = np.asarray(old_scale) * metres / (length_m or metres)  # (4)
         values[path] = (
-            _rounded(float(new_scale)) if new_scale.ndim == 0 else [_rounded(x) for x in new_scale.tolist()]
+            _round_to_five_digits(float(new_scale))
+            if new_scale.ndim == 0
+            else [_round_to_five_digits(x) for x in new_scale.tolist()]
         )
     turn_rad = sum(raw) / sensor.gyro_scale
     return Closure(name, turns, float(turn_rad), float(scale), std, values, distances, length_m)
@@ -178,7 +180,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
         raise Invalid(fault("marks.place-std", found=place_std_m))
     name = _gyro_of(run, vehicle_file)
     sensor = getattr(vehicle_file.sensors, name)
-    lap, from_ns, start = _lap(run)
+    lap, from_ns, start = _marked_lap(run)
     mark_cov = np.diag(np.square([place_std_m, place_std_m, MARK_STD_RAD]))
 
     def end(kappa: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -239,13 +241,13 @@ def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std
         raise AnswerNo(fault("marks.lap-other-scale", fix, name=run_name, **figures, **percent))
 
 
-def _lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
+def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
     """Return the run until its last mark, the time of its first mark [ns], and the first pose as a keyword of `replay`.
 
     The run begins at rest on the first mark, so that the covariance at its end is that of the motion since this mark.
     Raise AnswerNo for fewer than two ticks between the marks.
     """
-    marks = marks_of(run)
+    marks = mark_times_ns(run)
     from_ns, to_ns = (marks[0], marks[-1]) if len(marks) > 1 else (run.t_ns[:1], run.t_ns[-1:])
     ticks = np.count_nonzero((run.t_ns >= from_ns) & (run.t_ns <= to_ns)) if len(run.t_ns) else 0
     if ticks < 2:
@@ -271,7 +273,7 @@ def _gyro_of(run: Run, vehicle_file: VehicleFile) -> str:
 def _gyro_values(name: str, scale: float, std: float) -> dict[str, object]:
     """Return the values of the vehicle file for a gyro scale."""
     path = f"sensors.{name}.gyro_scale"
-    return {path: _rounded(scale), f"{path}_std": float(f"{std / scale:.2g}")}
+    return {path: _round_to_five_digits(scale), f"{path}_std": float(f"{std / scale:.2g}")}
 
 
 def _turn_std(sensor: Tree, bias_std: float, t_s: float) -> float:
@@ -355,7 +357,7 @@ def _distances(run: Run, vehicle_file: VehicleFile, from_ns: int, to_ns: int) ->
     return distances
 
 
-def _rounded(value: float) -> float:
+def _round_to_five_digits(value: float) -> float:
     return float(f"{value:.5g}")
 
 

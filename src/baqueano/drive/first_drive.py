@@ -21,13 +21,13 @@ import numpy as np
 
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
-from baqueano.controllers import CarefulController
+from baqueano.controllers import PulseController
 from baqueano.diagnostics import Diagnostic, fault, merge_diagnostics
-from baqueano.drive.first_drive_pulses import GROWTH, MIN_SIGMA, STEP, Careful
+from baqueano.drive.first_drive_pulses import GROWTH, MIN_SIGMA, STEP, PulsePlanner
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
-from baqueano.guides import CarefulGuide
+from baqueano.guides import PulseGuide
 from baqueano.loop import Blocks
 from baqueano.messages import texts
 from baqueano.messages.language import mark as N_
@@ -47,12 +47,12 @@ class Pulse(NamedTuple):
 
     u: np.ndarray  # (n,)
     v: float  # the largest speed, signed [m/s]
-    turn: float  # [rad]
+    turn_rad: float  # [rad]
     v_significance: float  # v in standard deviations
-    significance: float  # the larger of v and turn in standard deviations
+    turn_significance: float  # the larger of v and turn in standard deviations
 
 
-WHEELS = {
+WHEEL_NAMES = {
     ("left", "forward"): N_("the left wheel forward"), ("left", "backward"): N_("the left wheel backward"),
     ("right", "forward"): N_("the right wheel forward"), ("right", "backward"): N_("the right wheel backward"),
 }  # fmt: skip
@@ -72,12 +72,12 @@ class FirstDrive(Result):
         Wiring faults and their remedies; empty if the wiring is right.
     no_motion : tuple of Diagnostic
         Directions in which the vehicle did not move.
-    gain_along, gain_about : float
+    forward_gain, turn_gain : float
         Gains of the vehicle divided by the gains of the file's model, along x and about z; NaN without measured motion.
-    moves_at : ndarray (D,)
+    onset_level : ndarray (D,)
         Part of the limit at which motion was first measured, per direction; NaN if it was never measured.
     file_dead_zones_fit : bool
-        True if the dead zones of the file fit better than `moves_at`: the vehicle moved before that level.
+        True if the dead zones of the file fit better than `onset_level`: the vehicle moved before that level.
 
     Examples
     --------
@@ -90,15 +90,15 @@ class FirstDrive(Result):
     pulses: tuple[Pulse, ...]
     wiring: tuple[Diagnostic, ...]
     no_motion: tuple[Diagnostic, ...]
-    gain_along: float
-    gain_about: float
-    moves_at: np.ndarray
+    forward_gain: float
+    turn_gain: float
+    onset_level: np.ndarray
     file_dead_zones_fit: bool = False
 
     @property
     def moving_pulses(self) -> int:
         """Return the number of pulses that moved the vehicle."""
-        return sum(p.significance > MIN_SIGMA for p in self.pulses)
+        return sum(p.turn_significance > MIN_SIGMA for p in self.pulses)
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per pulse."""
@@ -106,8 +106,8 @@ class FirstDrive(Result):
             {
                 "command": " ".join(f"{x:g}" for x in p.u),
                 "v_m_s": p.v,
-                "turn_rad": p.turn,
-                "moved": p.significance > MIN_SIGMA,
+                "turn_rad": p.turn_rad,
+                "moved": p.turn_significance > MIN_SIGMA,
             }
             for p in self.pulses
         ]
@@ -121,10 +121,10 @@ class FirstDrive(Result):
                 moved=self.moving_pulses,
             )
         ]
-        if np.isfinite(self.gain_along):
-            lines.append(_("along: {times:.2g} times the gain in the file", times=self.gain_along))
-        if np.isfinite(self.gain_about):
-            lines.append(_("about z: {times:.2g} times the gain in the file", times=self.gain_about))
+        if np.isfinite(self.forward_gain):
+            lines.append(_("along: {times:.2g} times the gain in the file", times=self.forward_gain))
+        if np.isfinite(self.turn_gain):
+            lines.append(_("about z: {times:.2g} times the gain in the file", times=self.turn_gain))
         return "\n".join([*lines, *texts((*self.no_motion, *self.wiring))])
 
 
@@ -156,7 +156,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     --------
     >>> from baqueano.vehicle_file import load
     >>> drive = first_drive(load("small"))
-    >>> drive.wiring, drive.no_motion, round(drive.gain_along, 1), round(drive.gain_about, 1)
+    >>> drive.wiring, drive.no_motion, round(drive.forward_gain, 1), round(drive.turn_gain, 1)
     ((), (), 1.0, 1.0)
     """
     return estimate_first_drive(careful_drive(vehicle_file, **options), vehicle_file)
@@ -166,8 +166,8 @@ def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
     """Return the run of a first drive without evaluating it; options and errors as in `first_drive`."""
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(fault("first-drive.no-imu", name=vehicle_file.name))
-    pulses = Careful(directions(vehicle_file))
-    blocks = Blocks(Inertial(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())
+    pulses = PulsePlanner(directions(vehicle_file))
+    blocks = Blocks(Inertial(), PulseGuide(pulses), PulseController(pulses), vehicle_file.supervisor())
     return drive(blocks, vehicle_file, "first drive", **options)
 
 
@@ -213,9 +213,9 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
         for model_file in (with_dead_zones(vehicle_file, commands, onset_levels), vehicle_file)
     ]
     is_late = fits[1][1] < fits[0][1]
-    gain_along, gain_about = fits[is_late][0]
-    wiring = _wiring(pulses, commands) if is_two_wheeled(vehicle_file) else ()
-    return FirstDrive(run, pulses, wiring, standstill, gain_along, gain_about, onset_levels, is_late)
+    forward_gain, turn_gain = fits[is_late][0]
+    wiring = _wiring_faults(pulses, commands) if is_two_wheeled(vehicle_file) else ()
+    return FirstDrive(run, pulses, wiring, standstill, forward_gain, turn_gain, onset_levels, is_late)
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
@@ -240,13 +240,13 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
 def with_dead_zones(vehicle_file: VehicleFile, commands: np.ndarray, duties: np.ndarray) -> VehicleFile:
     """Return the file with dead zones from `duties` (D,), the levels of first motion along `commands` (D, n).
 
-    A dead zone is set to the midpoint below its level, see `onset_level`. Dead zones that are 0 in the file stay 0.
+    A dead zone is set to the midpoint below its level, see `onset_midpoints`. Dead zones that are 0 in the file stay 0.
     """
     drivetrain, changes = vehicle_file.vehicle.drivetrain, {}
     channel = np.array([drivetrain.mix(command) for command in commands])  # (D, k)
     for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
         old_zones = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
-        onsets = np.where(sign * channel > 1e-9, sign * channel, np.nan) * onset_level(duties)[:, None]
+        onsets = np.where(sign * channel > 1e-9, sign * channel, np.nan) * onset_midpoints(duties)[:, None]
         onset = [np.min(c[np.isfinite(c)], initial=np.inf) for c in onsets.T]
         new_zones = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(old_zones, onset, strict=True)]
         if np.any(old_zones > 0.0):
@@ -254,7 +254,7 @@ def with_dead_zones(vehicle_file: VehicleFile, commands: np.ndarray, duties: np.
     return vehicle_file.with_values(changes) if changes else vehicle_file
 
 
-def onset_level(level: np.ndarray) -> np.ndarray:
+def onset_midpoints(level: np.ndarray) -> np.ndarray:
     """Return the midpoint (D,) between each level of first motion and the previous level, which gave no motion."""
     previous_level = np.maximum(level - STEP, 0.0)
     previous_level = np.where(GROWTH * previous_level > STEP, level / (1.0 + GROWTH), previous_level)
@@ -272,8 +272,8 @@ def with_rough_gains(result: FirstDrive, vehicle_file: VehicleFile) -> VehicleFi
         raise AnswerNo(fault_note)
     changed = vehicle_file
     if not result.file_dead_zones_fit:
-        changed = with_dead_zones(changed, directions(changed), result.moves_at)
-    k_x, k_z, changes = _or_one(result.gain_along), _or_one(result.gain_about), {}
+        changed = with_dead_zones(changed, directions(changed), result.onset_level)
+    k_x, k_z, changes = _or_one(result.forward_gain), _or_one(result.turn_gain), {}
     for path, p in all_parameters(changed.vehicle, "model"):
         if p.role == "gain":
             old_values = np.asarray(changed.value(path), float)
@@ -303,9 +303,9 @@ def _model_gains(
     for a, b in zip(begins, ends, strict=True):
         rows = slice(a, b + round(RESPONSE_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
         simulated.append([_peak(truth.nu[rows, 0]), _peak(psi[rows] - psi[max(a - 1, 0)])])
-    significant, gains, residual = np.array([p.significance > MIN_SIGMA for p in pulses], bool), [], 0.0
+    significant, gains, residual = np.array([p.turn_significance > MIN_SIGMA for p in pulses], bool), [], 0.0
     for x, y in zip(
-        np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
+        np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn_rad for p in pulses]), strict=True
     ):
         y = np.array(y)
         power = float(x[significant] @ x[significant])
@@ -315,7 +315,7 @@ def _model_gains(
     return (gains[0], gains[1]), residual
 
 
-def _wiring(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic, ...]:
+def _wiring_faults(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic, ...]:
     """Return the wiring faults of (2).
 
     If the measured speeds are not significant, only the gyro is used.
@@ -323,11 +323,11 @@ def _wiring(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic
     turn, speed_turn, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((commands[0], commands[2])):
-            if p.significance > MIN_SIGMA and _is_parallel(p.u, forward):
+            if p.turn_significance > MIN_SIGMA and _is_parallel(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
-                turn[wheel] += p.turn * np.sign(p.u @ forward) * side
-                speed_turn[wheel] += p.v * p.turn * side  # large pulses have the largest weight
-                var[wheel] += (p.turn * p.v / max(p.v_significance, 1e-9)) ** 2
+                turn[wheel] += p.turn_rad * np.sign(p.u @ forward) * side
+                speed_turn[wheel] += p.v * p.turn_rad * side  # large pulses have the largest weight
+                var[wheel] += (p.turn_rad * p.v / max(p.v_significance, 1e-9)) ** 2
     if not np.all(turn != 0.0):
         return ()
     if np.any(np.abs(speed_turn) < MIN_SIGNIFICANCE * np.sqrt(var)):
@@ -344,7 +344,7 @@ def _wiring(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic
 
 def _onset_level_of(pulses: tuple[Pulse, ...], command: np.ndarray) -> float:
     """Return the smallest part of `command` (n,) that moved the vehicle, NaN if it never moved."""
-    return min(_levels([p for p in pulses if p.significance > MIN_SIGMA], command), default=float("nan"))
+    return min(_levels([p for p in pulses if p.turn_significance > MIN_SIGMA], command), default=float("nan"))
 
 
 def _levels(pulses: Sequence[Pulse], d: np.ndarray) -> list[float]:
@@ -366,7 +366,7 @@ def _is_parallel(u: np.ndarray, d: np.ndarray) -> bool:
 def _command_text(command: np.ndarray, vehicle_file: VehicleFile) -> str:
     if is_two_wheeled(vehicle_file):
         w = vehicle_file.vehicle.drivetrain.mix(command)
-        return WHEELS["left" if w[0] else "right", "forward" if w.sum() > 0.0 else "backward"]
+        return WHEEL_NAMES["left" if w[0] else "right", "forward" if w.sum() > 0.0 else "backward"]
     names = vehicle_file.command.names
     return ", ".join(f"{name} = {x:g}" for name, x in zip(names, command, strict=True) if x)
 

@@ -1,6 +1,6 @@
 """Plan the pulses of a first drive, when only the IMU of the vehicle is known.
 
-`Careful` sends one pulse after the other, each of PULSE_S and in one direction, as small as possible:
+`PulsePlanner` sends one pulse after the other, each of PULSE_S and in one direction, as small as possible:
 
   level ← min(1, level + max(STEP, GROWTH level))        after each pulse of an unfinished direction      (1)
 
@@ -9,8 +9,8 @@ exceeds its limit. A direction is finished after a pulse that ended in this way,
 moved the vehicle, or at full command. The next pulse uses the unfinished direction with the lowest level, so that
 opposite directions alternate around one spot. A direction that leads back to the spot has priority. A direction that
 leads away waits until all directions with an unknown effect are tried. Levels are parts of [command] limit. There are
-two directions per channel; for a car, the throttle with the wheels straight, left and right. `CarefulGuide` and
-`CarefulController` advance the same `Careful` with the estimates of `Inertial`, so both stop together.
+two directions per channel; for a car, the throttle with the wheels straight, left and right. `PulseGuide` and
+`PulseController` advance the same `PulsePlanner` with the estimates of `Inertial`, so both stop together.
 """
 
 from dataclasses import dataclass
@@ -27,11 +27,11 @@ MAX_MOVING_PULSES = 10  # pulses in one direction that moved the vehicle
 RETURN_DISTANCE_M = 0.05  # distance from the spot above which the path back has priority
 
 
-class Pulses(NamedTuple):
-    """The state of `Careful`, for D directions."""
+class PulseState(NamedTuple):
+    """The state of `PulsePlanner`, for D directions."""
 
-    begun_ns: int  # -1 before the first tick
-    since_ns: int  # beginning of the pulse or the pause
+    start_ns: int  # -1 before the first tick
+    phase_start_ns: int  # beginning of the pulse or the pause
     active: int  # the direction of the pulse; -1 in a pause
     previous: int  # the direction of the last pulse; -1 before the first
     level: np.ndarray  # (D,) level of the next pulse
@@ -40,11 +40,11 @@ class Pulses(NamedTuple):
     is_done: np.ndarray  # (D,) bool
     start_pose: np.ndarray  # (3,) pose at the beginning of the pulse
     significance: float  # largest v or Δψ of this pulse in standard deviations
-    is_cut: bool  # the pulse reached a limit
+    is_limited: bool  # the pulse reached a limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Careful:
+class PulsePlanner:
     """A planner of growing pulses in D directions.  (1)"""
 
     directions: np.ndarray  # (D, n) commands at full level
@@ -53,31 +53,31 @@ class Careful:
     max_duration_s: float = 120.0
     max_distance_m: float = 0.3  # the drive ends if the estimated distance exceeds this by more than one std
 
-    def init(self) -> Pulses:
+    def init(self) -> PulseState:
         """Return the state before the first tick."""
         d = len(self.directions)
         initial_values = np.full(d, STEP), np.zeros(d), np.zeros((d, 2)), np.zeros(d, bool), np.zeros(3)
-        return Pulses(-1, -1, -1, -1, *initial_values, 0.0, False)
+        return PulseState(-1, -1, -1, -1, *initial_values, 0.0, False)
 
-    def advance(self, state: Pulses, estimate: Estimate) -> tuple[Pulses, np.ndarray, bool]:
+    def advance(self, state: PulseState, estimate: Estimate) -> tuple[PulseState, np.ndarray, bool]:
         """Return the new state, the command (n,) of this tick, and True once the pulses are over."""
         t_ns, none = estimate.t_ns, np.zeros(self.directions.shape[1])
-        if state.begun_ns < 0:
-            state = state._replace(begun_ns=t_ns, since_ns=t_ns)
+        if state.start_ns < 0:
+            state = state._replace(start_ns=t_ns, phase_start_ns=t_ns)
         state = self._observe(state, estimate)
-        span = seconds(t_ns, state.since_ns)
-        if state.active >= 0 and (span >= PULSE_S or state.is_cut):
-            state = state._replace(active=-1, previous=state.active, since_ns=t_ns)
+        span = seconds(t_ns, state.phase_start_ns)
+        if state.active >= 0 and (span >= PULSE_S or state.is_limited):
+            state = state._replace(active=-1, previous=state.active, phase_start_ns=t_ns)
         elif state.active < 0 and span >= (FIRST_S if state.previous < 0 else PAUSE_S):
             state = self._begin_pulse(self._evaluate(state, estimate), estimate)
-        is_over = bool(state.is_done.all()) or seconds(t_ns, state.begun_ns) >= self.max_duration_s
+        is_over = bool(state.is_done.all()) or seconds(t_ns, state.start_ns) >= self.max_duration_s
         is_far = np.hypot(*estimate.eta[:2]) > self.max_distance_m + np.sqrt(estimate.cov[0, 0])
         is_over = bool(is_over or is_far) and state.active < 0
         u = none if state.active < 0 or is_over else state.level[state.active] * self.directions[state.active]
         return state, u, is_over
 
-    def _observe(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """Return the state with `significance` and `is_cut` updated by an estimate, from the first pulse on."""
+    def _observe(self, state: PulseState, estimate: Estimate) -> PulseState:
+        """Return the state with `significance` and `is_limited` updated by an estimate, from the first pulse on."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turn = abs(estimate.eta[2] - state.start_pose[2])
@@ -86,10 +86,11 @@ class Careful:
         if state.active < 0 and state.previous < 0:
             return state
         return state._replace(
-            significance=max(state.significance, float(significance)), is_cut=state.is_cut or bool(cut)
+            significance=max(state.significance, float(significance)),
+            is_limited=state.is_limited or bool(cut),
         )
 
-    def _evaluate(self, state: Pulses, estimate: Estimate) -> Pulses:
+    def _evaluate(self, state: PulseState, estimate: Estimate) -> PulseState:
         """Return the state updated by the result of the last pulse."""
         k = state.previous
         if k < 0:
@@ -102,12 +103,12 @@ class Careful:
         if state.significance > MIN_SIGMA:
             count[k] += 1.0
             shifts[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
-        is_done[k] |= state.is_cut or count[k] >= MAX_MOVING_PULSES or level[k] >= 1.0
+        is_done[k] |= state.is_limited or count[k] >= MAX_MOVING_PULSES or level[k] >= 1.0
         if not is_done[k]:
             level[k] = min(1.0, level[k] + max(STEP, GROWTH * level[k]))
         return state._replace(level=level, moved_count=count, displacement=shifts, is_done=is_done)
 
-    def _begin_pulse(self, state: Pulses, estimate: Estimate) -> Pulses:
+    def _begin_pulse(self, state: PulseState, estimate: Estimate) -> PulseState:
         """Return the state with the next pulse begun, unless all directions are finished."""
         psi = estimate.eta[2]
         position = np.array([np.cos(psi) * estimate.eta[0] + np.sin(psi) * estimate.eta[1],
@@ -123,5 +124,5 @@ class Careful:
         k = int(np.argmin(order))
         start_pose = estimate.eta.copy()
         return state._replace(
-            active=k, since_ns=estimate.t_ns, start_pose=start_pose, significance=0.0, is_cut=False
+            active=k, phase_start_ns=estimate.t_ns, start_pose=start_pose, significance=0.0, is_limited=False
         )

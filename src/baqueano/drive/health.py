@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, merge_diagnostics, note
-from baqueano.monitor import REFUSED_SOURCE, Finding, Notice, Watching, refusal_event
+from baqueano.monitor import REJECTIONS_SOURCE, Finding, Notice, SensorMonitor, rejection_event
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, EnvelopeMonitor
 
@@ -27,7 +27,7 @@ MAX_NIS = 2.0
 OUTLIER_SIGMA = 5.0  # standard deviations: limits the effect of a single outlier
 SOURCE = "model"
 SENSORS_SOURCE = "sensors"
-Line = tuple[str, str, Diagnostic]  # source, level, message of an event
+EventLine = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 
 def degraded_note(degraded: tuple[Finding, ...]) -> Diagnostic | None:
@@ -38,7 +38,7 @@ def degraded_note(degraded: tuple[Finding, ...]) -> Diagnostic | None:
 class Health:
     """A monitor of model and sensors during one run; `envelope` is the range that the fit covered."""
 
-    def __init__(self, envelope: Envelope | None = None, sensors: Watching | None = None) -> None:
+    def __init__(self, envelope: Envelope | None = None, sensors: SensorMonitor | None = None) -> None:
         self._watch = EnvelopeMonitor(envelope)
         self._sensors = sensors
         self._window: deque[tuple[int, float]] = deque()
@@ -50,46 +50,46 @@ class Health:
         """Return the findings about the sensors that are degraded now."""
         return () if self._sensors is None else self._sensors.degraded_sensors
 
-    def lines(self, tick: Tick, estimate: Estimate) -> list[Line]:
+    def events(self, tick: Tick, estimate: Estimate) -> list[EventLine]:
         """Return the events of a tick about the model and the sensors."""
-        self.count(tick)
+        self.record_ranges(tick)
         notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
             self._sensors is not None and self._sensors.is_suspect
         ):  # readings of a broken sensor do not show if the model fits
-            self._forget()
-        misfit = self.check(tick.t_ns, estimate)
+            self._reset_window()
+        misfit = self.misfit_message(tick.t_ns, estimate)
         model = [] if misfit is None else [(SOURCE, "warning", misfit)]
         return [
             *model,
             *((SENSORS_SOURCE, str(notice.message.severity), notice.message) for notice in notices),
         ]
 
-    def _forget(self) -> None:
+    def _reset_window(self) -> None:
         self._window.clear()
         self._sum = 0.0
 
-    def last_lines(self) -> list[Line]:
+    def final_events(self) -> list[EventLine]:
         """Return the events at the end of the run: signals outside the envelope, and rejected readings."""
-        counts = () if self._sensors is None else self._sensors.refusals
+        counts = () if self._sensors is None else self._sensors.rejections
         envelope_lines = [(SOURCE, "warning", message) for message in self.envelope_notes()]
-        return [*envelope_lines, *([(REFUSED_SOURCE, "info", refusal_event(counts))] if counts else [])]
+        return [*envelope_lines, *([(REJECTIONS_SOURCE, "info", rejection_event(counts))] if counts else [])]
 
     def envelope_notes(self) -> tuple[Diagnostic, ...]:
         """Return a message for each command and measurement that left the envelope."""
         return self._watch.range_warnings(note("envelope.this-run"))
 
-    def count(self, tick: Tick) -> None:
+    def record_ranges(self, tick: Tick) -> None:
         """Record the commands and measurements of a tick for `envelope_notes`."""
         self._watch.update(tick)
 
-    def check(self, t_ns: int, estimate: Any) -> Diagnostic | None:
+    def misfit_message(self, t_ns: int, estimate: Any) -> Diagnostic | None:
         """Return a message when the model no longer fits, once per run; None otherwise.  (1)"""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.reported or y is None or S is None:
             return None
         try:
-            square = normalised_square(y.tolist(), S.tolist())
+            square = normalised_innovation_squared(y.tolist(), S.tolist())
         except ZeroDivisionError:
             return None
         if square is None:
@@ -108,7 +108,7 @@ class Health:
         return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, times=np.sqrt(nis))
 
 
-def normalised_square(y: list[float], S: list[list[float]]) -> float | None:
+def normalised_innovation_squared(y: list[float], S: list[list[float]]) -> float | None:
     """Return yᵀ S⁻¹ y / m of the m finite innovations in `y`, None if m is 0.
 
     `y` (list of n) and `S` (n rows of n) are overwritten. For three values NumPy would take five times as long.

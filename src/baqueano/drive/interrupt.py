@@ -8,8 +8,8 @@ from types import FrameType
 
 
 @contextmanager
-def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
-    """Yield the ticks of `ticking`. After Ctrl-C their iterator raises KeyboardInterrupt in place of the next tick.
+def interruptible_ticks(tick_times_ns: Iterable[int]) -> Iterator[Iterable[int]]:
+    """Yield the same ticks. After Ctrl-C their iterator raises KeyboardInterrupt in place of the next tick.
 
     The effect of Ctrl-C is not changed if `is_default_handler` returns False.
     """
@@ -21,13 +21,13 @@ def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def ticks() -> Iterator[int]:
-        for t_ns in ticking:
+        for t_ns in tick_times_ns:
             yield t_ns
             if interrupted:
                 raise KeyboardInterrupt
 
     if not is_default_handler():
-        yield ticking
+        yield tick_times_ns
         return
     previous_handler = signal.signal(signal.SIGINT, request_end)
     try:

@@ -1,6 +1,6 @@
 """Represent a mission as data: the same on the laptop, in a simulation and on the vehicle.
 
-`perform` executes a mission with the functions of verbs.py and returns the run. `pack` prepares a mission to be sent:
+`perform` executes a mission with the functions of tasks.py and returns the run. `pack` prepares a mission to be sent:
 its JSON then contains the texts of the vehicle file and of the user's blocks. The JSON contains all digits of a double.
 """
 
@@ -17,7 +17,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.safety.precautions import Precautions
-from baqueano.drive.verbs import experiment, lesson, repeat
+from baqueano.drive.tasks import drive_with_driver, experiment, repeat
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
 from baqueano.runs import Run
@@ -25,7 +25,7 @@ from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import VehicleFile
 
 KINDS = ("experiment", "first drive", "drive", "teach", "repeat")
-FORMAT = 1
+FORMAT_VERSION = 1
 MAX_LAPS = 10**9
 
 
@@ -39,7 +39,7 @@ class Mission:
 
     >>> taught_by_hand = Mission("teach")
     >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
-    >>> Mission.of_json(spin.json()).u.shape
+    >>> Mission.from_json(spin.to_json()).u.shape
     (100, 3)
     """
 
@@ -61,18 +61,19 @@ class Mission:
             raise UsageError(fault("mission.kind", kind=self.kind, known=KINDS))
         if len(self.start) not in (0, 3):
             raise UsageError(fault("mission.damaged", kind="ValueError", error=f"start = {self.start!r:.80}"))
-        Precautions.of_json(self.precautions)
+        Precautions.from_json(self.precautions)
         for kind, name in (("experiment", "u"), ("repeat", "route")):
             if self.kind == kind and getattr(self, name) is None:
                 raise UsageError(fault("mission.lacks", kind=kind, name=name))
 
-    def json(self) -> str:
+    def to_json(self) -> str:
         """Return the mission as one line of JSON."""
-        route = None if self.route is None else {k: _lists(v) for k, v in self.route._asdict().items()}
+        route = None if self.route is None else {k: _with_lists(v) for k, v in self.route._asdict().items()}
         unusual = {"start": list(self.start), "precautions": self.precautions}
         return json.dumps(
             {
-                "format": FORMAT, "kind": self.kind, "vehicle": self.vehicle, "u": _lists(self.u), "route": route,
+                "format": FORMAT_VERSION, "kind": self.kind, "vehicle": self.vehicle, "u": _with_lists(self.u),
+                "route": route,
                 "laps": self.laps, "hold": self.hold, "blocks": self.blocks, "texts": self.texts,
                 **{name: value for name, value in unusual.items() if value},
             },
@@ -80,11 +81,11 @@ class Mission:
         )  # fmt: skip
 
     @classmethod
-    def of_json(cls, text: str) -> "Mission":
-        """Return the mission in this JSON, the inverse of `json`. Raise UsageError for any other text."""
+    def from_json(cls, text: str) -> "Mission":
+        """Return the mission in this JSON, the inverse of `to_json`. Raise UsageError for any other text."""
         try:
             document = json.loads(text, parse_constant=_finite_float, parse_float=_finite_float)
-            if document.pop("format") != FORMAT:
+            if document.pop("format") != FORMAT_VERSION:
                 raise UsageError(fault("mission.version"))
             route, u = document.pop("route"), document.pop("u")
             for name, value in document.items():
@@ -93,7 +94,7 @@ class Mission:
             return cls(
                 **document,
                 u=None if u is None else np.atleast_2d(np.array(u, dtype=float)),
-                route=None if route is None else _route(route),
+                route=None if route is None else _route_from_json(route),
             )
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
             raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
@@ -124,7 +125,7 @@ def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
         return f"{path.name}:{name}"
 
     blocks, vehicle = {role: pack_kind(kind) for role, kind in mission.blocks.items()}, vehicle_file.text
-    for kind in filter(lambda kind: ".py:" in kind, _kinds(vehicle_file.data)):
+    for kind in filter(lambda kind: ".py:" in kind, _block_kinds(vehicle_file.data)):
         for quote in "\"'":
             vehicle = vehicle.replace(f"{quote}{kind}{quote}", f'"{pack_kind(kind)}"')
     return replace(mission, vehicle=vehicle, blocks=blocks, texts=texts)
@@ -154,9 +155,9 @@ def perform(
             driver = hand if mission.route is None else mission.route
             if driver is None:
                 raise UsageError(fault("mission.no-driver"))
-            return lesson(vehicle_file, driver, mission.hold, mission.kind, **options)
+            return drive_with_driver(vehicle_file, driver, mission.hold, mission.kind, **options)
     assert mission.route is not None
-    care = Precautions.of_json(mission.precautions)
+    care = Precautions.from_json(mission.precautions)
     arguments = {field.name: getattr(care, field.name) for field in fields(care)}
     arguments |= {"eta": np.array(mission.start)} if mission.start else {}
     return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(arguments | options))
@@ -178,7 +179,7 @@ def unpack(mission: Mission, folder: Path) -> VehicleFile:
     return load(path)
 
 
-def _kinds(data: JsonObject) -> list[str]:
+def _block_kinds(data: JsonObject) -> list[str]:
     """Return every `kind` in the tables of a vehicle file."""
     tables = [t for t in data.values() if isinstance(t, dict)]
     tables += [t for t in data.get("sensors", {}).values() if isinstance(t, dict)]
@@ -205,10 +206,10 @@ def _check_field(name: str, value: object) -> None:
         raise ValueError(f"{name} = {value!r:.80}")
 
 
-def _route(document: JsonObject) -> Route:
+def _route_from_json(document: JsonObject) -> Route:
     t_s, eta, nu = (np.array(document[name], dtype=float) for name in ("t_s", "eta", "nu"))
     return Route(t_s, eta, nu, bool(document["closed"]))
 
 
-def _lists(x: object) -> object:
+def _with_lists(x: object) -> object:
     return x.tolist() if isinstance(x, np.ndarray) else x

@@ -13,7 +13,7 @@ from baqueano.loop import Blocks, Record
 from baqueano.signals import Command, Estimate, Tick
 from baqueano.supervisor import stop_reason
 
-LastLine = tuple[str, str, Diagnostic | str]  # source, level, message
+EventLine = tuple[str, str, Diagnostic | str]  # source, level, message
 
 
 class Observer:
@@ -36,7 +36,7 @@ class Observer:
         """Return how often a person has reported since the last tick that the vehicle is on the mark."""
         return 0
 
-    def events(self) -> Iterable[LastLine]:
+    def events(self) -> Iterable[EventLine]:
         """Return the events since the last tick, to be written into the run."""
         return ()
 
@@ -52,7 +52,7 @@ class Observer:
     def on_disk_full(self, reason: Diagnostic) -> None:
         """Receive the message that the disk is full and the rest of the run is not stored; a live drive continues."""
 
-    def end(self, reason: Diagnostic | None) -> Iterable[LastLine]:
+    def end(self, reason: Diagnostic | None) -> Iterable[EventLine]:
         """Return the last events of the run; `reason` is the reason of the stop, None if the drive was not stopped."""
         return ()
 

@@ -29,19 +29,19 @@ class Recording:
     world: World
     health: Health
     observers: Sequence[Observer]
-    begun_ns: int
+    start_ns: int
     diagnostics: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by role
     tick_count: int = 0
     is_logging: bool = True  # the disk accepts the run
 
     def __post_init__(self) -> None:
-        self.last_ns = self.begun_ns
+        self.last_ns = self.start_ns
 
     def begin(self, notes: Iterable[Diagnostic | str]) -> None:
         """Write the messages that are known before the first tick."""
         for diagnostic in notes:
             is_warning = isinstance(diagnostic, Diagnostic) and diagnostic.severity == Severity.WARNING
-            self.sink.event(self.begun_ns, "warning" if is_warning else "info", "drive", diagnostic)
+            self.sink.event(self.start_ns, "warning" if is_warning else "info", "drive", diagnostic)
 
     def tick(self, record: Record) -> None:
         """Write a record of the loop, and all data and events that belong to the tick of this record."""
@@ -54,7 +54,7 @@ class Recording:
         for event_ns, cause in self.world.new_events():
             is_fault = isinstance(cause, Diagnostic) and cause.subject == SHAKE_SOURCE
             self._event(event_ns, "warning", SHAKE_SOURCE if is_fault else HARDWARE_SOURCE, cause)
-        for source, level, cause in self.health.lines(record.tick, record.estimate):
+        for source, level, cause in self.health.events(record.tick, record.estimate):
             self._event(t_ns, level, source, cause)
         for role in tuple(self.diagnostics):
             self._write_diagnostic(role, record)
@@ -72,7 +72,7 @@ class Recording:
     def end(self, reason: Diagnostic | None) -> None:
         """Write the last events; `reason` is the reason of the stop, None if the vehicle was not stopped."""
         lines = [line for observer in self.observers for line in observer.end(reason)]
-        for source, level, message in (*self.health.last_lines(), *lines):
+        for source, level, message in (*self.health.final_events(), *lines):
             self.sink.event(self.last_ns, level, source, message)
 
     def _write_diagnostic(self, role: str, record: Record) -> None:
@@ -106,7 +106,7 @@ class Recording:
         for observer in self.observers:
             observer.on_record(shown_record)
             if self.tick_count % PROGRESS_PERIOD_TICKS == 0:
-                observer.progress(seconds(record.tick.t_ns, self.begun_ns))
+                observer.progress(seconds(record.tick.t_ns, self.start_ns))
 
 
 def diagnostics_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
@@ -122,9 +122,9 @@ def _diagnostic_functions(block: Tree) -> Iterator[Callable[[Tree], Diagnostic |
     ) is not None:  # a budgeted or compiled block has the state of the inner block
         yield from _diagnostic_functions(inner)
         return
-    if (diagnostic := optional.of(block, "diagnostic")) is not None:
+    if (diagnostic := optional.attribute(block, "diagnostic")) is not None:
         yield diagnostic
-    for name in optional.of(block, "goes_around"):
+    for name in optional.attribute(block, "goes_around"):
         for diagnose in _diagnostic_functions(getattr(block, name)):
             yield partial(_diagnose_part, diagnose, name)
 

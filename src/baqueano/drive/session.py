@@ -1,4 +1,4 @@
-"""Run the blocks of a drive in a world, and return the run. All functions of verbs.py call `drive`."""
+"""Run the blocks of a drive in a world, and return the run. All functions of tasks.py call `drive`."""
 
 import inspect
 from collections.abc import Iterable, Sequence
@@ -16,19 +16,19 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
-from baqueano.drive.interrupt import between_ticks
+from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, diagnostics_of_blocks
 from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
-from baqueano.monitor import Watching
+from baqueano.monitor import SensorMonitor
 from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.recorder import MemoryRecorder, RunRecorder
 from baqueano.signals import Command, Reference, Tick, silent
 from baqueano.symbolic import TraceError, compile_block
 from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
-from baqueano.worlds import ShakenWorld, SimulatedWorld
+from baqueano.worlds import FaultyWorld, SimulatedWorld
 from baqueano.worlds.faults.fault import FaultLike
 
 
@@ -38,10 +38,10 @@ class Conditions:
 
     The world is a simulation of `truth` with the noise of `seed`, for `duration_s` at most. `truth` is a vehicle file;
     its default is the truth that the file of the drive names, or that file itself. Another `world` and its clock
-    `ticking` can be given. `shake` contains faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s: push
-    0.3 N s left"). An empty list yields the same drive without faults: it is bit for bit equal to a run with faults up
-    to the first fault. `eta` [m, rad] is the pose at the start in the map (3,). For a moving vehicle it is (6,) and
-    contains the body velocity. For `backend` see `symbolic.compile_block`.
+    `tick_times_ns` can be given. `shake` contains faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s:
+    push 0.3 N s left"). An empty list yields the same drive without faults: it is bit for bit equal to a run with
+    faults up to the first fault. `eta` [m, rad] is the pose at the start in the map (3,). For a moving vehicle it is
+    (6,) and contains the body velocity. For `backend` see `symbolic.compile_block`.
     """
 
     truth: VehicleFile | None = None
@@ -50,7 +50,7 @@ class Conditions:
     duration_s: float | None = None
     backend: str = "auto"
     world: World | None = None
-    ticking: Iterable[int] | None = None
+    tick_times_ns: Iterable[int] | None = None
     shake: Sequence[FaultLike] | None = None
 
     @property
@@ -58,7 +58,7 @@ class Conditions:
         """Return the pose (3,) at the start, or pose and velocity (6,); zeros by default."""
         return np.zeros(3) if self.eta is None else np.array(self.eta, dtype=float)
 
-    def world_of(self, vehicle_file: VehicleFile) -> World:
+    def make_world(self, vehicle_file: VehicleFile) -> World:
         """Return the world of the drive.
 
         Raise UsageError if file and world have different numbers of commands, or if `world` and `shake` are both given.
@@ -72,12 +72,12 @@ class Conditions:
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
         real = vehicle_file.truth if self.truth is None else self.truth
         arguments = real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
-        return SimulatedWorld(*arguments) if self.shake is None else ShakenWorld(*arguments, self.shake)
+        return SimulatedWorld(*arguments) if self.shake is None else FaultyWorld(*arguments, self.shake)
 
-    def clock_of(self, vehicle_file: VehicleFile) -> Iterable[int]:
+    def tick_times_of(self, vehicle_file: VehicleFile) -> Iterable[int]:
         """Return the times of the ticks [ns]."""
-        if self.ticking is not None:
-            return self.ticking
+        if self.tick_times_ns is not None:
+            return self.tick_times_ns
         return clock.simulated_ticks(vehicle_file.rate_hz, self.duration_s)
 
     def metadata(self, kind: str, blocks: Blocks) -> dict[str, str]:
@@ -87,7 +87,7 @@ class Conditions:
         return {"kind": kind, "seed": str(self.seed), "start": start_text, "backend": backend}
 
 
-def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
+def user_block_metadata(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
     """Return the metadata about blocks that are not built in, and a message for each block without a source text.
 
     The key "controller" contains the class and its numeric parameters, "controller.text" the source text.
@@ -157,7 +157,8 @@ def drive(
     UsageError
         If file and world have different numbers of commands.
     SafetyStop
-        If the drive is stopped before its first tick. A later stop returns the run, and `stop_of` returns the reason.
+        If the drive is stopped before its first tick. A later stop returns the run, and `stop_reason_of` returns the
+        reason.
     FileError
         At the end of a drive, if the disk was full; the file at `path` contains the run up to that time.
 
@@ -173,23 +174,23 @@ def drive(
     0.5
     """
     settings = Conditions(**conditions)
-    world = settings.world_of(vehicle_file)
-    own_texts, text_notes = texts_of_own(blocks, vehicle_file)
+    world = settings.make_world(vehicle_file)
+    own_texts, text_notes = user_block_metadata(blocks, vehicle_file)
     blocks, sensors, notes = _prepare(blocks, vehicle_file, settings, live)
     for observer in observers:
         blocks = observer.begin(blocks)
     blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, observers)) if observers else blocks
     metadata = settings.metadata(kind, blocks) | own_texts
     health = Health(vehicle_file.envelope, sensors)
-    ticking = settings.clock_of(vehicle_file)
+    tick_times_ns = settings.tick_times_of(vehicle_file)
 
     def perform(sink: RunRecorder) -> None:
         recording = Recording(
-            sink, world, health, observers, _first_ns(ticking), diagnostics_of_blocks(blocks)
+            sink, world, health, observers, _first_ns(tick_times_ns), diagnostics_of_blocks(blocks)
         )
         start, origin_note = initial_pose_for(blocks.estimator, settings.start)
         recording.begin([*world.notes, *text_notes, *notes, *([] if origin_note is None else [origin_note])])
-        _run(blocks, ticking, start, recording)
+        _run(blocks, tick_times_ns, start, recording)
 
     if path is None:
         memory = MemoryRecorder(vehicle_file.text, metadata)
@@ -209,7 +210,7 @@ def drive(
 
 def _prepare(
     blocks: Blocks, vehicle_file: VehicleFile, settings: Conditions, live: bool
-) -> tuple[Blocks, Watching | None, list[Diagnostic]]:
+) -> tuple[Blocks, SensorMonitor | None, list[Diagnostic]]:
     """Return the compiled blocks, the monitor of the sensors or None, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
     sensors, sensor_notes = within(PREPARE_S, sensor_monitor, vehicle_file, blocks.estimator)
@@ -226,7 +227,7 @@ def _prepare(
     return blocks, sensors, [*notes, *sensor_notes, *noise_notes]
 
 
-def stop_of(run: Run) -> Diagnostic | None:
+def stop_reason_of(run: Run) -> Diagnostic | None:
     """Return the reason why the motors were stopped in this run, None if they were not stopped."""
     event = next((e for e in run.events if e.source == STOP_SOURCE and e.level == "error"), None)
     if event is None or event.diagnostic is not None:
@@ -234,7 +235,7 @@ def stop_of(run: Run) -> Diagnostic | None:
     return stop(StopReason.RECORDED, words=event.text)  # a run that is older than the codes
 
 
-def marks_of(run: Run) -> list[int]:
+def mark_times_ns(run: Run) -> list[int]:
     """Return the times [ns] at which the driver reported that the vehicle was on its mark."""
     return [e.t_ns for e in run.events if e.source == MARK_SOURCE]
 
@@ -267,7 +268,7 @@ def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, li
 
 def sensor_monitor(
     vehicle_file: VehicleFile, estimator: Estimator
-) -> tuple[Watching | None, list[Diagnostic]]:
+) -> tuple[SensorMonitor | None, list[Diagnostic]]:
     """Return the monitor of the sensors for this estimator, and messages.
 
     The monitor is None for a vehicle without sensors, or, with the reason as a message, if it cannot be built.
@@ -278,7 +279,7 @@ def sensor_monitor(
     try:
         model = vehicle_file.estimator("augmented_ekf", use=(), speed_from=())
         _, estimate = estimator.step(estimator.init(), tick)
-        return Watching(model, estimator, tick, estimate), []
+        return SensorMonitor(model, estimator, tick, estimate), []
     except BaseException as error:  # of the user's vehicle or estimator; the loop raises it again
         if from_outside(error):
             raise
@@ -289,7 +290,7 @@ def compiled_or_unchanged(
     role: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
     """Return the block compiled, or unchanged with the reason if it cannot be compiled."""
-    if optional.of(block, "as_written"):
+    if optional.attribute(block, "as_written"):
         return block, None
     try:
         quick = compile_block(block, backend)
@@ -307,7 +308,7 @@ def compiled_or_unchanged(
 
 def _may_hang(block: object) -> bool:
     """Return True for a block that runs as Python code and can contain code of the user."""
-    return not (optional.of(block, "as_written") or isinstance(block, CompiledBlock))
+    return not (optional.attribute(block, "as_written") or isinstance(block, CompiledBlock))
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
@@ -332,9 +333,11 @@ def example_tick(vehicle_file: VehicleFile) -> Tick:
     )
 
 
-def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recording: Recording) -> None:
+def _run(
+    blocks: Blocks, tick_times_ns: Iterable[int], start: np.ndarray | None, recording: Recording
+) -> None:
     """Run the loop. Raise SafetyStop if the drive was stopped before its first tick."""
-    with between_ticks(ticking) as until_interrupted:
+    with interruptible_ticks(tick_times_ns) as until_interrupted:
         outcome = loop.run(
             blocks, recording.world, until_interrupted, recording.tick, recording.record_stop, start
         )
@@ -343,9 +346,9 @@ def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recor
     recording.end(outcome.stopped)
 
 
-def _first_ns(ticking: Iterable[int]) -> int:
+def _first_ns(tick_times_ns: Iterable[int]) -> int:
     """Return the time [ns] of the first tick if it is known before the clock runs, else 0."""
-    return int(ticking[0]) if isinstance(ticking, list) and ticking else 0
+    return int(tick_times_ns[0]) if isinstance(tick_times_ns, list) and tick_times_ns else 0
 
 
 def _check_command_count(vehicle_file: VehicleFile, world: World) -> None:

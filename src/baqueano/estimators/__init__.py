@@ -14,7 +14,7 @@ from baqueano.estimators.complementary import Complementary
 from baqueano.estimators.dead_reckoning import DeadReckoning
 from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.estimators.inertial import Inertial
-from baqueano.estimators.known_state import KnownState, StateOfWorld
+from baqueano.estimators.known_state import KnownState, TrueState
 from baqueano.estimators.unscented import Unscented
 
 __all__ = [
@@ -25,6 +25,6 @@ __all__ = [
     "Estimator",
     "Inertial",
     "KnownState",
-    "StateOfWorld",
+    "TrueState",
     "Unscented",
 ]

@@ -33,7 +33,7 @@ from baqueano.estimators.augmented.motion import (
 from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import branch, effort_of, row_of, rows_before, step_in_rows, tree_where
+from baqueano.estimators.pauses import branch, filter_row, row_effort, rows_before, step_in_rows, tree_where
 from baqueano.estimators.readings.inconsistency import update_inconsistency
 from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
 from baqueano.estimators.readings.sensor_numbers import check_use
@@ -168,8 +168,8 @@ class AugmentedEkf:
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """Return the belief and the estimate after a row of any duration; they are finite and positive definite."""
-        row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
+        row = filter_row(belief.t_ns, tick, self.rate_hz)
+        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         x = predict_row(self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # for a dynamic model it follows from the state

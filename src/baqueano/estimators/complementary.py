@@ -22,8 +22,8 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import row_of, rows_before, step_in_rows, tree_where
-from baqueano.estimators.readings.velocity_readings import Reading, measured_velocity, readings_of
+from baqueano.estimators.pauses import filter_row, rows_before, step_in_rows, tree_where
+from baqueano.estimators.readings.velocity_readings import Reading, measured_velocity, velocity_readings
 from baqueano.geometry import map_from_body
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
@@ -90,7 +90,7 @@ class Complementary:
     readings: tuple[Reading, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "readings", readings_of(self.sensors))
+        object.__setattr__(self, "readings", velocity_readings(self.sensors))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> ComplementaryBelief:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
@@ -107,7 +107,7 @@ class Complementary:
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
         """Return the belief and the estimate after one row.  (1)-(4)"""
-        row = row_of(belief.t_ns, tick, self.rate_hz)
+        row = filter_row(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
         predicted_nu = belief.nu + (motion.nu - belief.model.nu) + np.array([0.0, 0.0, belief.bias])

@@ -32,7 +32,15 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     if np.max(asymmetry) > 1e-9 * scale:
         i, j = np.unravel_index(np.argmax(np.triu(asymmetry)), P.shape)
         raise Invalid(
-            fault("cov.not-symmetric", name=name, i=i, j=j, one=P[i, j], other=P[j, i], offer=_offer(P))
+            fault(
+                "cov.not-symmetric",
+                name=name,
+                i=i,
+                j=j,
+                one=P[i, j],
+                other=P[j, i],
+                offer=_nearest_valid_text(P),
+            )
         )
     smallest = np.linalg.eigvalsh(P)[0]
     if smallest < -1e-12 * scale:
@@ -47,7 +55,7 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
                 entry=P[i, j],
                 first=P[i, i],
                 second=P[j, j],
-                offer=_offer(P),
+                offer=_nearest_valid_text(P),
             )
         )
     return mirror_upper(P)
@@ -61,7 +69,7 @@ def nearest_covariance(matrix: np.ndarray) -> np.ndarray:
 
 def mirror_upper(P: np.ndarray) -> np.ndarray:
     """Return `P` (n, n) with its upper triangle copied onto the lower one, so that it is exactly symmetric."""
-    return P[_upper(len(P))]
+    return P[_upper_indices(len(P))]
 
 
 def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
@@ -78,7 +86,7 @@ def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def root(P: np.ndarray) -> np.ndarray:
+def cholesky_root(P: np.ndarray) -> np.ndarray:
     """Return the lower triangular L (n, n) with L Lᵀ = P; a direction without variance has a column of zeros."""
     n = len(P)
     L: list[list[Value]] = [[0.0] * n for _ in range(n)]
@@ -96,7 +104,7 @@ def root(P: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _upper(n: int) -> tuple[np.ndarray, np.ndarray]:
+def _upper_indices(n: int) -> tuple[np.ndarray, np.ndarray]:
     i, j = np.indices((n, n))
     return np.minimum(i, j), np.maximum(i, j)
 
@@ -112,6 +120,6 @@ def _worst_pair(P: np.ndarray) -> tuple[int, int]:
     return int(i), int(j)
 
 
-def _offer(P: np.ndarray) -> str:
+def _nearest_valid_text(P: np.ndarray) -> str:
     rows = ", ".join("[" + ", ".join(f"{x:.6g}" for x in row) + "]" for row in nearest_covariance(P))
     return _("The nearest valid matrix is [{rows}]", rows=rows)

@@ -24,7 +24,14 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import effort_of, row_of, rows_before, step_in_rows, tree_where, unmoved_cov
+from baqueano.estimators.pauses import (
+    filter_row,
+    row_effort,
+    rows_before,
+    step_in_rows,
+    tree_where,
+    unmoved_cov,
+)
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     age_s,
@@ -36,8 +43,8 @@ from baqueano.estimators.readings.velocity_readings import (
     SIDEWAYS_INDEX,
     TURNING_INDEX,
     Reading,
-    readings_of,
     replace_velocity,
+    velocity_readings,
 )
 from baqueano.geometry import map_from_body
 from baqueano.parameter import document, parameter
@@ -113,7 +120,7 @@ class DeadReckoning:
         check_bounds(self)
         cov = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", cov)
-        readings = readings_of(self.sensors, self.use)
+        readings = velocity_readings(self.sensors, self.use)
         gyro = [r for r in readings if r.is_gyro][:1]
         uncertainties = [
             bias for r in gyro for bias in uncertain_parameters(self.sensors, r.name, r.rows, np.zeros(3))
@@ -142,8 +149,8 @@ class DeadReckoning:
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
-        row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
+        row = filter_row(belief.t_ns, tick, self.rate_hz)
+        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
         mean_and_noise = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])

@@ -29,15 +29,15 @@ from baqueano.estimators.covariance import block_diagonal, covariance, mirror_up
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.estimators.pauses import (
     FilterRow,
-    effort_of,
+    filter_row,
     limit_covariance,
-    row_of,
+    row_effort,
     rows_before,
     step_in_rows,
     tree_where,
     unmoved_cov,
 )
-from baqueano.estimators.readings.gate import gate
+from baqueano.estimators.readings.gate import gate_limit
 from baqueano.estimators.readings.sensor_numbers import age_s, check_use, has_measurement
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, document, parameter
@@ -176,8 +176,8 @@ class Ekf:
 
         The mean is predicted for at most the longest row; after that only its covariance grows.
         """
-        row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
+        row = filter_row(belief.t_ns, tick, self.rate_hz)
+        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         mean, cov = self._predict(belief, effort, row)
         y, s, w = [], [], []
         for name in self.use:
@@ -229,7 +229,7 @@ class Ekf:
         has_reading = has_measurement(sensor, slot)
         y = difference(sensor, np.where(has_reading, slot.z, z_bar), z_bar)
         update = correct(cov, y, H, Q)
-        limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
+        limit = INF if self.mode == "paper" else gate_limit(self.gate_sigma, len(y))
         is_accepted = has_reading if limit == INF else has_reading & (np.sum(update.e**2) <= limit)
         mean = np.where(is_accepted, boxplus(mean, update.move), mean)
         S = mirror_upper(H @ cov @ H.T + Q)

@@ -51,7 +51,7 @@ class KnownState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StateOfWorld:
+class TrueState:
     """Estimator that reads the state of the simulated world, for a vehicle without a sensor `Truth`.
 
     Parameters
@@ -62,7 +62,7 @@ class StateOfWorld:
     Examples
     --------
     >>> still = Motion(np.arange(3.0), np.zeros(3), np.zeros(3), np.zeros(2))
-    >>> exact = StateOfWorld(lambda: still)
+    >>> exact = TrueState(lambda: still)
     >>> exact.step(exact.init(), Tick(0, np.zeros(3), ()))[1].eta
     array([0., 1., 2.])
     """

@@ -103,7 +103,7 @@ class FilterRow(NamedTuple):
     u: np.ndarray  # (n,) the command; 0 for an entry that is not finite
 
 
-def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
+def filter_row(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     """Return the duration and the command of the row that ends with this tick."""
     is_new = tick.t_ns > since_ns
     dt_s = np.where(is_new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
@@ -111,7 +111,7 @@ def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     return FilterRow(is_new, dt_s, np.minimum(dt_s, max_row_s(rate_hz)), u)
 
 
-def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
+def row_effort(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
     """Return the state of the motors after a row, and the effort during that row.
     A vehicle that moves before its first tick already had a command, which is unknown. The command of the first tick is
     used instead.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.estimators.covariance import root
+from baqueano.estimators.covariance import cholesky_root
 from baqueano.estimators.kalman import Gaussian, boxplus
 
 
@@ -32,7 +32,7 @@ class SigmaSpread(NamedTuple):
 
 def propagate(f: Callable[[np.ndarray], np.ndarray], x: Gaussian) -> SigmaSpread:
     """Return the mean, the odd part and the even part of `f` at the sigma points of x, and L.  (1, 2)"""
-    L, n = root(x.cov), len(x.mean)
+    L, n = cholesky_root(x.cov), len(x.mean)
     steps = [np.sqrt(float(n)) * L[:, i] for i in range(n)]
     p, q = (np.stack([f(boxplus(x.mean, sign * step)) for step in steps], axis=1) for sign in (1.0, -1.0))
     m = np.sum(p + q, axis=1) / (2.0 * n)

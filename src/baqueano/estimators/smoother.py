@@ -44,7 +44,7 @@ def can_be_smoothed(estimator: Estimator, belief: Tree, tick: Tick) -> bool:
 
     An estimator with `has_kalman_gains` = False is not smoothed, because its gains differ from Kalman's.
     """
-    if not optional.of(estimator, "has_kalman_gains"):
+    if not optional.attribute(estimator, "has_kalman_gains"):
         return False
     if not {"mean", "cov"} <= set(getattr(belief, "_fields", ())) or len(belief.mean) < 6:
         return False
@@ -65,7 +65,7 @@ def smooth(
 
 def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
     """Run the filter over `ticks`, and return the state and the prediction of each row."""
-    row = optional.of(estimator, "row") or estimator.step
+    row = optional.attribute(estimator, "row") or estimator.step
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, ForwardPass]:
         silent_tick = Tick(

@@ -28,14 +28,14 @@ from baqueano.estimators.covariance import block_diagonal, covariance, mirror_up
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
 from baqueano.estimators.pauses import (
     FilterRow,
-    effort_of,
-    row_of,
+    filter_row,
+    row_effort,
     rows_before,
     step_in_rows,
     tree_where,
     unmoved_cov,
 )
-from baqueano.estimators.readings.gate import gate
+from baqueano.estimators.readings.gate import gate_limit
 from baqueano.estimators.readings.sensor_numbers import age_s, check_use, has_measurement
 from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import map_from_body, wrap
@@ -131,8 +131,8 @@ class Unscented:
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
-        row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
+        row = filter_row(belief.t_ns, tick, self.rate_hz)
+        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         x, y, s, w = self._predict(belief, effort, row), [], [], []
         for name in self.use:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))
@@ -191,7 +191,7 @@ class Unscented:
         )
         Q = mirror_upper(sensor.cov + spread_points.even_part @ spread_points.even_part.T)
         update = correct(np.eye(9), y, spread_points.odd_part, Q)
-        is_accepted = has_reading & (np.sum(update.e**2) <= gate(self.gate_sigma, len(y)))
+        is_accepted = has_reading & (np.sum(update.e**2) <= gate_limit(self.gate_sigma, len(y)))
         mean = np.where(is_accepted, boxplus(x.mean, spread_points.root @ update.move), x.mean)
         cov = np.where(
             is_accepted, mirror_upper(spread_points.root @ update.cov @ spread_points.root.T), x.cov

@@ -79,7 +79,7 @@ class DriveTo:
         check_bounds(self)
 
     @classmethod
-    def join(cls, route: Route, reach_m: float = JOIN_LENGTH_M, **limits: float) -> "DriveTo":
+    def to_route(cls, route: Route, reach_m: float = JOIN_LENGTH_M, **limits: float) -> "DriveTo":
         """Return the guide to a route: the goals are poses in its first `reach_m`, but at most in its first half."""
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
         distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOAL_COUNT)

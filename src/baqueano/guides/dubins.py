@@ -21,7 +21,7 @@ from baqueano.contracts.values import Value
 FULL_TURN = 2.0 * np.pi
 ROUNDING_RAD = 1e-9  # an angle below zero by less than this is 0, not a full turn
 MISSING_LENGTH_M = 1e9  # length of a word that does not exist
-WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last arc; 1 turns left
+ARC_DIRECTIONS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last arc; 1 turns left
 
 
 class DubinsPath(NamedTuple):
@@ -41,7 +41,7 @@ def shortest_dubins_path(start: Value, goal: Value, radius_m: float) -> DubinsPa
     dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
     D, bearing = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
     shortest_path = None
-    for first, last in WORDS:
+    for first, last in ARC_DIRECTIONS:
         t, p, q, exists = _solve_word(
             D, first * (start[2] - bearing), first * (goal[2] - bearing), first == last
         )

@@ -10,7 +10,7 @@ from baqueano.signals import Estimate, Reference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CarefulGuide:
+class PulseGuide:
     """Guide that reports the end of the pulses of a first drive; the reference is the pose of the vehicle.
 
     Parameters
@@ -24,7 +24,7 @@ class CarefulGuide:
     >>> class Still:
     ...     def init(self): return 0
     ...     def advance(self, state, estimate): return state + 1, np.zeros(2), state > 9
-    >>> CarefulGuide(Still()).step(10, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))[1].done
+    >>> PulseGuide(Still()).step(10, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))[1].done
     1.0
     """
 

@@ -30,7 +30,7 @@ class PaceState(NamedTuple):
 
 @document
 @dataclass(frozen=True, slots=True, eq=False)
-class AtPace:
+class GuideAtPace:
     """Guide that runs another guide at a pace from 0 (at rest) to 1 (full speed).
 
     Parameters
@@ -47,7 +47,7 @@ class AtPace:
     >>> from baqueano.guides import Repeat
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.signals import Estimate
-    >>> guide, here = AtPace(Repeat.along(circle(0.5, 0.2)), pace=0.5), np.zeros(3)
+    >>> guide, here = GuideAtPace(Repeat.along(circle(0.5, 0.2)), pace=0.5), np.zeros(3)
     >>> state, _ = guide.step(guide.init(), Estimate(0, here, here, np.eye(6)))
     >>> state, reference = guide.step(state, Estimate(2_000_000_000, here, here, np.eye(6)))
     >>> print(reference.nu)

@@ -115,7 +115,7 @@ def with_laps(guide: Guide, laps: int) -> Guide:
     A guide without an attribute `laps`, or already with this number, is returned unchanged. The fields of a dataclass
     are checked again. A plain class must read self.laps in its step. Raise UsageError if `laps` cannot be set.
     """
-    present_laps = optional.of(guide, "laps")
+    present_laps = optional.attribute(guide, "laps")
     if present_laps is None or present_laps == laps:
         return guide
     try:

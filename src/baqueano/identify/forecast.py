@@ -30,7 +30,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
-from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
+from baqueano.simulate.closed_loop import closed_loop, loop_system, start_pose, tick_count_of
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import scan
@@ -264,15 +264,15 @@ def _lap(
     vehicle_file = fit.vehicle_file
     of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
     try:
-        system = close_loop(
+        system = loop_system(
             vehicle_file, route, perfect=True, controller=vehicle_file.controller("pd_feedforward")
         )
         kernel = closed_loop(
             system, vehicle_file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
             paths=(*paths, *of_controller),
         )  # fmt: skip
-        t_ns = tick_times(ticks_of(system, vehicle_file.rate_hz), vehicle_file.rate_hz)
-        start = begin(system, start_of(system))
+        t_ns = tick_times(tick_count_of(system, vehicle_file.rate_hz), vehicle_file.rate_hz)
+        start = begin(system, start_pose(system))
     except (BaqueanoError, ValueError, AttributeError, TypeError) as error:  # a custom vehicle
         return None, note("forecast.no-controller", error=str(error))
     _, (u, eta, reference) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)

@@ -31,7 +31,7 @@ from baqueano.identify.result.objective_choice import (
     choose_objective,
     leave_one_out,
 )
-from baqueano.symbolic import put
+from baqueano.symbolic import with_value
 
 
 class PredictionErrorFit(NamedTuple):
@@ -139,7 +139,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     )
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
-    blocks, findings = put(first.blocks, PROCESS_NOISE_PATH, std), first.findings
+    blocks, findings = with_value(first.blocks, PROCESS_NOISE_PATH, std), first.findings
     if choice.contradicted:
         findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
     second = first._replace(

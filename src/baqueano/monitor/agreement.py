@@ -12,7 +12,7 @@ estimator and its covariance. Readings change the doubt in [0, DEGRADED_S]. δ: 
     doubt ← doubt + δ if z disagrees,  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees           (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
 
-For i = 0 a stuck sensor also agrees. Method: Gertler 1998 (analytical redundancy). witness.py decides which is wrong.
+For i = 0 a stuck sensor also agrees. Method: Gertler 1998 (analytical redundancy). log_odds.py decides which is wrong.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.correction import USABLE_RANGE, predict_measurement
 from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
-from baqueano.estimators.pauses import row_of, tree_where
+from baqueano.estimators.pauses import filter_row, tree_where
+from baqueano.monitor.channel_properties import ChannelProperties, channels_of
+from baqueano.monitor.log_odds import log_odds
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, is_stuck
-from baqueano.monitor.numbers import ChannelProperties, channels_of
-from baqueano.monitor.witness import log_odds
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian
@@ -42,7 +42,7 @@ MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Agreement:
+class AgreementMonitor:
     """A monitor of the doubt about each channel of `sensors`, in the order of a tick."""
 
     model: AugmentedEkf  # without sensors
@@ -65,7 +65,7 @@ class Agreement:
     ) -> tuple[MonitorState, np.ndarray]:
         """Return the state and the doubt (m,) [s] after a tick; y, S are innovation and covariance of the estimator."""
         channels, previous, memory = self.channels, state.model, Memory(*state.memory)
-        row = row_of(previous.t_ns, tick, self.model.rate_hz)
+        row = filter_row(previous.t_ns, tick, self.model.rate_hz)
         model, _ = self.model.row(previous, tick)
         expected, H, K = self._expectation(previous, model, row, tick)
         slots = [getattr(tick.sensors, name) for name in channels.sensors]
@@ -96,16 +96,16 @@ class Agreement:
         )
 
         C = mirror_upper(H @ model.cov @ H.T)
-        p = memory.bias_var + channels.walk**2 * row.dt_s
+        p = memory.bias_var + channels.bias_walk**2 * row.dt_s
         N = block_diagonal([getattr(self.model.sensors, name).cov for name in channels.sensors]) + np.diag(p)
         r = np.where(is_good, self._difference(z, expected) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
         is_outlier = is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
         is_suspect = is_unusable | is_outlier | is_constant
         is_off = is_arrived & (
-            is_suspect | (self._is_refused(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
+            is_suspect | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
         )
-        s = expected - channels.rest
+        s = expected - channels.reading_at_rest
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
         fading = np.where(
             channels.is_inertial & (unchanged_s >= FROZEN_S),
@@ -137,8 +137,9 @@ class Agreement:
             memory.change_count + np.where(is_arrived & ~is_unchanged, 1.0, 0.0), np.where(is_arrived,
             np.where(is_unusable, 1.0, 0.0), memory.is_broken),
             memory.bias + gain * r, p * (1.0 - gain), np.where(is_arrived, expected + memory.bias, memory.expected),
-            memory_factor * memory.ss + shown_s * s * s, memory_factor * memory.sz + shown_s * s * (s + r),
-            memory_factor * memory.zz + shown_s * (s + r) * (s + r),
+            memory_factor * memory.expected_squares + shown_s * s * s,
+            memory_factor * memory.cross_products + shown_s * s * (s + r),
+            memory_factor * memory.measured_squares + shown_s * (s + r) * (s + r),
         )  # fmt: skip
         state = tree_where(row.is_new, MonitorState(model, np.stack(new_memory)), state)
         return state, state.memory[0]
@@ -181,7 +182,7 @@ class Agreement:
             k += sensor.size
         return np.concatenate(differences)
 
-    def _is_refused(self, y: Value, S: Value) -> Value:
+    def _is_rejected(self, y: Value, S: Value) -> Value:
         """Return a mask (m,): True if the innovation of the estimator is too large.  (2)"""
         is_outlier = [np.zeros(()) > 0.0] * len(self.channels.names)
         if self.entries is None or y is None or S is None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.monitor.channel_properties import ChannelProperties
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, is_stuck
-from baqueano.monitor.numbers import ChannelProperties
 
 NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
     "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away",
@@ -29,9 +29,9 @@ class Finding:
         Time of the finding.
     doubt_s : float
         Duration of the disagreement, minus the weighted duration of later agreement.
-    looks : str
+    symptom : str
         Symptom: one of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY.
-    off : str
+    wrong_part : str
         The wrong part: SENSOR, MODEL or UNKNOWN.
     reading : float
         The last reading, in the sensor's unit.
@@ -49,8 +49,8 @@ class Finding:
     name: str
     t_ns: int
     doubt_s: float
-    looks: str
-    off: str
+    symptom: str
+    wrong_part: str
     reading: float
     expected: float
     ratio: float
@@ -63,9 +63,11 @@ class Finding:
     @property
     def diagnostic(self) -> Diagnostic:
         """Return the finding as a message for the user."""
-        cause = note(f"sensor.off-{self.off}", fix="baqueano identify last" if self.off == MODEL else "")
+        cause = note(
+            f"sensor.off-{self.wrong_part}", fix="baqueano identify last" if self.wrong_part == MODEL else ""
+        )
         values = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": cause}
-        symptom = note(f"sensor.{self.looks}", subject=self.name, **values)
+        symptom = note(f"sensor.{self.symptom}", subject=self.name, **values)
         return (
             note("sensor.degraded", Severity.WARNING, subject=self.name, cause=symptom)
             if self.is_degraded
@@ -75,8 +77,14 @@ class Finding:
 
 def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
     """Return the finding for channel `c` from the memory of the monitor."""
-    z, h, rest_reading = float(memory.last_reading[c]), float(memory.expected[c]), float(channels.rest[c])
-    ss, sz, zz = (float(x[c]) for x in (memory.ss, memory.sz, memory.zz))
+    z, h, rest_reading = (
+        float(memory.last_reading[c]),
+        float(memory.expected[c]),
+        float(channels.reading_at_rest[c]),
+    )
+    ss, sz, zz = (
+        float(x[c]) for x in (memory.expected_squares, memory.cross_products, memory.measured_squares)
+    )
     ratio = sz / ss if ss > 0.0 else float("nan")
     symptom = _symptom_of(channels, c, memory, ratio, ss, sz, zz)
     evidence = float(memory.evidence[c])
@@ -102,7 +110,8 @@ def _symptom_of(
         return AT_ITS_END if np.abs(memory.last_reading[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
     is_constant = memory.unchanged_s[c] >= FROZEN_S
     near_zero = (
-        abs(memory.last_reading[c]) <= n.noise[c] or abs(memory.last_reading[c] - n.rest[c]) <= n.noise[c]
+        abs(memory.last_reading[c]) <= n.noise_std[c]
+        or abs(memory.last_reading[c] - n.reading_at_rest[c]) <= n.noise_std[c]
     )
     if is_constant:
         return ZERO if near_zero else FROZEN

@@ -26,9 +26,11 @@ class Memory(NamedTuple):
     bias: np.ndarray  # estimated at rest
     bias_var: np.ndarray
     expected: np.ndarray  # h(x̂) + b
-    ss: np.ndarray  # decaying sums of s², s s', s'²; s' is the measured signal, s the expected one
-    sz: np.ndarray
-    zz: np.ndarray
+    expected_squares: (
+        np.ndarray
+    )  # decaying sums of s², s s', s'²; s' is the measured signal, s the expected one
+    cross_products: np.ndarray
+    measured_squares: np.ndarray
 
 
 class MonitorState(NamedTuple):

@@ -36,7 +36,7 @@ from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import Ensemble
 from baqueano.tune import TuneResult
-from baqueano.tune.tuned import FACTORS
+from baqueano.tune.tune_result import FACTORS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -282,7 +282,7 @@ def plot_search(result: TuneResult) -> "Figure":
 def plot_cost_around(result: TuneResult) -> "Figure":
     """Draw the cost around the optimum, with one gain at a time decreased and increased."""
     figure, axes = panel((7.2, 3.6))
-    rows = [np.where(np.isfinite(row), row, np.nan) for row in result.around]
+    rows = [np.where(np.isfinite(row), row, np.nan) for row in result.relative_costs]
     for gain, row in zip(result.gains, rows, strict=True):
         axes.plot(FACTORS, 100.0 * (row - 1.0), "o-", ms=3, lw=1.5, label=gain.name)
     axes.axvline(1.0, color=REFERENCE, lw=1)

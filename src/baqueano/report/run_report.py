@@ -11,7 +11,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
-from baqueano.monitor import REFUSED_SOURCE, Refusals
+from baqueano.monitor import REJECTIONS_SOURCE, Rejections
 from baqueano.report import figures
 from baqueano.report.estimate_report import (
     comparison_section,
@@ -112,11 +112,11 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
     ]
 
 
-def refused_section(counts: tuple[Refusals, ...]) -> list[Section]:
+def refused_section(counts: tuple[Rejections, ...]) -> list[Section]:
     """Return the section with the rejected readings of each channel; [] if the estimator does not count them."""
     rows = [
-        {"number": count.name, "refused": count.refused, "arrived": count.arrived,
-         _("refused [%]"): 100.0 * count.refused / max(count.arrived, 1)}
+        {"number": count.name, "refused": count.rejected_count, "arrived": count.reading_count,
+         _("refused [%]"): 100.0 * count.rejected_count / max(count.reading_count, 1)}
         for count in counts
     ]  # fmt: skip
     caption = _(
@@ -256,6 +256,6 @@ def _events_table(run: Run) -> list[Table | Drawing]:
     rows = [
         {"t [s]": float(seconds(e.t_ns, run.t_ns[0])), "level": e.level, "by": e.source, "what": e.sentence}
         for e in run.events
-        if e.source != REFUSED_SOURCE
+        if e.source != REJECTIONS_SOURCE
     ]
     return [Table(rows, _("Events of the run."))] if rows else []

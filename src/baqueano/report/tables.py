@@ -15,7 +15,7 @@ from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.parameter import parameters
-from baqueano.symbolic import get
+from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -57,7 +57,7 @@ def symbol(path: str, blocks: object = None) -> str:
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
     try:
-        p = dict(parameters(get(blocks, owner)))[name]
+        p = dict(parameters(value_at_path(blocks, owner)))[name]
     except (AttributeError, KeyError, TypeError):
         p = None
     if p is None or not p.symbol:

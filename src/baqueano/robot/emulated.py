@@ -27,7 +27,7 @@ REPOSITORY = Path(baqueano.__file__).resolve().parents[2]
 def emulate_vehicle(
     vehicle_file: "VehicleFile", truth: object, seed: int = 0
 ) -> Iterator[Callable[[], "JsonObject"]]:
-    """Yield a function that returns the options `world` and `ticking` for the next drive on the emulated vehicle.
+    """Yield a function that returns the options `world` and `tick_times_ns` for the next drive on the emulated vehicle.
 
     `truth` is the vehicle file of the simulated body. Raise UsageError outside a source tree, or if Debian packages are
     missing; the error names these packages.
@@ -49,6 +49,6 @@ def emulate_vehicle(
     robot = importlib.import_module("tests.emulated.robot")
     world, _ = robot.world_of(rig.build(user_cache() / "emulated"), vehicle_file, truth, seed)
     try:
-        yield lambda: {"world": world, "ticking": world.ticks(vehicle_file.rate_hz)}
+        yield lambda: {"world": world, "tick_times_ns": world.ticks(vehicle_file.rate_hz)}
     finally:
         world.robot.close()

@@ -87,7 +87,7 @@ def join(first: Route, second: Route) -> Route:
     t_s = np.concatenate([first.t_s, first.t_s[-1] + second.t_s[1:]])
     nu = np.concatenate([first.nu, second.nu[1:]])
     route = Route(t_s, eta, nu, False)
-    return route._replace(closed=meets(route))
+    return route._replace(closed=ends_meet(route))
 
 
 def reverse(route: Route, backing: bool = False) -> Route:
@@ -156,7 +156,7 @@ def scale(route: Route, factor: float) -> Route:
     return route._replace(t_s=factor * route.t_s, eta=eta, nu=route.nu * np.array([1.0, 1.0, 1.0 / factor]))
 
 
-def meets(route: Route) -> bool:
+def ends_meet(route: Route) -> bool:
     """Return True if a route longer than 4 MAX_END_GAP_M ends within MAX_END_GAP_M and MAX_END_GAP_RAD of its start."""
     end_gap = route.eta[-1] - route.eta[0]
     is_close = (

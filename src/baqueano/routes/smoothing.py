@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.routes.edit import meets
+from baqueano.routes.edit import ends_meet
 from baqueano.routes.path import GRID_M, RoutePath, direction, distances_along, moving_indices, route_along
 
 MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
@@ -77,7 +77,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     speed = np.abs(route.nu[indices, 0])
     if not (median_speed := float(np.median(speed))) > 0.0:
         raise UsageError(fault("route.speed", found=median_speed))
-    is_closed = route.closed or meets(route)
+    is_closed = route.closed or ends_meet(route)
     s = distances_along(route.eta[indices, :2])
     spectrum = _spectrum(route.eta[indices, :2], s, is_closed)
     cut_rad_m = _cutoff(spectrum, tolerance_m, kind)

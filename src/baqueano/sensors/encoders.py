@@ -21,7 +21,14 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import PHASE_TOLERANCE
-from baqueano.sensors.wheels import fade, radii, rolling, slip, std_of_scale, track
+from baqueano.sensors.wheels import (
+    radii_parameter,
+    rolling_speeds,
+    scale_std_parameter,
+    slip_fade_parameter,
+    slip_parameter,
+    track_parameter,
+)
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import MIN_TICK_S
@@ -60,7 +67,7 @@ class Encoders:
     noise_size: ClassVar[int] = 2  # standard normals per tick
     delay_s: ClassVar[float] = 0.0  # in addition to the age in a slot
 
-    track_m: float = track()
+    track_m: float = track_parameter()
     count_m: float = parameter(
         "m", "distance per count, c: 2π times the radius, divided by the counts of a turn", low=1e-7, high=1.0,
         role="known", measured_by="rolling it over one metre",
@@ -74,13 +81,13 @@ class Encoders:
         role="known",
     )
     rate_hz: float = parameter("Hz", "readings per second", low=1e-3, high=1e5, default=50.0)
-    radius_scale: np.ndarray = radii()
+    radius_scale: np.ndarray = radii_parameter()
     noise_std: float = parameter(
         "m/s", "white noise in addition to the counts", low=0.0, high=100.0, default=0.0
     )
-    radius_scale_std: float = std_of_scale()
-    slip_std: float = slip()
-    slip_fade_s: float = fade()
+    radius_scale_std: float = scale_std_parameter()
+    slip_std: float = slip_parameter()
+    slip_fade_s: float = slip_fade_parameter()
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²",
         "covariance Q that the filter assumes; if missing: from noise and counts",
@@ -100,7 +107,7 @@ class Encoders:
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the speeds of the wheels (2,) [m/s] without noise.  (2)"""
-        return rolling(self, motion)
+        return rolling_speeds(self, motion)
 
     def init(self) -> EncodersState:
         """Return the state with both counters at 0."""

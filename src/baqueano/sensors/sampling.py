@@ -22,7 +22,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, read, with_newest
+from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, delayed_value, with_newest
 
 PHASE_TOLERANCE = 1e-6  # of a period: tick times are rounded to whole nanoseconds
 
@@ -30,7 +30,7 @@ PHASE_TOLERANCE = 1e-6  # of a period: tick times are rounded to whole nanosecon
 class Signal(NamedTuple):
     """State of a signal between the sensor and its reading."""
 
-    past: np.ndarray  # (delay_slots, m) values of the previous ticks, after the low-pass, newest first
+    past_values: np.ndarray  # (delay_slots, m) values of the previous ticks, after the low-pass, newest first
     steps_s: np.ndarray  # (delay_slots,) time from each value to the older one
     low_passed: np.ndarray  # (m,) output of the low-pass; (0,) for a sensor without one
 
@@ -111,8 +111,8 @@ def start_state(sensor: Tree) -> SensorState:
 
 def constant_signal(sensor: Tree, h: np.ndarray) -> Signal:
     """Return the signal of a sensor whose noise-free measurement has been `h` (m,) for a long time."""
-    slots = optional.of(sensor, "delay_slots")
-    low_passed = h if optional.of(sensor, "has_low_pass") else np.zeros(0)
+    slots = optional.attribute(sensor, "delay_slots")
+    low_passed = h if optional.attribute(sensor, "has_low_pass") else np.zeros(0)
     return Signal(np.ones((slots, 1)) * h, INITIAL_STEP_S * np.ones(slots), low_passed)
 
 
@@ -121,11 +121,13 @@ def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tu
     h, low_passed = sensor.h(motion), signal.low_passed
     if low_passed.shape[0]:
         h = low_passed = _low_pass_step(sensor, low_passed, motion, dt_s)
-    if not signal.past.shape[0]:
+    if not signal.past_values.shape[0]:
         return signal._replace(low_passed=low_passed), h
     steps_s = with_newest(signal.steps_s, dt_s)
-    delayed = read(h, signal.past, steps_s, sensor.delay_s, lambda z, h: difference(sensor, z, h))
-    return Signal(with_newest(signal.past, h), steps_s, low_passed), delayed
+    delayed = delayed_value(
+        h, signal.past_values, steps_s, sensor.delay_s, lambda z, h: difference(sensor, z, h)
+    )
+    return Signal(with_newest(signal.past_values, h), steps_s, low_passed), delayed
 
 
 def sample(
@@ -150,7 +152,7 @@ def sample(
 
 def detects(sensor: Tree, motion: Motion) -> Value:
     """Return the sensor's `detects(motion)`: True if it can measure. Return True for a sensor without this method."""
-    own_detects = optional.of(sensor, "detects")
+    own_detects = optional.attribute(sensor, "detects")
     return True if own_detects is None else own_detects(motion)
 
 
@@ -163,24 +165,24 @@ def sensor_position(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
 
 def difference(sensor: Tree, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return z − expected (m,), computed by the sensor's method `difference` if it has this method."""
-    own_difference = optional.of(sensor, "difference")
+    own_difference = optional.attribute(sensor, "difference")
     return z - expected if own_difference is None else own_difference(z, expected)
 
 
 def mistake_corrections(sensor: Tree, z: np.ndarray) -> np.ndarray:
     """Return the corrections (k, m) of z (m,), one for each object that can be mistaken; (0, m) by default."""
-    own_mistakes = optional.of(sensor, "mistakes")
+    own_mistakes = optional.attribute(sensor, "mistakes")
     return np.zeros((0, len(z))) if own_mistakes is None else own_mistakes(z)
 
 
 def measures_pose(sensor: Tree) -> bool:
     """Return True for a sensor of position and heading; with such a sensor, a run can begin anywhere in the map."""
-    return optional.of(sensor, "difference") is not None and sensor.size >= 3
+    return optional.attribute(sensor, "difference") is not None and sensor.size >= 3
 
 
 def low_pass_s(sensor: Tree) -> Value:
     """Return the time constant of the low-pass [s]; 0 for a sensor without one."""
-    return 0.5 / (np.pi * sensor.low_pass_hz) if optional.of(sensor, "has_low_pass") else 0.0
+    return 0.5 / (np.pi * sensor.low_pass_hz) if optional.attribute(sensor, "has_low_pass") else 0.0
 
 
 def _low_pass_step(sensor: Tree, low_passed: np.ndarray, motion: Motion, dt_s: Value) -> np.ndarray:

@@ -21,7 +21,7 @@ from baqueano.signals import Motion
 SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel with moderate acceleration on a hard floor
 
 
-def track() -> Any:
+def track_parameter() -> Any:
     """Return the parameter b [m], the distance between two wheels."""
     return parameter(
         "m", "distance from the left to the right wheel, b", low=1e-3, high=100.0, measured_by="the tape",
@@ -29,7 +29,7 @@ def track() -> Any:
     )  # fmt: skip
 
 
-def radii() -> Any:
+def radii_parameter() -> Any:
     """Return the parameter (s_l, s_r) (2,), the scales of the left and the right wheel."""
     return parameter(
         "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
@@ -38,12 +38,12 @@ def radii() -> Any:
     )  # fmt: skip
 
 
-def std_of_scale() -> Any:
+def scale_std_parameter() -> Any:
     """Return the parameter for the standard deviation of the scale of a wheel or odometer."""
     return parameter("1", "standard deviation of a scale", low=0.0, high=1.0, default=0.01, role="noise")
 
 
-def slip() -> Any:
+def slip_parameter() -> Any:
     """Return the parameter for the slip of a wheel: the standard deviation of the variable part of its scale."""
     return parameter(
         "1", (
@@ -52,7 +52,7 @@ def slip() -> Any:
     )  # fmt: skip
 
 
-def fade() -> Any:
+def slip_fade_parameter() -> Any:
     """Return the parameter for the time constant [s] with which the slip decays."""
     return parameter(
         "s",
@@ -90,15 +90,15 @@ class Wheels(SampledSensor):
 
     size: ClassVar[int] = 2
 
-    track_m: float = track()
+    track_m: float = track_parameter()
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=100.0)
-    radius_scale: np.ndarray = radii()
+    radius_scale: np.ndarray = radii_parameter()
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    radius_scale_std: float = std_of_scale()
-    slip_std: float = slip()
-    slip_fade_s: float = fade()
+    radius_scale_std: float = scale_std_parameter()
+    slip_std: float = slip_parameter()
+    slip_fade_s: float = slip_fade_parameter()
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²",
         "covariance Q that the filter assumes; if missing: from the noise",
@@ -108,7 +108,7 @@ class Wheels(SampledSensor):
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the speeds of the wheels (2,) [m/s] without noise.  (1)"""
-        return rolling(self, motion)
+        return rolling_speeds(self, motion)
 
 
 @document
@@ -146,9 +146,9 @@ class Odometer(SampledSensor):
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of the speed", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    scale_std: float = std_of_scale()
-    slip_std: float = slip()
-    slip_fade_s: float = fade()
+    scale_std: float = scale_std_parameter()
+    slip_std: float = slip_parameter()
+    slip_fade_s: float = slip_fade_parameter()
     measurement_noise_cov: np.ndarray | None = parameter(
         "m²/s²",
         "covariance Q that the filter assumes; if missing: from the noise",
@@ -161,7 +161,7 @@ class Odometer(SampledSensor):
         return np.array([self.scale * motion.nu[0]])
 
 
-def rolling(sensor: Tree, motion: Motion) -> np.ndarray:
+def rolling_speeds(sensor: Tree, motion: Motion) -> np.ndarray:
     """Return the speeds (2,) [m/s] that wheels with `track_m` and `radius_scale` measure.  (1)"""
     turning_speed = 0.5 * sensor.track_m * motion.nu[2]
     return sensor.radius_scale * np.array([motion.nu[0] - turning_speed, motion.nu[0] + turning_speed])

@@ -27,7 +27,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
-from baqueano.simulate.open_loop import channels, draw, envelope_events, metadata, tick_times
+from baqueano.simulate.open_loop import channels, draw_noise, envelope_events, metadata, tick_times
 from baqueano.simulate.system import (
     Input,
     System,
@@ -137,16 +137,16 @@ def simulate_loops(
     >>> [len(run.t_ns) for run in runs]
     [10, 10]
     """
-    system = close_loop(vehicle_file, route, laps, perfect, controller=controller)
+    system = loop_system(vehicle_file, route, laps, perfect, controller=controller)
     rate = vehicle_file.rate_hz
-    ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+    ticks = tick_count_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     t_ns = tick_times(ticks, rate)
-    eta0 = start_of(system) if eta0 is None else np.array(eta0, dtype=float)
+    eta0 = start_pose(system) if eta0 is None else np.array(eta0, dtype=float)
     start = begin(system, eta0)
     kernel = closed_loop(system, rate, noise=noise, backend=backend)
     for seed in seeds:
         inputs = Input(
-            t_ns, draw(system.sensors, seed, len(t_ns), rows_of_tick(1.0 / rate)) if noise else None
+            t_ns, draw_noise(system.sensors, seed, len(t_ns), rows_of_tick(1.0 / rate)) if noise else None
         )
         last_state, outputs = kernel.run(inputs, carry=start)
         run_metadata = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
@@ -155,7 +155,7 @@ def simulate_loops(
         yield replace(run, vehicle_text=vehicle_file.text, events=events)
 
 
-def close_loop(
+def loop_system(
     vehicle_file: "VehicleFile",
     route: Route | Guide,
     laps: int = 1,
@@ -207,7 +207,7 @@ def closed_loop(
 def check_compilable(**blocks: Tree) -> None:
     """Raise UsageError, with a command to use instead, if the step of a block must not be compiled."""
     for role, block in blocks.items():
-        if optional.of(block, "as_written"):
+        if optional.attribute(block, "as_written"):
             command = baqueano_command("repeat", "ROUTE", *(f"--{role}", "KIND"))
             raise UsageError(fault("simulate.as-written", command, role=role, block=type(block).__name__))
 
@@ -231,9 +231,9 @@ def as_run(name: str, t_ns: np.ndarray, output: Tree, metadata: dict[str, str]) 
     )
 
 
-def start_of(system: System) -> np.ndarray:
+def start_pose(system: System) -> np.ndarray:
     """Return the first pose (3,) of the guide's reference."""
-    return np.array(references_of(system, [0])[0].eta, dtype=float)
+    return np.array(sample_references(system, [0])[0].eta, dtype=float)
 
 
 def reference_duration(system: System) -> float:
@@ -250,16 +250,16 @@ def reference_duration(system: System) -> float:
     return seconds(high)
 
 
-def ticks_of(system: System, rate_hz: float) -> int:
+def tick_count_of(system: System, rate_hz: float) -> int:
     """Return the number of ticks until the guide is done, including that tick."""
     return int(np.ceil(reference_duration(system) * rate_hz - 1e-6)) + 1
 
 
 def _is_over(system: System, t_ns: int) -> bool:
-    return bool(references_of(system, [0, t_ns])[-1].done > 0.0)
+    return bool(sample_references(system, [0, t_ns])[-1].done > 0.0)
 
 
-def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
+def sample_references(system: System, times_ns: Sequence[int]) -> list[Reference]:
     """Return the guide's references at the times `times_ns` from its start, for a vehicle on its reference."""
 
     def step(state: Tree, t_ns: int, eta: np.ndarray) -> tuple[Tree, Reference]:

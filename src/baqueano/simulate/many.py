@@ -24,12 +24,12 @@ from baqueano.messages.language import translate as _
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, tick_times
-from baqueano.simulate.system import System, parameter_labels, parameter_vector, value, with_parameters
-from baqueano.symbolic import get, scan
+from baqueano.simulate.system import System, parameter_labels, parameter_vector, value_at, with_parameters
+from baqueano.symbolic import scan, value_at_path
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import EnvelopeMonitor
 from baqueano.vehicles import VehicleState
-from baqueano.worlds.noise import stream
+from baqueano.worlds.noise import random_stream
 from baqueano.worlds.simulated import rows_of_tick, step_vehicle, with_rows
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Ensemble(Result):
         Number of vehicles with a drawn parameter that was set to its bound.
     backend : str
         Back end of the kernel.
-    outside : tuple of Diagnostic
+    envelope_warnings : tuple of Diagnostic
         Commands outside the envelope of the fit.
 
     Examples
@@ -76,7 +76,7 @@ class Ensemble(Result):
     nu: np.ndarray
     clipped: int
     backend: str
-    outside: tuple[Diagnostic, ...] = ()
+    envelope_warnings: tuple[Diagnostic, ...] = ()
 
     def rows(self) -> list[TableRow]:
         """Return a row for each time: mean and standard deviation over the vehicles whose states are finite.
@@ -129,7 +129,7 @@ class Ensemble(Result):
     def reasons(self) -> tuple[Diagnostic | str, ...]:
         """Return warnings: commands outside the envelope, diverged vehicles, and clipped parameters."""
         lost_count, vehicles = int(np.sum(~self._is_finite)), len(self.theta)
-        messages: list[Diagnostic | str] = list(self.outside)
+        messages: list[Diagnostic | str] = list(self.envelope_warnings)
         if lost_count:
             messages.append(note("simulate.lost", Severity.WARNING, lost=lost_count, vehicles=vehicles))
         if self.clipped:
@@ -215,7 +215,11 @@ def simulate_many(
     batches = []
     longest_rows = rows_per_tick * int(np.max(np.diff([0, *record_ends])))
     for rows in _chunks(len(theta), process_noise, longest_rows):
-        rngs = [stream(seed, f"vehicle.{l}") for l in range(rows.start, rows.stop)] if process_noise else []
+        rngs = (
+            [random_stream(seed, f"vehicle.{l}") for l in range(rows.start, rows.stop)]
+            if process_noise
+            else []
+        )
         batches.append(_drive(kernel, start, u, theta[rows], record_ends, rngs, rows_per_tick))
     eta, nu = (np.concatenate(x) for x in zip(*batches, strict=True))
     t_s = seconds(tick_times(len(u), rate)[np.array(record_ends) - 1])
@@ -257,7 +261,7 @@ def parameter_sets(
     """Return the paths and θ (L, p) of `vary`. Raise UsageError for a wrong shape or count, or for NaN or infinity."""
     columns, count = [], vehicles
     for path, values in vary.items():
-        shape = value(system, path).shape
+        shape = value_at(system, path).shape
         array = np.array(values, dtype=float)
         if array.shape[1:] != shape or array.ndim != len(shape) + 1:
             expected = "(L" + "".join(f", {n}" for n in shape) + ("," if not shape else "") + ")"
@@ -292,17 +296,17 @@ def draw_parameters(
     paths = tuple(fit.names[k] for k in model_indices)
     mean = parameter_vector(system, paths)
     variances, axes = np.linalg.eigh(fit.cov[np.ix_(model_indices, model_indices)])
-    normals = stream(seed, "parameters").standard_normal((vehicles, len(model_indices)))
+    normals = random_stream(seed, "parameters").standard_normal((vehicles, len(model_indices)))
     theta = mean + (normals * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
-    low, high = np.array([bounds(system, path) for path in paths]).T
+    low, high = np.array([parameter_bounds(system, path) for path in paths]).T
     clipped_theta = np.clip(theta, low, high)
     return paths, clipped_theta, int(np.sum(np.any(clipped_theta != theta, axis=1)))
 
 
-def bounds(system: System, path: str) -> tuple[float, float]:
+def parameter_bounds(system: System, path: str) -> tuple[float, float]:
     """Return the allowed range (low, high) of the parameter at `path`; (−∞, ∞) if the field does not have bounds."""
     parent, _, name = path.rpartition(".")
-    block = get(system, parent)
+    block = value_at_path(system, parent)
     field = dict(parameters(block)).get(name.partition("[")[0]) if is_dataclass(block) else None
     return (field.low, field.high) if field is not None else (-np.inf, np.inf)
 

@@ -106,10 +106,10 @@ def simulate(
     rate = vehicle_file.rate_hz if rate_hz is None else rate_hz
     system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, rate))
     u = command_signal(vehicle_file, u)
-    draws = draw(system.sensors, seed, len(u), rows_of_tick(1.0 / rate)) if noise else None
+    draws = draw_noise(system.sensors, seed, len(u), rows_of_tick(1.0 / rate)) if noise else None
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)
     world = world_init(system.model, system.sensors)
-    start = system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0"))
+    start = system.model.init(_checked_pose(eta0, "eta0"), _checked_pose(nu0, "nu0"))
     world = world._replace(vehicle=start)
     _, outputs = kernel.run(OpenLoopInput(u, draws), carry=world)
     t_ns = tick_times(len(u), rate)
@@ -151,7 +151,7 @@ def open_loop(
     return scan(step, world_init(model, sensors), example, backend=backend)
 
 
-def draw(sensors: SensorBlocks, seed: int, tick_count: int, row_count: int = 1) -> DrawnNoise:
+def draw_noise(sensors: SensorBlocks, seed: int, tick_count: int, row_count: int = 1) -> DrawnNoise:
     """Return standard normals for `tick_count` ticks; the leading axes are (ticks,), or (ticks, rows) with `row_count`.
 
     The vehicle and each sensor have separate random streams.
@@ -213,7 +213,7 @@ def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
     return u
 
 
-def _pose(x: np.ndarray | None, name: str) -> np.ndarray | None:
+def _checked_pose(x: np.ndarray | None, name: str) -> np.ndarray | None:
     if x is None:
         return None
     x = np.array(x, dtype=float)

@@ -16,7 +16,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError, cause_of
 from baqueano.signals import Motion, Tick
-from baqueano.symbolic import get, put
+from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick
@@ -74,15 +74,15 @@ def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[
     return SystemState(world, states, record.command.u), LoopOutput(record, truth)
 
 
-def sizes(system: System, paths: Sequence[str]) -> list[int]:
+def value_sizes(system: System, paths: Sequence[str]) -> list[int]:
     """Return the number of values at each path."""
-    return [np.size(value(system, path)) for path in paths]
+    return [np.size(value_at(system, path)) for path in paths]
 
 
-def value(system: System, path: str) -> np.ndarray:
+def value_at(system: System, path: str) -> np.ndarray:
     """Return the value or array of the system at `path`. Raise UsageError for a path without a numeric value."""
     try:
-        array = np.asarray(get(system, path), dtype=float)
+        array = np.asarray(value_at_path(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         raise UsageError(fault("simulate.no-number", path=path, cause=cause_of(error))) from error
     return array
@@ -90,14 +90,14 @@ def value(system: System, path: str) -> np.ndarray:
 
 def parameter_vector(system: System, paths: Sequence[str]) -> np.ndarray:
     """Return θ (p,), the values of the system at `paths`, arrays row by row."""
-    return np.concatenate([value(system, path).ravel() for path in paths]) if paths else np.zeros(0)
+    return np.concatenate([value_at(system, path).ravel() for path in paths]) if paths else np.zeros(0)
 
 
 def parameter_labels(system: System, paths: Sequence[str]) -> list[str]:
     """Return a name for each entry of θ: "model.friction.linear[0]"."""
     out = []
     for path in paths:
-        shape = value(system, path).shape
+        shape = value_at(system, path).shape
         indices = (
             ["".join(f"[{','.join(map(str, index))}]") for index in np.ndindex(shape)] if shape else [""]
         )
@@ -109,9 +109,9 @@ def with_parameters(system: System, paths: Sequence[str], theta: Tree) -> System
     """Return the system with θ (p,) at `paths`; θ can be traced. The bounds of the parameters are not checked here."""
     offset = 0
     for path in paths:
-        shape = value(system, path).shape
+        shape = value_at(system, path).shape
         size = int(np.prod(shape))
         piece = theta[offset] if shape == () else theta[offset : offset + size].reshape(shape)
-        system = put(system, path, piece)
+        system = with_value(system, path, piece)
         offset += size
     return system

@@ -19,7 +19,7 @@ import numpy as np
 
 from baqueano.compare import compare
 from baqueano.diagnostics import Verdict
-from baqueano.drive import replay, stop_of
+from baqueano.drive import replay, stop_reason_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise.covariances import Noise, measure_noise
@@ -27,7 +27,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
-from baqueano.study.recordings import MAPS, check_present
+from baqueano.study.recordings import CPM_MAPS, check_cpm_present
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -79,7 +79,7 @@ class RunFit:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class RunEvaluation:
     """The evaluation of a model on a run."""
 
     fit_run: str
@@ -87,10 +87,10 @@ class Judgement:
     predicted: RunPrediction
     replayed: "Run"
     figures: "JsonObject"  # values of `compare`
-    driven_m: float  # distance measured by the camera
+    distance_m: float  # distance measured by the camera
 
     @property
-    def held_out(self) -> bool:
+    def is_held_out(self) -> bool:
         """Return True if the model was not fitted to this run."""
         return self.fit_run != self.test_run
 
@@ -99,17 +99,19 @@ class Judgement:
         """Return True if the position error is at least MAX_POSITION_ERROR times the driven distance, or if the
         replay stopped.
         """
-        return not self.figures["ate_m"] < MAX_POSITION_ERROR * self.driven_m or bool(stop_of(self.replayed))
+        return not self.figures["ate_m"] < MAX_POSITION_ERROR * self.distance_m or bool(
+            stop_reason_of(self.replayed)
+        )
 
     def row(self) -> "JsonObject":
         """Return a flat row in SI units."""
         rmse, explained, figures = self.predicted.rmse, self.predicted.explained_variance, self.figures
-        row = {"fitted_on": self.fit_run, "judged_on": self.test_run, "held_out": self.held_out}
+        row = {"fitted_on": self.fit_run, "judged_on": self.test_run, "held_out": self.is_held_out}
         row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(explained[0])}
         row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained[1])}
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
         row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
-        row |= {"driven_m": self.driven_m, "duration_s": self.replayed.duration_s, "lost": self.is_lost}
+        row |= {"driven_m": self.distance_m, "duration_s": self.replayed.duration_s, "lost": self.is_lost}
         return row | {key: figures[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
 
 
@@ -118,11 +120,11 @@ class CrossValidation:
     """The fits to both runs, and the evaluations in both directions."""
 
     fits: dict[str, RunFit]  # by run
-    judgements: tuple[Judgement, ...]
+    evaluations: tuple[RunEvaluation, ...]
 
     def rows(self) -> list["TableRow"]:
         """Return a row per model and run."""
-        return [judgement.row() for judgement in self.judgements]
+        return [judgement.row() for judgement in self.evaluations]
 
     def parameters(self) -> list["TableRow"]:
         """Return a row per parameter: estimate and standard error of each run."""
@@ -137,14 +139,14 @@ class CrossValidation:
 
     def figures(self) -> list[dict[str, str]]:
         """Return a row of text per result, with a column for each pair of model and run."""
-        rows = {_head(judgement): judgement.row() for judgement in self.judgements}
+        rows = {_evaluation_title(judgement): judgement.row() for judgement in self.evaluations}
         return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
-        out, applied = [], {judgement.test_run: judgement.replayed.applied for judgement in self.judgements}
-        for judgement in self.judgements if len(applied) > 1 else ():
+        out, applied = [], {judgement.test_run: judgement.replayed.applied for judgement in self.evaluations}
+        for judgement in self.evaluations if len(applied) > 1 else ():
             names = self.fits[judgement.fit_run].vehicle_file.command.names
             for name, fit_commands, commands in zip(
                 names, applied[judgement.fit_run].T, applied[judgement.test_run].T, strict=True
@@ -162,7 +164,7 @@ class CrossValidation:
                         _(
                             "{head}: {name} from {least:.2f} to {most:.2f} leaves the range of the fit, "
                             "{low:.2f} to {high:.2f}",
-                            head=_head(judgement),
+                            head=_evaluation_title(judgement),
                             name=name,
                             least=min_command,
                             most=max_command,
@@ -177,7 +179,7 @@ class CrossValidation:
         """Return a sentence for each fit or evaluation that prevents the verdict USABLE."""
         out = [_("the fit on {run} is {verdict}", run=run, verdict=_(run_fit.fit.verdict)) 
                for run, run_fit in self.fits.items() if run_fit.fit.verdict != Verdict.USABLE]  # fmt: skip
-        for judgement in self.judgements:
+        for judgement in self.evaluations:
             run_text = _(
                 "fitted on {fit_run}, tested on {test_run}",
                 fit_run=judgement.fit_run,
@@ -185,7 +187,7 @@ class CrossValidation:
             )
             if judgement.is_lost:
                 out.append(_("{where}: the estimate diverged from the car", where=run_text))
-            if judgement.held_out and np.min(judgement.predicted.explained_variance) < MIN_EXPLAINED:
+            if judgement.is_held_out and np.min(judgement.predicted.explained_variance) < MIN_EXPLAINED:
                 out.append(
                     _(
                         "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
@@ -194,9 +196,9 @@ class CrossValidation:
                     )
                 )
         significant = [
-            _head(judgement)
-            for judgement in self.judgements
-            if judgement.held_out and judgement.figures["nees_pose_is"] == "too sure"
+            _evaluation_title(judgement)
+            for judgement in self.evaluations
+            if judgement.is_held_out and judgement.figures["nees_pose_is"] == "too sure"
         ]
         out += (
             [_("the filter is overconfident about its pose ({sure})", sure=", ".join(significant))]
@@ -209,7 +211,7 @@ class CrossValidation:
     def verdict(self) -> Verdict:
         """Return REFUSED if a fit is refused or an estimate diverged, WARN with other reasons, else USABLE."""
         is_refused = any(run_fit.fit.verdict == Verdict.REFUSED for run_fit in self.fits.values())
-        if is_refused or any(judgement.is_lost for judgement in self.judgements):
+        if is_refused or any(judgement.is_lost for judgement in self.evaluations):
             return Verdict.REFUSED
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
@@ -227,7 +229,7 @@ class CrossValidation:
             lines.append(
                 f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {shown_unit(row['unit'])}"
             )
-        heads = [_head(judgement) for judgement in self.judgements]
+        heads = [_evaluation_title(judgement) for judgement in self.evaluations]
         lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
         for row in self.figures():
             lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
@@ -258,8 +260,8 @@ def cross_validate(
 
     Raise FileError with the names of missing files.
     """
-    check_present()
-    runs = {SHORT_NAMES[name]: import_run(name).run for name in MAPS}
+    check_cpm_present()
+    runs = {SHORT_NAMES[name]: import_run(name).run for name in CPM_MAPS}
     fits = {}
     for name, run in runs.items():
         progress(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
@@ -268,8 +270,8 @@ def cross_validate(
     for name, run_fit in fits.items():
         for test_name, run in runs.items():
             progress(_("the model of run {name} on run {other}", name=name, other=test_name))
-            judgements.append(judge(run_fit.vehicle_file, name, run, test_name, backend))
-    return CrossValidation(fits, tuple(sorted(judgements, key=lambda judgement: not judgement.held_out)))
+            judgements.append(evaluate_on_run(run_fit.vehicle_file, name, run, test_name, backend))
+    return CrossValidation(fits, tuple(sorted(judgements, key=lambda judgement: not judgement.is_held_out)))
 
 
 def fit_to(run: "Run", backend: str = "auto") -> RunFit:
@@ -279,9 +281,9 @@ def fit_to(run: "Run", backend: str = "auto") -> RunFit:
     return RunFit(fit, noise, noise.updated_file(fit.vehicle_file, run.name))
 
 
-def judge(
+def evaluate_on_run(
     vehicle_file: VehicleFile, fit_run: str, run: "Run", test_run: str, backend: str = "auto"
-) -> Judgement:
+) -> RunEvaluation:
     """Return the evaluation of a vehicle file on a run: its model from the commands, its filter from the camera's
     first pose.
     """
@@ -289,7 +291,7 @@ def judge(
     figures = compare(replay_run, names=[test_run]).rows()[0]
     assert run.truth is not None
     driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
-    return Judgement(
+    return RunEvaluation(
         fit_run, test_run, predict_run(vehicle_file, run, backend), replay_run, figures, driven_m
     )
 
@@ -300,11 +302,13 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     """
     odometer, imu, vehicle = vehicle_file.sensors.odometer, vehicle_file.sensors.imu, vehicle_file.vehicle
     record = record_of(run, {"odometer": odometer, "imu": imu})
-    v = _first(record, "odometer", 0) / odometer.scale
-    r = (_first(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
+    v = _first_measurement(record, "odometer", 0) / odometer.scale
+    r = (_first_measurement(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
-    past = np.tile(record.u[0], (len(start.drivetrain.past), 1))  # a moving car has had a command before
-    start = start._replace(drivetrain=start.drivetrain._replace(past=past))
+    past = np.tile(
+        record.u[0], (len(start.drivetrain.past_commands), 1)
+    )  # a moving car has had a command before
+    start = start._replace(drivetrain=start.drivetrain._replace(past_commands=past))
 
     def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
         state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
@@ -317,16 +321,16 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     return RunPrediction(record.t_s, measured, model)
 
 
-def _first(record: FitRecord, sensor: str, entry: int) -> float:
+def _first_measurement(record: FitRecord, sensor: str, entry: int) -> float:
     """Return the first measurement of entry `entry` of a sensor."""
     readings = record.sensors[sensor]
     return float(readings.z[np.argmax(readings.has[:, entry] > 0.0), entry])
 
 
-def _head(judgement: Judgement) -> str:
+def _evaluation_title(judgement: RunEvaluation) -> str:
     return (
         _("{fit_run} → {test_run}", fit_run=judgement.fit_run, test_run=judgement.test_run)
-        if judgement.held_out
+        if judgement.is_held_out
         else _("{fit_run} itself", fit_run=judgement.fit_run)
     )
 

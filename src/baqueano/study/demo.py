@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.compare import Comparison, compare
 from baqueano.diagnostics import Diagnostic, Verdict, fault, merge_diagnostics, note
-from baqueano.drive import experiment, repeat, stop_of, teach
+from baqueano.drive import experiment, repeat, stop_reason_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from baqueano.runs import Run
 
 LAPS, EXPERIMENT_FILE = 3, "1-experiment.mcap"
-GUESS = {  # the guess of a user with a scale and a tape measure, without a data sheet
+GUESSED_VALUES = {  # the guess of a user with a scale and a tape measure, without a data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
     "model.friction.quadratic": [0.3, 0.0, 0.0001],
@@ -59,7 +59,7 @@ INITIAL_GAINS = {
 }
 STAGES_S = 15.0, 30.0  # durations of the experiment for the fits of the animation before the complete fit
 # true value of the gyro: the sensors on board do not show it, and the data sheet allows twice that deviation
-SCALE = 1.015
+TRUE_GYRO_SCALE = 1.015
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Demo:
     @property
     def verdict(self) -> Verdict:
         """Return STOPPED if the vehicle was stopped, else the verdict of the fit."""
-        return Verdict.STOPPED if stop_of(self.repeated) else self.fit.verdict
+        return Verdict.STOPPED if stop_reason_of(self.repeated) else self.fit.verdict
 
     def table(self) -> str:
         """Return the parameters and a summary as a text table."""
@@ -113,7 +113,7 @@ class Demo:
                 _(
                     "inconsistent: the gyro reads {percent:.1f} % too much. No sensor on board shows this, "
                     "and the yaw parameters have the same relative error. Two turns on a mark show it.",
-                    percent=100.0 * (SCALE - 1.0),
+                    percent=100.0 * (TRUE_GYRO_SCALE - 1.0),
                 )
             )
         return "\n".join(lines)
@@ -162,7 +162,7 @@ class Demo:
             "model.actuator_matrix[0,2]": _("unequal motors"),
         }
         run = read_run(self.folder / EXPERIMENT_FILE)
-        guess, options = load("small").with_values(GUESS), FitOptions(backend=backend)
+        guess, options = load("small").with_values(GUESSED_VALUES), FitOptions(backend=backend)
         fits = [(s, identify(run.cut(0.0, s), guess, options=options)) for s in STAGES_S]
         truth = dict(zip(self.fit.names, self.true_values, strict=True))
         stages = partial_fits(
@@ -229,7 +229,8 @@ def demo(
     """
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
-    truth, vehicle_file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
+    truth = small.with_values({"sensors.imu.gyro_scale": TRUE_GYRO_SCALE})
+    vehicle_file = small.with_values(GUESSED_VALUES)
     options = {"truth": truth, "backend": backend}
 
     progress(note("demo.experiment"))

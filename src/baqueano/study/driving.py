@@ -39,9 +39,9 @@ from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
 from baqueano.simulate.closed_loop import check_compilable
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.demo import GUESS
+from baqueano.study.demo import GUESSED_VALUES
 from baqueano.study.truth import Robots, TruthWorld, draw_robots
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -63,7 +63,7 @@ SPEEDS = (0.1, 0.2, 0.3)
 SINGLE_SPEED = (0.2,)  # of the cases with one speed
 
 
-class Case(NamedTuple):
+class DrivingCase(NamedTuple):
     """A difference between the driven robot and the identified robot."""
 
     changed: Callable[[Robots], Robots]
@@ -72,23 +72,23 @@ class Case(NamedTuple):
 
 
 CASES = {
-    N_("imu"): Case(lambda q: q, False, SPEEDS),
-    N_("pose"): Case(lambda q: q, True, SPEEDS),
-    N_("breakaway"): Case(lambda q: q.with_parameters(breakaway=1.3 * q.breakaway), True, SPEEDS),
-    N_("late"): Case(lambda q: q.with_parameters(delay_s=q.delay_s + 0.1), True, SINGLE_SPEED),
-    "dead_zone": Case(
+    N_("imu"): DrivingCase(lambda q: q, False, SPEEDS),
+    N_("pose"): DrivingCase(lambda q: q, True, SPEEDS),
+    N_("breakaway"): DrivingCase(lambda q: q.with_parameters(breakaway=1.3 * q.breakaway), True, SPEEDS),
+    N_("late"): DrivingCase(lambda q: q.with_parameters(delay_s=q.delay_s + 0.1), True, SINGLE_SPEED),
+    "dead_zone": DrivingCase(
         lambda q: q.with_parameters(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SINGLE_SPEED
     ),
-    "battery": Case(lambda q: q.with_parameters(supply=0.93 * q.supply), False, SINGLE_SPEED),
+    "battery": DrivingCase(lambda q: q.with_parameters(supply=0.93 * q.supply), False, SINGLE_SPEED),
 }
 
 
-class EvenDrive(NamedTuple):
+class LapErrors(NamedTuple):
     """The errors of a lap of a robot."""
 
     case: str
     shape: str
-    asked_m_s: float
+    requested_m_s: float
     seed: int
     speed_error: float  # of the reference speed, rms after the first second
     unevenness: float  # about the mean over 1 s
@@ -102,7 +102,7 @@ class DrivingLimit(NamedTuple):
     """The largest allowed value of one of the errors."""
 
     figure: str
-    most: float
+    max_value: float
     unit: str
     scale: float
 
@@ -115,18 +115,18 @@ LIMITS = {
     "dead_zone": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
     "battery": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
 }
-MIN_SHARE_OF_LAPS = 0.95  # of the laps must be within a limit; the table also shows the worst lap
+MIN_LAP_SHARE = 0.95  # of the laps must be within a limit; the table also shows the worst lap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driving:
     """The laps of all robots."""
 
-    drives: tuple[EvenDrive, ...]
+    drives: tuple[LapErrors, ...]
     driven: int  # robots, fewer than requested if it was interrupted
     refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
-    def of(self, case: str, shape: str, speed: float) -> list[EvenDrive]:
+    def laps_of(self, case: str, shape: str, speed: float) -> list[LapErrors]:
         """Return the laps of one case, shape and speed."""
         return [d for d in self.drives if d[:3] == (case, shape, speed)]
 
@@ -136,7 +136,7 @@ class Driving:
         for case, (_low, _high, speeds) in CASES.items():
             for shape in SHAPES:
                 for speed in speeds:
-                    if laps := self.of(case, shape, speed):
+                    if laps := self.laps_of(case, shape, speed):
                         row = {"case": case, "shape": shape, "asked_m_s": speed, "laps": len(laps)}
                         out.append(row | _figures(laps))
         return out
@@ -157,8 +157,10 @@ class Driving:
                 asked_m_s=row["asked_m_s"],
             )
             for limit in LIMITS[row["case"]]:
-                if row[f"{limit.figure}_p95"] > limit.most:
-                    value, limit_value = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
+                if row[f"{limit.figure}_p95"] > limit.max_value:
+                    value, limit_value = (
+                        limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.max_value)
+                    )
                     out.append(
                         _(
                             "{where}: {figure} {found:.1f} {unit}; expected at most {most:g} {unit}",
@@ -217,13 +219,13 @@ class Driving:
 FIGURES = ("speed_error", "unevenness", "at_limit", "sign_changes", "across_m", "stopped")
 
 
-def _figures(laps: list[EvenDrive]) -> dict[str, float]:
+def _figures(laps: list[LapErrors]) -> dict[str, float]:
     out = {}
     for figure in FIGURES:
         x = np.array([float(getattr(lap, figure)) for lap in laps])
         for name, value in (
             ("median", np.median(x)),
-            ("p95", np.quantile(x, MIN_SHARE_OF_LAPS)),
+            ("p95", np.quantile(x, MIN_LAP_SHARE)),
             ("worst", np.max(x)),
         ):
             out[f"{figure}_{name}"] = float(value)
@@ -237,12 +239,14 @@ def driving(
     """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
     `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
-    check_compilable(controller=guess().controller(controller))  # raises an error before the first drive
+    check_compilable(
+        controller=initial_file().controller(controller)
+    )  # raises an error before the first drive
     jobs = [
         range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
     ]
     work = partial(drive_batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
-    results = spread_over(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
+    results = run_in_processes(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
     drives = tuple(sorted(d for _, laps, _ in results for d in laps))
     refusals = tuple(sorted(k for _, _, seeds_refused in results for k in seeds_refused))
     return Driving(drives, sum(count for count, _, _ in results), refusals)
@@ -254,14 +258,14 @@ def drive_batch(
     cases: tuple[str, ...],
     speeds: tuple[float, ...],
     controller: str | None = None,
-) -> tuple[int, list[EvenDrive], list[int]]:
+) -> tuple[int, list[LapErrors], list[int]]:
     """Return the number of robots, their laps, and the seeds whose fit was refused."""
     robots = merge_robots([draw_robots(1, seed) for seed in seeds])
-    fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
+    fits = [identify(run, initial_file(), FREE) for run in simulate_experiments(robots, seeds)]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in usable]
     robots, names = robots.subset(usable), [seeds[k] for k in usable]
-    drives: list[EvenDrive] = []
+    drives: list[LapErrors] = []
     loops = {
         perfect: [Loop(vehicle_file, perfect, backend, controller) for vehicle_file in files]
         for perfect in {CASES[c].perfect for c in cases}
@@ -270,21 +274,23 @@ def drive_batch(
         change, perfect, its = CASES[case]
         for shape, route_at in SHAPES.items():
             for speed in [v for v in its if v in speeds]:
-                laps = follow(loops[perfect], change(robots), route_at(speed), [s + 1 for s in names])
+                laps = simulate_lap(loops[perfect], change(robots), route_at(speed), [s + 1 for s in names])
                 drives += [
-                    EvenDrive(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
+                    LapErrors(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
                 ]
     return len(seeds), drives, [seed for seed in seeds if seed not in names]
 
 
-def guess() -> VehicleFile:
+def initial_file() -> VehicleFile:
     """Return the vehicle file from which each identification begins."""
-    return load("small").with_values({k: v for k, v in GUESS.items() if k.startswith(("model.", "sensors."))})
+    return load("small").with_values(
+        {k: v for k, v in GUESSED_VALUES.items() if k.startswith(("model.", "sensors."))}
+    )
 
 
-def experiments(robots: Robots, seeds: range) -> list[Run]:
+def simulate_experiments(robots: Robots, seeds: range) -> list[Run]:
     """Return a run of random steps for each robot, with the same steps for all."""
-    vehicle_file = guess()
+    vehicle_file = initial_file()
     u = excitation(
         "random_steps", vehicle_file.command.limit, EXPERIMENT_S, vehicle_file.rate_hz, 0, rest_s=2.0
     )
@@ -333,7 +339,9 @@ class Loop:
         return (belief, controller, supervisor), (command.u, estimate)
 
 
-def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) -> list[tuple[float, ...]]:
+def simulate_lap(
+    loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]
+) -> list[tuple[float, ...]]:
     """Return the errors of one lap of each robot along a route, from rest at its start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     guide = Repeat.along(route)
@@ -355,14 +363,16 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
         truth[k], commands[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
     nu, eta = (np.stack([getattr(r, name) for r in references]) for name in ("nu", "eta"))
     limits = limits_of(loops[0].file.text)
-    return [_lap(t_ns, truth[:, i], commands[:, i], eta, nu[:, 0], limits, states[i][2]) for i in range(n)]
+    return [
+        _lap_errors(t_ns, truth[:, i], commands[:, i], eta, nu[:, 0], limits, states[i][2]) for i in range(n)
+    ]
 
 
-def _lap(
+def _lap_errors(
     t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, speed_ref: np.ndarray,
     limits: Any, supervisor: Any,
 ) -> tuple[float, ...]:  # fmt: skip
-    """Return the errors of an EvenDrive from true poses and speeds (N, 4), commands (N, 3), reference poses (N, 3)
+    """Return the errors of a LapErrors from true poses and speeds (N, 4), commands (N, 3), reference poses (N, 3)
     and reference speeds (N,).
     """
     pace_figures = speed_errors(t_ns, truth[:, 3], speed_ref)

@@ -24,7 +24,7 @@ from baqueano.messages.language import translate as _
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, draw_robots
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class MiswiredLink(World):
         return self.inner.new_truths()
 
 
-class Row(NamedTuple):
+class FirstDriveRow(NamedTuple):
     """The results of all first drives with one wiring."""
 
     wiring: str
@@ -82,13 +82,13 @@ class Row(NamedTuple):
 class FirstDrives:
     """The table of first drives, a row per wiring."""
 
-    each: tuple[Row, ...]
+    wiring_rows: tuple[FirstDriveRow, ...]
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence if a body touched a wall, and one if a wiring was diagnosed wrongly."""
-        touches = sum(row.touched for row in self.each)
-        misnamed = sum(row.drives - row.named for row in self.each)
+        touches = sum(row.touched for row in self.wiring_rows)
+        misnamed = sum(row.drives - row.named for row in self.wiring_rows)
         return (
             *([_("in {touched} drives the body touched a wall", touched=touches)] if touches else []),
             *(
@@ -103,7 +103,7 @@ class FirstDrives:
         """Return REFUSED if a wall was touched, WARN with other reasons, else USABLE."""
         return (
             Verdict.REFUSED
-            if any(row.touched for row in self.each)
+            if any(row.touched for row in self.wiring_rows)
             else Verdict.WARN
             if self.reasons
             else Verdict.USABLE
@@ -111,7 +111,7 @@ class FirstDrives:
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each wiring."""
-        return [row._asdict() for row in self.each]
+        return [row._asdict() for row in self.wiring_rows]
 
     def table(self) -> str:
         """Return the rows and reasons as a text table."""
@@ -120,7 +120,7 @@ class FirstDrives:
             f"{_('gain'):>7}{_('time'):>7}"
         )
         lines = [_("room {room} m", room=ROOM_SIZE), head]
-        for r in self.each:
+        for r in self.wiring_rows:
             gain = f"{number(r.gain_off):.2f}×" if np.isfinite(r.gain_off) else "-"
             lines.append(
                 f"{_(r.wiring):16}{r.drives:>7}{r.touched:>9}{number(100.0 * r.nearest_m):>8.0f} "
@@ -146,7 +146,9 @@ def first_drives(
     """Return the table over vehicles `first` … `first + seeds − 1`. `advance` is called with the number of drives
     that have just finished.
     """
-    drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, advance)
+    drives = run_in_processes(
+        partial(drive_one, backend=backend), range(first, first + seeds), processes, advance
+    )
     rows = []
     for wiring in WIRINGS:
         drives_of_wiring = [drive for drive in drives if drive.wiring == wiring]
@@ -155,14 +157,14 @@ def first_drives(
     return FirstDrives(tuple(rows))
 
 
-def _row(wiring: str, figures: list[FirstDriveFigures]) -> Row:
+def _row(wiring: str, figures: list[FirstDriveFigures]) -> FirstDriveRow:
     margins = np.array([drive.margin_m for drive in figures])
     gain = float(np.median([drive.gain_off for drive in figures]))
     named_count, max_duration_s = (
         sum(drive.named for drive in figures),
         max(drive.seconds for drive in figures),
     )
-    return Row(
+    return FirstDriveRow(
         wiring,
         len(figures),
         int(np.sum(margins < 0.0)),
@@ -191,7 +193,7 @@ def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
     is_named = [message.code for message in drive.wiring] == expected
     error_m = float("nan")
     if wiring == "well":
-        ratio = np.array([drive.gain_along, drive.gain_about]) / gain_ratios(robot, vehicle_file)
+        ratio = np.array([drive.forward_gain, drive.turn_gain]) / gain_ratios(robot, vehicle_file)
         error_m = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
     return FirstDriveFigures(
         wiring, margin, is_named, error_m, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9

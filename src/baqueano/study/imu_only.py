@@ -30,8 +30,8 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
-from baqueano.study.recorded.bars import row
-from baqueano.study.recordings import RecordingStudy, check_present
+from baqueano.study.recorded.bars import criterion_row
+from baqueano.study.recordings import RecordingStudy, check_cpm_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
 if TYPE_CHECKING:
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 DRIVE_PARAMETERS = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
-ZERO_PATH = "sensors.imu.gyro_bias"
+GYRO_BIAS_PATH = "sensors.imu.gyro_bias"
 ZERO_RAD_S, ZERO_STD_RAD_S, RECORDED_ON = 0.0024, 0.0013, date(2019, 5, 13)
 FREE = (*DRIVE_PARAMETERS, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
-BARE_VALUES = {"model.quadratic_drag": 0.0, ZERO_PATH: ZERO_RAD_S}
+BARE_VALUES = {"model.quadratic_drag": 0.0, GYRO_BIAS_PATH: ZERO_RAD_S}
 MAX_SPEED_ERROR_RATIO = 1.5  # limit of the speed error on the other run, relative to the odometer's fit
 MIN_COVERAGE = 0.85  # required coverage of the intervals
 MAX_WIDTHS = (
@@ -54,7 +54,7 @@ MAX_WIDTHS = (
     0.08,
 )  # of the value, gain, viscous, dry, cornering drag, steady speed
 TEST_THROTTLE = 0.4  # throttle
-NAMES = (
+QUANTITY_NAMES = (
     N_("gain"), N_("viscous drag"), N_("dry friction"), N_("cornering drag"), N_("speed at 0.4 throttle"),
 )  # fmt: skip
 
@@ -70,7 +70,7 @@ class GyroCalibration(NamedTuple):
 class FittedDrive(NamedTuple):
     """The fitted gains, frictions and steady speed, with their errors."""
 
-    value: np.ndarray  # (5,) in the order of NAMES
+    value: np.ndarray  # (5,) in the order of QUANTITY_NAMES
     sd: np.ndarray  # (5,)
 
 
@@ -78,7 +78,7 @@ def imu_only_study(
     backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> RecordingStudy:
     """Fit both runs with both gyros, and return the results. Raise FileError with the names of missing recordings."""
-    check_present()
+    check_cpm_present()
     return RecordingStudy(tuple(rows(progress, backend)), ())
 
 
@@ -86,7 +86,8 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
     """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
-        BARE_VALUES, {ZERO_PATH: Provenance("standing, run a", RECORDED_ON, ZERO_STD_RAD_S, Verdict.USABLE)}
+        BARE_VALUES,
+        {GYRO_BIAS_PATH: Provenance("standing, run a", RECORDED_ON, ZERO_STD_RAD_S, Verdict.USABLE)},
     )
     reference = {}
     for name, run in runs.items():
@@ -115,10 +116,10 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
                 tolerance={"gyro": gyro.tolerance},
                 options=FitOptions(backend=backend),
             )
-            out += held_out(
+            out += held_out_rows(
                 fit, reference[name], runs[test_name], f"cpm {name} → {test_name}, {_(gyro.name)}", backend
             )
-            estimate, truth = drive_of(fit, vehicle_file), drive_of(reference[name], car)
+            estimate, truth = fitted_drive(fit, vehicle_file), fitted_drive(reference[name], car)
             fits.append(fit)
             joint_std = np.hypot(estimate.sd, truth.sd)
             is_covered.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * joint_std)
@@ -126,7 +127,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
     return out + interval_rows(np.array(is_covered), np.array(width)) + message_rows(fits[-1], runs)
 
 
-def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
+def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
     """Return the rows on the simulated speed of `run`, which neither `fit` nor `reference` has used."""
     car = reference.vehicle_file  # odometer and gyro unchanged: only the model is evaluated
     fitted_car = car.with_values(
@@ -135,14 +136,14 @@ def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> 
     error = [float(predict_run(model, run, backend).rmse[0]) for model in (fitted_car, car)]
     ratio = error[0] / error[1]
     return [
-        row(
+        criterion_row(
             label,
             _("speed error, divided by the error of the odometer's fit"),
             ratio,
             f"≤ {number(MAX_SPEED_ERROR_RATIO):g}",
             ratio <= MAX_SPEED_ERROR_RATIO,
         ),
-        row(
+        criterion_row(
             label,
             _("speed error [m/s rms]"),
             error[0],
@@ -152,7 +153,7 @@ def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> 
     ]
 
 
-def drive_of(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
+def fitted_drive(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
     """Return gain, frictions and the steady speed on a straight path, with their standard errors."""
     entries = [fit.names.index(name) for name in DRIVE_PARAMETERS]
     gain, viscous, dry = (fit.value(name) for name in DRIVE_PARAMETERS[:3])
@@ -171,7 +172,7 @@ def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]
     """Return the rows on the coverage and the width of the intervals, from arrays (cases, 5)."""
     coverage = float(np.mean(is_covered))
     table_rows = [
-        row(
+        criterion_row(
             "cpm",
             _("intervals that contain the odometer's fit"),
             coverage,
@@ -179,11 +180,11 @@ def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]
             coverage >= MIN_COVERAGE,
         )
     ]
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(QUANTITY_NAMES):
         if np.isfinite(MAX_WIDTHS[k]):
             widest = float(np.max(width[:, k]))
             table_rows.append(
-                row(
+                criterion_row(
                     "cpm",
                     _("widest of {name}, ± parts", name=_(name)),
                     widest,
@@ -199,6 +200,10 @@ def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.always_unobservable)
     is_outside = bool(fit.envelope.range_warnings(runs["a"]))  # a fit of run b
     return [
-        row("cpm", _("the gyro's scale is reported as not identifiable"), is_reported, _("yes"), is_reported),
-        row("cpm b → a", _("the run that leaves the envelope is flagged"), is_outside, _("yes"), is_outside),
+        criterion_row(
+            "cpm", _("the gyro's scale is reported as not identifiable"), is_reported, _("yes"), is_reported
+        ),
+        criterion_row(
+            "cpm b → a", _("the run that leaves the envelope is flagged"), is_outside, _("yes"), is_outside
+        ),
     ]

@@ -20,7 +20,7 @@ from baqueano.runs.maps.column_map import data_folders, load_map
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-MAPS = ("cpm_run_a", "cpm_run_b")
+CPM_MAPS = ("cpm_run_a", "cpm_run_b")
 RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
@@ -28,13 +28,13 @@ RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 class RecordingStudy:
     """The results of the fits on all recordings."""
 
-    each: tuple["JsonObject", ...]
-    left_out: tuple[str, ...]  # sentences on missing recordings
+    result_rows: tuple["JsonObject", ...]
+    missing_recordings: tuple[str, ...]  # sentences on missing recordings
     stopped: bool = False  # True after Ctrl-C, before all recordings were evaluated
 
     def rows(self) -> list["TableRow"]:
         """Return the rows of all recordings, with recording, quantity, value, criterion (bar) and ok."""
-        return list(self.each)
+        return list(self.result_rows)
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -46,26 +46,26 @@ class RecordingStudy:
                 quantity=r["quantity"],
                 value=cell_text(r["value"]),
             )
-            for r in self.each
+            for r in self.result_rows
             if not r["ok"]
         )
 
     @property
     def verdict(self) -> Verdict:
         """Return WARN if a criterion is not met or a recording is missing, else USABLE."""
-        return Verdict.WARN if self.reasons or self.left_out else Verdict.USABLE
+        return Verdict.WARN if self.reasons or self.missing_recordings else Verdict.USABLE
 
     def table(self) -> str:
         """Return the rows, the missing recordings and the verdict as a text table."""
-        width = max((len(r["quantity"]) for r in self.each), default=0)
+        width = max((len(r["quantity"]) for r in self.result_rows), default=0)
         lines = [f"{_('recording'):20} {_('quantity'):{width}}  {_('ok'):3}  {_('bar'):26} {_('value')}"]
-        for r in self.each:
+        for r in self.result_rows:
             ok = _("yes") if r["ok"] else _("NO")
             lines.append(
                 f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {cell_text(r['value'])}"
             )
-        lines += self.left_out
-        passes = sum(bool(r["ok"]) for r in self.each)
+        lines += self.missing_recordings
+        passes = sum(bool(r["ok"]) for r in self.result_rows)
         return "\n".join(
             [
                 *lines,
@@ -73,7 +73,7 @@ class RecordingStudy:
                     "{verdict}: {met} of {all} requirements are met",
                     verdict=_(self.verdict),
                     met=passes,
-                    all=len(self.each),
+                    all=len(self.result_rows),
                 ),
             ]
         )
@@ -90,7 +90,7 @@ def recordings(
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
-        missing = missing_of(getattr(module, "files", lambda: files_of(MAPS))())
+        missing = missing_paths(getattr(module, "files", lambda: files_of_maps(CPM_MAPS))())
         if missing:
             left_out.append(
                 _(
@@ -110,24 +110,24 @@ def recordings(
                 )
                 return RecordingStudy(tuple(rows), (*left_out, stopped_note), stopped=True)
     if not rows:
-        check_present()
+        check_cpm_present()
     return RecordingStudy(tuple(rows), tuple(left_out))
 
 
-def files_of(maps: Sequence[str]) -> list[str]:
+def files_of_maps(maps: Sequence[str]) -> list[str]:
     """Return the files that the maps require."""
     return sorted({spec.path for name in maps for spec in load_map(name).files.values() if spec.path})
 
 
-def missing_of(paths: Sequence[str]) -> list[str]:
+def missing_paths(paths: Sequence[str]) -> list[str]:
     """Return the paths that the folders of recordings do not contain; a path may contain the wildcard *."""
     folders = data_folders()
     return [path for path in paths if not any(glob.glob(str(folder / path)) for folder in folders)]
 
 
-def check_present() -> None:
+def check_cpm_present() -> None:
     """Raise FileError with the names of the missing files of the CPM µCar, if any."""
-    missing = missing_of(files_of(MAPS))
+    missing = missing_paths(files_of_maps(CPM_MAPS))
     if missing:
         raise FileError(
             fault(

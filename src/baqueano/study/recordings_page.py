@@ -6,7 +6,7 @@ from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw
-from baqueano.study.cross_validation_cpm import CAVEATS, CrossValidation, Judgement
+from baqueano.study.cross_validation_cpm import CAVEATS, CrossValidation, RunEvaluation
 from baqueano.study.recordings import RecordingStudy
 
 CHANNELS = (N_("speed, odometer [m/s]"), N_("yaw rate, gyro [rad/s]"))
@@ -19,7 +19,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
     """
     sections, headlines = [], []
     if recorded is not None:
-        text = "\n".join((*recorded.reasons, *recorded.left_out))
+        text = "\n".join((*recorded.reasons, *recorded.missing_recordings))
         sections.append(
             Section(
                 _("All recordings"),
@@ -28,7 +28,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
             )
         )
     if study is not None:
-        held_out = [judgement for judgement in study.judgements if judgement.held_out]
+        held_out = [judgement for judgement in study.evaluations if judgement.is_held_out]
         text = "\n".join((*study.reasons, *study.notes))
         sections.append(
             Section(
@@ -53,7 +53,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
     )
 
 
-def sections_of(judgement: Judgement) -> list[Section]:
+def sections_of(judgement: RunEvaluation) -> list[Section]:
     """Return the sections of the page on the evaluation of a model on a run."""
     title = _(
         "Fitted on {fit_run}, tested on {test_run}",
@@ -79,7 +79,7 @@ def sections_of(judgement: Judgement) -> list[Section]:
     ]
 
 
-def _headlines(judgement: Judgement) -> list[Headline]:
+def _headlines(judgement: RunEvaluation) -> list[Headline]:
     row, title = judgement.row(), f"{judgement.fit_run} → {judgement.test_run}"
     position_text = _(
         "{percent:.2g} % of the {driven_m:.0f} m driven",

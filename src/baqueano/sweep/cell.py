@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.drive import repeat, replay, stop_of
+from baqueano.drive import repeat, replay, stop_reason_of
 from baqueano.errors import SafetyStop
 from baqueano.geometry import compose
-from baqueano.sweep.figures import figures_of
-from baqueano.sweep.pieces import Pieces
+from baqueano.sweep.error_segments import ErrorSegments
+from baqueano.sweep.figures import drive_figures
 from baqueano.sweep.result import SweepCell, SweepDrive
 from baqueano.vehicle_file import VehicleFile, parse
 
@@ -64,14 +64,14 @@ class SweepJob(NamedTuple):
     run: "Run | None" = None  # the run to replay, or None for a simulation
 
 
-def work(job: SweepJob) -> SweepDrive:
+def do_job(job: SweepJob) -> SweepDrive:
     """Do the drive or the replay of a job, and return its results."""
     try:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
         return SweepDrive(job.cell, job.drive, {}, {}, error.diagnostic.code)
-    s, reason = job.settings, stop_of(run)
-    figures, pieces = figures_of(run, s.laps, s.alignment, s.over_s)
+    s, reason = job.settings, stop_reason_of(run)
+    figures, pieces = drive_figures(run, s.laps, s.alignment, s.over_s)
     return SweepDrive(job.cell, job.drive, figures, pieces, "" if reason is None else reason.code)
 
 
@@ -97,7 +97,7 @@ def _replay(job: SweepJob) -> "Run":
     )
 
 
-def as_row(drive: SweepDrive) -> dict[str, object]:
+def row_of_drive(drive: SweepDrive) -> dict[str, object]:
     """Return a drive as a dict for JSON, without rounding."""
     return {
         "figures": drive.figures, "stopped": drive.stopped,
@@ -105,10 +105,10 @@ def as_row(drive: SweepDrive) -> dict[str, object]:
     }  # fmt: skip
 
 
-def of_row(job: SweepJob, row: dict) -> SweepDrive:
+def drive_of_row(job: SweepJob, row: dict) -> SweepDrive:
     """Return the drive of a job from its stored row."""
     pieces = {
-        name: Pieces(tuple(squares), tuple(samples), *durations)
+        name: ErrorSegments(tuple(squares), tuple(samples), *durations)
         for name, (squares, samples, *durations) in row["pieces"].items()
     }
     return SweepDrive(job.cell, job.drive, row["figures"], pieces, row["stopped"])

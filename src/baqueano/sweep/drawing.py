@@ -16,7 +16,7 @@ from baqueano.report.libraries import panel, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.pages.result_page import page_of
 from baqueano.report.plots import drawings_of
-from baqueano.sweep.result import ALL_FIGURES, SUMMED, SweepResult
+from baqueano.sweep.result import ALL_FIGURES, RMS_FIGURES, SweepResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 def register() -> None:
     """Register `.plot()`, a notebook card and a page for the results of sweeps."""
     drawings_of.register(
-        SweepResult, lambda result: {"drives": lambda: spread(result), "differences": lambda: ratios(result)}
+        SweepResult,
+        lambda result: {"drives": lambda: draw_spread(result), "differences": lambda: draw_ratios(result)},
     )
     card_of.register(SweepResult, _card)
     page_of.register(SweepResult, lambda result, alignment="none": page_of_sweep(result))
@@ -54,9 +55,9 @@ def page_of_sweep(result: SweepResult) -> Page:
     if best_row is not None:
         value = f"{number(best_row[main] * ALL_FIGURES[main].scale):.3g} {ALL_FIGURES[main].unit}"
         headlines.append(Headline(_("smallest error"), value, best_row["cell"]))
-    page_parts: list[Table | Drawing] = [draw(spread(result), text(note("sweep.spread")))]
+    page_parts: list[Table | Drawing] = [draw(draw_spread(result), text(note("sweep.spread")))]
     if len(rows) > 1:
-        page_parts.append(draw(ratios(result), text(note("sweep.ratios", reference=result.reference))))
+        page_parts.append(draw(draw_ratios(result), text(note("sweep.ratios", reference=result.reference))))
     names = result.figure_names()
     medians = [{"cell": row["cell"],
     **{_head(name): _plain_text(row[name] * ALL_FIGURES[name].scale) for name in names}}
@@ -77,11 +78,11 @@ def page_of_sweep(result: SweepResult) -> Page:
 def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
     out = []
     for row in rows:
-        for name in SUMMED:
+        for name in RMS_FIGURES:
             difference = result.difference(row["cell"], name)
             if row["cell"] != result.reference and np.isfinite(difference.ratio):
                 out.append({
-                    "cell": row["cell"], "figure": _(SUMMED[name].heading),
+                    "cell": row["cell"], "figure": _(RMS_FIGURES[name].heading),
                     "ratio": difference.ratio,
                     "from": _plain_text(difference.low), "to": _plain_text(difference.high),
                     "blocks": difference.blocks,
@@ -99,7 +100,7 @@ def _plain_text(value: float) -> float | None:
 
 
 @with_style
-def spread(result: SweepResult) -> "Figure":
+def draw_spread(result: SweepResult) -> "Figure":
     """Draw the main figure of each drive, and the median of each cell."""
     main, rows = result.main_figure(), result.cells()
     figure, axes = panel((7.2, 0.45 * len(rows) + 1.2))
@@ -118,7 +119,7 @@ def spread(result: SweepResult) -> "Figure":
 
 
 @with_style
-def ratios(result: SweepResult) -> "Figure":
+def draw_ratios(result: SweepResult) -> "Figure":
     """Draw the main figure of each cell divided by the reference's, with its interval."""
     main, rows = result.main_figure(), [row for row in result.cells() if row["cell"] != result.reference]
     figure, axes = panel((7.2, 0.45 * max(len(rows), 1) + 1.2))

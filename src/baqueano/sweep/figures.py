@@ -1,4 +1,4 @@
-"""Compute the results of a drive, and the segments (pieces.py) of each rms value, by which two drives are compared.
+"""Compute the results of a drive, and the error segments of each rms value, by which two drives are compared.
     effort          e_t = |u_t / limit| / √m,   m commands that have a limit                              (1)
     roughness       e_t = |u_t − u_{t−1}| / limit / (√m δ)   [1/s]                                         (2)
     joined          the length of the reference after which the vehicle stays within MAX_JOINED_M of its path (3)
@@ -17,7 +17,7 @@ from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.messages.language import mark as N_
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.signals import seconds
-from baqueano.sweep.pieces import Pieces, pieces_of
+from baqueano.sweep.error_segments import ErrorSegments, error_segments
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
@@ -35,7 +35,7 @@ class SweepFigure(NamedTuple):
     scale: float  # of the unit
 
 
-SUMMED = {  # rms values, compared by segments
+RMS_FIGURES = {  # rms values, compared by segments
     "across_rms_m": SweepFigure(N_("across"), "cm rms", 100.0),
     "speed_error_m_s": SweepFigure(N_("speed error"), "cm/s rms", 100.0),
     "effort": SweepFigure(N_("effort"), "%", 100.0),
@@ -45,7 +45,7 @@ SUMMED = {  # rms values, compared by segments
     "rpe_m": SweepFigure("RPE", "cm", 100.0),
     "rpe_heading_rad": SweepFigure("RPE ψ", "°", 180.0 / np.pi),
 }
-SINGLE = {
+SINGLE_FIGURES = {
     "across_max_m": SweepFigure(N_("across"), "cm max", 100.0),
     "joined_m": SweepFigure(N_("joined"), "m", 1.0),
     "laps": SweepFigure(N_("laps"), "", 1.0),
@@ -55,21 +55,25 @@ SINGLE = {
 }
 
 
-def figures_of(
+def drive_figures(
     run: "Run", laps: int = 1, alignment: str = "none", window_s: float = 1.0
-) -> tuple[dict[str, float], dict[str, Pieces]]:
-    """Return the results of a drive or a replay by name (SUMMED and SINGLE), and the segments of those in SUMMED."""
+) -> tuple[dict[str, float], dict[str, ErrorSegments]]:
+    """Return the results of a drive or a replay by name, and the segments of those in RMS_FIGURES."""
     series = _estimate_errors(run, alignment, window_s)
-    single = dict.fromkeys(SINGLE, NAN)
+    single = dict.fromkeys(SINGLE_FIGURES, NAN)
     if run.metadata.get("kind") != "replay":
         drive_series, path_figures = _drive_errors(run, laps)
         series |= drive_series
         single |= path_figures
     spans = {"rpe_m": window_s, "rpe_heading_rad": window_s}
-    pieces = {name: pieces_of(*series[name], spans.get(name, 0.0)) for name in SUMMED if name in series}
+    pieces = {
+        name: error_segments(*series[name], spans.get(name, 0.0)) for name in RMS_FIGURES if name in series
+    }
     consistency = filter_consistency(run, alignment)
     single |= {name: getattr(consistency, name).mean for name in ("nees_pose", "nees_velocity", "nis")}
-    return {name: errors.rms(series[name][1]) if name in series else NAN for name in SUMMED} | single, pieces
+    return {
+        name: errors.rms(series[name][1]) if name in series else NAN for name in RMS_FIGURES
+    } | single, pieces
 
 
 def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -11,15 +11,15 @@ from baqueano.compare.errors import ALIGNMENTS
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
-from baqueano.drive.verbs import vehicle_of
+from baqueano.drive.tasks import recorded_vehicle_file
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.runs import Run
 from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.drawing import register
 from baqueano.sweep.result import SweepCell, SweepResult
-from baqueano.sweep.stored_drives import Resources, run_all
-from baqueano.sweep.workers import processors
+from baqueano.sweep.stored_drives import Resources, run_jobs
+from baqueano.sweep.workers import processor_count
 from baqueano.vehicle_file import VehicleFile, load
 from baqueano.vehicle_file.build import DEFAULT_KINDS
 
@@ -108,8 +108,8 @@ def sweep(
     labels = list(dict.fromkeys(job.cell.label for job in jobs))
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
-    count = processors() if processes is None else processes
-    drives = run_all(jobs, Resources(count, cluster, None if keep is None else Path(keep)), advance)
+    count = processor_count() if processes is None else processes
+    drives = run_jobs(jobs, Resources(count, cluster, None if keep is None else Path(keep)), advance)
     if not drives:
         raise KeyboardInterrupt
     register()
@@ -169,7 +169,9 @@ def _vehicle_jobs(
                 for seed in seeds:
                     name_parts = [name if len(files) > 1 else "", route_name, f"seed {seed}"]
                     drive = ", ".join(name_part for name_part in name_parts if name_part)
-                    jobs.append(SweepJob(cell, drive, _text_of(vehicle_file), blocks, settings, route, seed))
+                    jobs.append(
+                        SweepJob(cell, drive, _file_text(vehicle_file), blocks, settings, route, seed)
+                    )
     return jobs
 
 
@@ -190,12 +192,12 @@ def _run_jobs(
     ):
         if values:
             raise UsageError(fault("sweep.of-runs", what=name))
-    files = [vehicle or vehicle_of(run) for run in runs]
+    files = [vehicle or recorded_vehicle_file(run) for run in runs]
     names, jobs = _labels([run.name for run in runs]), []
     for cell, blocks in _cells(blocks_by_role, files[0]):
         for name, run, vehicle_file in zip(names, runs, files, strict=True):
             vehicle_file.estimator(blocks.estimator)
-            jobs.append(SweepJob(cell, name, _text_of(vehicle_file), blocks, settings, run=run))
+            jobs.append(SweepJob(cell, name, _file_text(vehicle_file), blocks, settings, run=run))
     return jobs
 
 
@@ -248,5 +250,5 @@ def _labels(names: list[str]) -> list[str]:
     return labels
 
 
-def _text_of(vehicle_file: VehicleFile) -> FileText:
+def _file_text(vehicle_file: VehicleFile) -> FileText:
     return FileText(vehicle_file.text, vehicle_file.label, vehicle_file.path, vehicle_file.on_disk)

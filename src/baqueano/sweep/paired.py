@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.identify.covariance.clusters import student_quantile
-from baqueano.sweep.pieces import Pieces
+from baqueano.sweep.error_segments import ErrorSegments
 
 MIN_BLOCKS = 5  # blocks, for an interval
 BLOCK_CORRELATION_TIMES = 4.0  # correlation times in a block
@@ -39,7 +39,7 @@ class PairedDifference(NamedTuple):
 
     Examples
     --------
-    >>> ones, twos = Pieces((1.0,) * 6, (1.0,) * 6), Pieces((4.0,) * 6, (1.0,) * 6)
+    >>> ones, twos = ErrorSegments((1.0,) * 6, (1.0,) * 6), ErrorSegments((4.0,) * 6, (1.0,) * 6)
     >>> paired_difference([ones], [twos]).ratio
     0.5
     """
@@ -59,7 +59,7 @@ class PairedDifference(NamedTuple):
 UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
 
 
-def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> PairedDifference:
+def paired_difference(ours: Sequence[ErrorSegments], theirs: Sequence[ErrorSegments]) -> PairedDifference:
     """Return the ratio of two cells; drive k of `ours` and of `theirs` is the same drive.  (1)"""
     block_pairs = [_blocks(a, b) for a, b in zip(ours, theirs, strict=True)]
     block_pairs = [blocks for blocks in block_pairs if np.all(np.sum(blocks, axis=0) > 0.0)]
@@ -80,7 +80,7 @@ def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> Paire
     return PairedDifference(ratio, low, high, blocks, is_by_drives)
 
 
-def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
+def _blocks(a: ErrorSegments, b: ErrorSegments) -> np.ndarray:
     """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, each about BLOCK_CORRELATION_TIMES correlation times or
     longer.
     """

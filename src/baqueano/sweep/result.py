@@ -11,14 +11,14 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.sweep.figures import SINGLE, SUMMED
+from baqueano.sweep.error_segments import ErrorSegments
+from baqueano.sweep.figures import RMS_FIGURES, SINGLE_FIGURES
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
-from baqueano.sweep.pieces import Pieces
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ALL_FIGURES = {**SUMMED, **SINGLE}
+ALL_FIGURES = {**RMS_FIGURES, **SINGLE_FIGURES}
 BLOCKS = (  # names of results, in the order of the tables
     ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joined_m", "laps"),
     ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "nees_pose", "nees_velocity", "nis"),
@@ -70,7 +70,7 @@ class SweepDrive(NamedTuple):
         Vehicle, route and seed; the same in each cell.
     figures : dict of float
         Results by their names; NaN if not known.
-    pieces : dict of Pieces
+    pieces : dict of ErrorSegments
         Segments of each rms value, by which drives are compared.
     stopped : str
         Code of the reason why the drive was stopped, or "".
@@ -84,7 +84,7 @@ class SweepDrive(NamedTuple):
     cell: SweepCell
     name: str
     figures: dict[str, float]
-    pieces: dict[str, Pieces]
+    pieces: dict[str, ErrorSegments]
     stopped: str
 
 
@@ -141,7 +141,7 @@ class SweepResult(Result):
                 x = np.array([d.figures.get(name, np.nan) for d in drives])
                 finite = x[np.isfinite(x)]
                 row[name] = float(np.median(finite)) if finite.size else float("nan")
-            for name in SUMMED:
+            for name in RMS_FIGURES:
                 difference = self.difference(label, name)
                 row |= {
                     f"{name}_ratio": difference.ratio,

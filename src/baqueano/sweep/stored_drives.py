@@ -24,9 +24,9 @@ from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.sweep.cell import FileText, SweepJob, as_row, of_row, work
-from baqueano.sweep.pieces import Pieces
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.cell import FileText, SweepJob, do_job, drive_of_row, row_of_drive
+from baqueano.sweep.error_segments import ErrorSegments
+from baqueano.sweep.workers import run_in_processes
 
 if TYPE_CHECKING:
     from baqueano.sweep.result import SweepDrive
@@ -40,7 +40,7 @@ class Resources(NamedTuple):
     keep: Path | None = None  # a folder
 
 
-def run_all(
+def run_jobs(
     jobs: Sequence[SweepJob], resources: Resources, advance: Callable[[int], None] | None
 ) -> "list[SweepDrive]":
     """Run all jobs, or read their stored drives, and return the drives in order; after Ctrl-C, return only the
@@ -51,7 +51,7 @@ def run_all(
     names = [""] * len(jobs)
     if resources.keep is not None:
         texts = {file_text: _texts_in_file(file_text) for file_text in {job.file_text for job in jobs}}
-        names = [digest(job, texts[job.file_text]) for job in jobs]
+        names = [job_digest(job, texts[job.file_text]) for job in jobs]
     advance, rows = advance or (lambda n: None), {}
     for k, name in enumerate(names):
         if resources.keep is not None and (row := _stored_row(resources.keep / f"{name}.json")) is not None:
@@ -62,13 +62,13 @@ def run_all(
         _run_and_store, keep=resources.keep, names={job.number: names[job.number] for job in remaining_jobs}
     )
     if resources.cluster is not None and remaining_jobs:
-        results = on_cluster(remaining_jobs, resources, names, advance)
+        results = run_on_cluster(remaining_jobs, resources, names, advance)
     else:
-        results = spread_over(
-            task, remaining_jobs, resources.processes if _travels(remaining_jobs) else 1, advance
+        results = run_in_processes(
+            task, remaining_jobs, resources.processes if _can_be_sent(remaining_jobs) else 1, advance
         )
     rows |= dict(results)
-    return [of_row(jobs[k], rows[k]) for k in sorted(rows)]
+    return [drive_of_row(jobs[k], rows[k]) for k in sorted(rows)]
 
 
 class NumberedJob(NamedTuple):
@@ -80,7 +80,7 @@ class NumberedJob(NamedTuple):
 
 def _run_and_store(job: NumberedJob, keep: Path | None, names: dict[int, str]) -> tuple[int, dict]:
     """Run a job, write its row to `keep`, and return its number and row."""
-    row = as_row(work(job.job))
+    row = row_of_drive(do_job(job.job))
     if keep is not None:
         replace_file(keep / f"{names[job.number]}.json", json.dumps(row))
     return job.number, row
@@ -95,7 +95,7 @@ def _stored_row(path: Path) -> dict | None:
     return row if isinstance(row, dict) and {"figures", "pieces", "stopped"} <= row.keys() else None
 
 
-def _travels(jobs: Sequence[NumberedJob]) -> bool:
+def _can_be_sent(jobs: Sequence[NumberedJob]) -> bool:
     """Return True if another process can import the blocks. A block of a notebook cell cannot be imported."""
     blocks = {block for job in jobs for block in job.job.blocks if not isinstance(block, str | None)}
     if any((b if isinstance(b, type) else type(b)).__module__ in ("__main__", "builtins") for b in blocks):
@@ -107,11 +107,18 @@ def _travels(jobs: Sequence[NumberedJob]) -> bool:
     return True
 
 
-def digest(job: SweepJob, texts_in_file: dict[str, str]) -> str:
+def job_digest(job: SweepJob, texts_in_file: dict[str, str]) -> str:
     """Return the digest under which the drive of a job is stored; the texts are those of `_texts_in_file`."""
     import hashlib
 
-    parts = [__version__, *Pieces._fields, job.file_text.text, repr(job.settings), str(job.seed), job.drive]
+    parts = [
+        __version__,
+        *ErrorSegments._fields,
+        job.file_text.text,
+        repr(job.settings),
+        str(job.seed),
+        job.drive,
+    ]
     replaced = {role: block for role, block in job.blocks._asdict().items() if block is not None}
     parts += [_block_text(role, block, job) for role, block in job.blocks._asdict().items()]
     parts += [text for role, text in texts_in_file.items() if role not in replaced]
@@ -158,7 +165,7 @@ def _texts_in_file(file_text: FileText) -> dict[str, str]:
     return {role: source_text(kind) for role, kind in classes.items() if not is_ours(kind)}
 
 
-def on_cluster(
+def run_on_cluster(
     jobs: Sequence[NumberedJob], resources: Resources, names: Sequence[str], advance: Callable[[int], None]
 ) -> list[tuple[int, dict]]:
     """Return the rows of the jobs from the workers of a Dask scheduler. The rows are stored on this computer.

@@ -14,21 +14,21 @@ from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from typing import Any, TypeVar
 
-J = TypeVar("J")
-R = TypeVar("R")
+Job = TypeVar("Job")
+JobResult = TypeVar("JobResult")
 
 
-def processors() -> int:
+def processor_count() -> int:
     """Return the number of processors that this process is allowed to use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-def spread_over(
-    work: Callable[[J], R],
-    jobs: Sequence[J],
+def run_in_processes(
+    work: Callable[[Job], JobResult],
+    jobs: Sequence[Job],
     processes: int = 1,
     advance: Callable[[int], None] | None = None,
-) -> list[R]:
+) -> list[JobResult]:
     """Return `work` of each job, in the order in which they end; `advance` is called with 1 after each job.
 
     With more than one process, `work`, the jobs and the results are pickled, so `work` must be a function of a

@@ -19,7 +19,7 @@ from baqueano.symbolic.derivatives.dual import jacobian
 from baqueano.symbolic.errors import TraceError
 from baqueano.symbolic.function import compile_block, function
 from baqueano.symbolic.graph.program import NormalEquations
-from baqueano.symbolic.paths import get, put
+from baqueano.symbolic.paths import value_at_path, with_value
 from baqueano.symbolic.scan import Scan, scan
 
 __all__ = ["Scan", "TraceError", "compile_block", "function", "interp", "jacobian", "scan", "where"]

@@ -35,7 +35,7 @@ class Runner:
             return
         from baqueano.symbolic.c_code import c, compile
 
-        compiler = compile.find()
+        compiler = compile.find_compiler()
         self._kernel = c.make_kernel(program)
         if self._may_change and compiler.compiler is None:
             self._give_up_c(compiler.reason)

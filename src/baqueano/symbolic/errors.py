@@ -41,7 +41,7 @@ def running_line() -> str:
     """Return the innermost running line of the user's code, as 'model.py:36: if x[0] > 0:'."""
     frame = sys._getframe(1)
     while frame is not None:
-        if _is_users(frame.f_code):
+        if _is_user_code(frame.f_code):
             return _place_text(frame.f_code.co_filename, frame.f_lineno)
         frame = frame.f_back
     return "in a line that could not be found"
@@ -57,7 +57,7 @@ def locate_errors() -> Iterator[None]:
     except _CAUSES as error:
         place_text, step = "", error.__traceback__
         while step is not None:
-            if _is_users(step.tb_frame.f_code):
+            if _is_user_code(step.tb_frame.f_code):
                 place_text = _place_text(step.tb_frame.f_code.co_filename, step.tb_lineno)
             step = step.tb_next
         if not place_text:
@@ -72,7 +72,7 @@ def locate_errors() -> Iterator[None]:
         ) from error
 
 
-def _is_users(code: CodeType) -> bool:
+def _is_user_code(code: CodeType) -> bool:
     return not code.co_filename.startswith(_FOREIGN)
 
 

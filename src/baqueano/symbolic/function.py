@@ -27,7 +27,7 @@ from baqueano.symbolic.graph.assemble import assemble, remaining_zeros
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.graph.trace import is_stable, trace_function
 from baqueano.symbolic.graph.tree import Shape, flat_row, shape_of
-from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
+from baqueano.symbolic.packing import ShapeMismatch, state_of, tree_function
 
 MAX_CACHED = 24  # largest number of functions whose graph and kernel are cached
 
@@ -122,7 +122,7 @@ class Function:
 
         general = cache(lambda: bind(compiled.general()))
         run = bind(compiled.with_zero_states)
-        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], compiled.shape)
+        self.call = tree_function(self._shapes, row[0], run, lambda: general()(), result[0], compiled.shape)
         return compiled.with_zero_states
 
 
@@ -227,7 +227,7 @@ class CompiledBlock:
         self.backend = resolve_backend(backend)
         self._requested_backend = self.backend
         self._steps: dict[tuple[Shape, ...], Function] = {}
-        self._last: Callable[..., Tree] = _never
+        self._last: Callable[..., Tree] = _raise_never_called
         self._rows_before = getattr(block, "rows_before", None)
         self._text = block.step if self._rows_before is None else block.row
 
@@ -259,7 +259,7 @@ class CompiledBlock:
         return f"compiled({self.block!r})"
 
 
-def _never(*args: Tree) -> Tree:
+def _raise_never_called(*args: Tree) -> Tree:
     raise ShapeMismatch(fault("engine.not-compiled"))
 
 

@@ -32,7 +32,7 @@ class ShapeMismatch(Invalid):
     """The error of a tree whose shape differs from the shape of the generated code."""
 
 
-def caller(
+def tree_function(
     shapes: Sequence[Shape],
     row: np.ndarray,
     run: Callable[[], object],

@@ -1,8 +1,8 @@
 """Read and replace values in a tree by dotted paths.
 
-Examples are `get(robot, "friction.linear[0]")` and `put(robot, "model.T[0,2]", x)`. A name is a field of a dataclass or
-NamedTuple, or a key of a dict; an index is in brackets. `put` copies the objects on the path. It does not call
-`__post_init__`, because its checks would be `if`s on values known only at run time.
+Examples are `value_at_path(robot, "friction.linear[0]")` and `with_value(robot, "model.T[0,2]", x)`. A name is a field
+of a dataclass or NamedTuple, or a key of a dict; an index is in brackets. `with_value` copies the objects on the path.
+It does not call `__post_init__`, because its checks would be `if`s on values known only at run time.
 """
 
 import dataclasses
@@ -15,9 +15,9 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import DiagnosticError, Invalid
-from baqueano.symbolic.arrays.array import filled_later, has_scalars
+from baqueano.symbolic.arrays.array import as_fillable, has_scalars
 
-Of = TypeVar("Of")
+TreeType = TypeVar("TreeType")
 
 
 class NoSuchName(DiagnosticError, AttributeError):
@@ -27,14 +27,14 @@ class NoSuchName(DiagnosticError, AttributeError):
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")
 
 
-def get(tree: Tree, path: str) -> Tree:
+def value_at_path(tree: Tree, path: str) -> Tree:
     """Return the value at `path`. Raise NoSuchName for a missing field, and Invalid if `path` cannot be parsed."""
     for step in _steps(path):
         tree = _child(tree, step, path)
     return tree
 
 
-def put(tree: Of, path: str, value: Tree) -> Of:
+def with_value(tree: TreeType, path: str, value: Tree) -> TreeType:
     """Return a copy of `tree` with `value` at `path`. Raise Invalid if the old value has another shape."""
     return _replace_at(tree, _steps(path), value, path)
 
@@ -97,7 +97,7 @@ def _replace_at(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> 
 
 def _replace_item(tree: Tree, index: tuple[int, ...], value: Tree) -> Tree:
     if isinstance(tree, np.ndarray):
-        copy = filled_later(tree.astype(float)) if has_scalars(value) else tree.copy()
+        copy = as_fillable(tree.astype(float)) if has_scalars(value) else tree.copy()
         copy[index] = value
         return copy
     items = [*tree[: index[0]], value, *tree[index[0] :][1:]]

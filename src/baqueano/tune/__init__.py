@@ -6,6 +6,6 @@ tuned.save()                     # writes the gains into the vehicle file
 """
 
 from baqueano.tune.gains import tune
-from baqueano.tune.tuned import TuneResult
+from baqueano.tune.tune_result import TuneResult
 
 __all__ = ["TuneResult", "tune"]

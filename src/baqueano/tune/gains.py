@@ -8,7 +8,7 @@ By default the pose in the loop is exact, as in the paper ("η_e is obtained by 
 `estimator=True` the estimator of the file is in the loop, and the sensors have noise; the cost still uses the true
 pose. Converters work without steps, because the slope of a staircase is 0. Gains for one exact model are too high for a
 real vehicle. With `draws` the cost is about the largest cost of vehicles drawn from the covariance of the fit
-(rehearsal.py). That search also starts from the nominal gains, and both results are tested on other vehicles.
+(objective.py). That search also starts from the nominal gains, and both results are tested on other vehicles.
 """
 
 from collections.abc import Sequence
@@ -21,15 +21,15 @@ from baqueano.contracts.blocks import Guide
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.tune.rehearsal import Rehearsal, drawn_vehicles, rehearse
+from baqueano.tune.objective import Objective, draw_vehicles, tuning_objective
 from baqueano.tune.search import DIVERGED_COST, START_COUNT, Descent, at_limit, descend, search
-from baqueano.tune.tuned import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
+from baqueano.tune.tune_result import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-JUDGING_VEHICLES = 200  # vehicles for the test of the result; the search did not use them
-JUDGING_SEEDS = 30  # seeds for the test of the result; the search did not use them
+VALIDATION_VEHICLES = 200  # vehicles for the test of the result; the search did not use them
+VALIDATION_SEEDS = 30  # seeds for the test of the result; the search did not use them
 SEED_OFFSET = 1000  # offset between the seeds of the search and those of the test
 MAX_WIDENED_SEARCHES = 3  # largest number of repeated searches with wider bounds
 
@@ -55,7 +55,7 @@ def tune(
     polish : bool
         Continue the search without gradients if the cost is rough; this takes up to ten times as long.
     **options : object
-        Arguments of `rehearse`: controller, gains, bounds, laps, duration_s, estimator, seeds, draws, seed, …
+        Arguments of `tuning_objective`: controller, gains, bounds, laps, duration_s, estimator, seeds, draws, seed, …
 
     Returns
     -------
@@ -80,7 +80,7 @@ def tune(
     >>> tuned.cost < tuned.cost_before, tuned.gains[0].unit
     (True, '1/s')
     """
-    rehearsal = rehearse(vehicle_file, route, **options)
+    rehearsal = tuning_objective(vehicle_file, route, **options)
     file_gains = rehearsal.space.file_gains
     initial_gains = [file_gains] if np.all(np.isfinite(file_gains)) else []
     nominal, descents = search_gains(rehearsal.nominal(), initial_gains, starts, polish)
@@ -103,8 +103,8 @@ def tune(
 
 
 def search_gains(
-    rehearsal: Rehearsal, initial: list[np.ndarray], start_count: int, polish: bool
-) -> tuple[Rehearsal, list[Descent]]:
+    rehearsal: Objective, initial: list[np.ndarray], start_count: int, polish: bool
+) -> tuple[Objective, list[Descent]]:
     """Return the rehearsal with the final bounds, and the descents, the least cost first.
 
     If a gain ends on a soft bound, the search continues from there with a wider bound.
@@ -123,15 +123,15 @@ def search_gains(
             break
         rehearsal, initial, start_count = replace(rehearsal, space=wider), [best_gains], 0
     if rehearsal.initial_memory_depends_on(best_gains):
-        space, rehearsal = rehearsal.space, rehearsal.begun_with(best_gains)
+        space, rehearsal = rehearsal.space, rehearsal.with_initial_gains(best_gains)
         second = descend(rehearsal.cost_and_gradient, best_gains, space.low, space.high)
-        rehearsal = rehearsal.begun_with(second.gains)
+        rehearsal = rehearsal.with_initial_gains(second.gains)
         descents.insert(0, second._replace(cost=rehearsal.cost(second.gains)))
     return rehearsal, descents
 
 
 def rank_by_worst_case(
-    vehicle_file: "VehicleFile", rehearsal: Rehearsal, robust: list[Descent], sharp: np.ndarray, seed: int
+    vehicle_file: "VehicleFile", rehearsal: Objective, robust: list[Descent], sharp: np.ndarray, seed: int
 ) -> tuple[WorstCase, list[Descent]]:
     """Return the largest costs over other vehicles, and the descents in the order of these costs, the least first.
 
@@ -139,30 +139,30 @@ def rank_by_worst_case(
     """
     system = rehearsal.cases[0].system
     judges = replace(
-        rehearsal, vehicles=drawn_vehicles(vehicle_file, system, JUDGING_VEHICLES, seed + SEED_OFFSET)[1]
+        rehearsal, vehicles=draw_vehicles(vehicle_file, system, VALIDATION_VEHICLES, seed + SEED_OFFSET)[1]
     )
     cost = rehearsal.cost(sharp)
     ends = [Descent(sharp, sharp, cost, np.array([cost]), 0.0), *robust]
-    vehicle_costs = judges.of_vehicles(np.array([end.gains for end in ends]))
+    vehicle_costs = judges.vehicle_costs(np.array([end.gains for end in ends]))
     worst = np.where(np.isfinite(vehicle_costs).all(axis=1), np.max(vehicle_costs, axis=1), DIVERGED_COST)
     order = np.argsort(worst, kind="stable")
     draws = len(rehearsal.vehicles) - 1
-    worst_case = WorstCase(draws, JUDGING_VEHICLES, float(worst[order[0]]), float(worst[0]))
+    worst_case = WorstCase(draws, VALIDATION_VEHICLES, float(worst[order[0]]), float(worst[0]))
     return worst_case, [ends[k] for k in order]
 
 
-def _cost_on_new_seeds(rehearsal: Rehearsal, gains: np.ndarray, seed: int) -> FreshSeeds:
+def _cost_on_new_seeds(rehearsal: Objective, gains: np.ndarray, seed: int) -> FreshSeeds:
     """Return the cost with noise of new seeds, which the search did not use, and the cost of the search."""
-    fresh = rehearsal.nominal().with_seeds(seed + SEED_OFFSET, JUDGING_SEEDS)
-    return FreshSeeds(JUDGING_SEEDS, fresh.cost(gains), rehearsal.nominal().cost(gains))
+    fresh = rehearsal.nominal().with_seeds(seed + SEED_OFFSET, VALIDATION_SEEDS)
+    return FreshSeeds(VALIDATION_SEEDS, fresh.cost(gains), rehearsal.nominal().cost(gains))
 
 
 def _tune_result(
-    vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list[Descent], initial: list[np.ndarray],
+    vehicle_file: "VehicleFile", rehearsal: Objective, descents: list[Descent], initial: list[np.ndarray],
     worst: WorstCase | None, fresh: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
     space, best_descent = rehearsal.space, descents[0]
-    around = _costs_around(rehearsal, best_descent)
+    around = _relative_costs(rehearsal, best_descent)
     limits = at_limit(best_descent.gains, space.low, space.high)
     block = space.with_gains(best_descent.gains)
     history = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
@@ -174,7 +174,7 @@ def _tune_result(
         rehearsal.cost(initial[0]) if initial else float("nan"),
         rehearsal.cost(np.zeros(len(space.low))),
         rehearsal.weights,
-        rehearsal.drive(best_descent.gains),
+        rehearsal.drive_errors(best_descent.gains),
         tuple(descents),
         np.array(history),
         rehearsal.loop,
@@ -188,7 +188,7 @@ def _tune_result(
     )
 
 
-def _costs_around(rehearsal: Rehearsal, best_descent: Descent) -> np.ndarray:
+def _relative_costs(rehearsal: Objective, best_descent: Descent) -> np.ndarray:
     """Return the cost (p, k) relative to the least cost, if one gain at a time is multiplied by each of k factors."""
     p = len(best_descent.gains)
     gains = np.tile(best_descent.gains, (p, len(FACTORS), 1))
@@ -197,7 +197,7 @@ def _costs_around(rehearsal: Rehearsal, best_descent: Descent) -> np.ndarray:
     return rehearsal.costs(gains.reshape(-1, p)).reshape(p, -1) / best_descent.cost
 
 
-def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
+def _gain(rehearsal: Objective, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
     """Return gain `k` with its bounds, and the relative costs if only this gain is multiplied by 0.8 or 1.25."""
     space, (smaller, larger) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
     description = space.names[k], space.units[k], float(best.gains[k]), float(space.file_gains[k])

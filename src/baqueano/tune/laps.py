@@ -14,18 +14,18 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
-from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
+from baqueano.simulate.closed_loop import closed_loop, loop_system, start_pose, tick_count_of
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
 from baqueano.tune.cost import Weights, jerk, path_cost, tick_errors
-from baqueano.tune.rehearsal import (
+from baqueano.tune.objective import (
     ASIDE_M,
     HUBER_M,
     JERK_M2,
     MIN_BATCH_TICKS,
+    checked_weights,
     rms,
-    weights_of,
     without_quantisation,
 )
 from baqueano.tune.search_space import SearchSpace, search_space
@@ -66,7 +66,7 @@ class SimulatedLaps:
     space: SearchSpace
     weights: Weights
     seconds: float  # of a lap
-    whole: bool  # False: only the first MAX_LAP_S of it
+    is_whole_route: bool  # False: only the first MAX_LAP_S of it
     _inputs: Input
     _start: SystemState
     _kernel: Scan
@@ -126,10 +126,10 @@ def simulated_laps(
         For a controller that does not have a gain.
     """
     space = search_space(vehicle_file, controller=kind)
-    weights = weights_of(vehicle_file, None, HUBER_M, JERK_M2)
-    system = without_quantisation(close_loop(vehicle_file, route, 1, True, space.block))
+    weights = checked_weights(vehicle_file, None, HUBER_M, JERK_M2)
+    system = without_quantisation(loop_system(vehicle_file, route, 1, True, space.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
-    full_tick_count = ticks_of(system, rate)
+    full_tick_count = tick_count_of(system, rate)
     tick_count = min(full_tick_count, round(MAX_LAP_S * rate))
 
     def output(loop_output: Tree) -> _LapTick:
@@ -139,7 +139,7 @@ def simulated_laps(
 
     paths = tuple(f"controller.{name}" for name in space.names)
     kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths)
-    start = begin(system, compose(start_of(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
+    start = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
     is_whole = tick_count == full_tick_count
     return SimulatedLaps(
         space, weights, tick_count / rate, is_whole, Input(tick_times(tick_count, rate), None), start, kernel

@@ -61,7 +61,7 @@ class LoopMargins(NamedTuple):
     stable: bool  # the whole loop
 
 
-class Linear(NamedTuple):
+class LinearSystem(NamedTuple):
     """The matrices of a linear system in discrete time.  (1)"""
 
     A: np.ndarray  # (n, n)
@@ -99,7 +99,7 @@ def loop_margins(
     )
 
 
-def margins(loop: Linear) -> tuple[float, float, float, float]:
+def margins(loop: LinearSystem) -> tuple[float, float, float, float]:
     """Return gain margins of L above 1 (∞ if none) and below 1 (0 if none), phase margin [rad], delay margin [s].
 
     The delay margin is ∞ without a crossing.  (3)
@@ -107,10 +107,12 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
     omega = np.geomspace(MIN_FREQUENCY_RAD_S, np.pi / loop.dt_s, FREQUENCY_COUNT)
     L = loop.frequency_response(omega)
     ends = np.flatnonzero(np.diff(np.sign(np.imag(L))) != 0)
-    real = [loop.frequency_response(_crossing(loop, omega[k : k + 2], np.imag))[0].real for k in ends]
+    real = [
+        loop.frequency_response(_crossing_frequency(loop, omega[k : k + 2], np.imag))[0].real for k in ends
+    ]
     factors = [-1.0 / x for x in [*real, L[-1].real] if x < 0.0]
     crossings = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)) != 0)
-    frequencies = [_crossing(loop, omega[k : k + 2], lambda x: np.abs(x) - 1.0) for k in crossings]
+    frequencies = [_crossing_frequency(loop, omega[k : k + 2], lambda x: np.abs(x) - 1.0) for k in crossings]
     phases = [float(np.angle(-loop.frequency_response(w)[0])) for w in frequencies]
     delays = [(phase % (2.0 * np.pi)) / w for phase, w in zip(phases, frequencies, strict=True)]
     return (
@@ -121,7 +123,7 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
     )
 
 
-def loop_transfer(plant: Linear, channel: int) -> Linear:
+def loop_transfer(plant: LinearSystem, channel: int) -> LinearSystem:
     """Return L of a channel with the other channels closed: their commands become states.  (2)"""
     A, B, C, D, dt_s = plant
     closed_channels = [k for k in range(B.shape[1]) if k != channel]
@@ -134,10 +136,12 @@ def loop_transfer(plant: Linear, channel: int) -> Linear:
     A_late = np.block([[A_closed, np.zeros((n + m, 1))], [row, np.zeros((1, 1))]])
     B_late = np.vstack([B_closed, D[[channel]][:, [channel]]])
     C_late = np.hstack([np.zeros((1, n + m)), -np.ones((1, 1))])
-    return Linear(A_late, B_late, C_late, np.zeros((1, 1)), dt_s)
+    return LinearSystem(A_late, B_late, C_late, np.zeros((1, 1)), dt_s)
 
 
-def linearise(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> tuple[Linear, bool]:
+def linearise(
+    vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
+) -> tuple[LinearSystem, bool]:
     """Return one tick of the loop, linearised at a straight drive, and True if that drive is steady.  (1)
 
     Newton's method finds the state x in which a tick f changes only the position: f(x) = x + v δ ∂x/∂position.
@@ -148,24 +152,24 @@ def linearise(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: fl
         1.0 / vehicle_file.rate_hz,
     )
     state = begin(system)
-    flat = _Numbers(state)
-    direction = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
+    flat = _NumberRow(state)
+    direction = flat.row(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.row(state)
     state = state._replace(world=state.world._replace(vehicle=_moving_state(state.world.vehicle, speed_m_s)))
     state, _ = _drive_system(system, state, tick_times(round(SETTLE_S * rate_hz), rate_hz))
 
     def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
-        flat = _Numbers(state)
-        return lambda row: flat.of(advance(system, dt_s, flat.state(row), Input(t_ns, None))[0])
+        flat = _NumberRow(state)
+        return lambda row: flat.row(advance(system, dt_s, flat.state(row), Input(t_ns, None))[0])
 
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
-    x, J, steady = _steady_state(tick, flat.of(state), speed_m_s * dt_s * direction)
+    x, J, steady = _steady_state(tick, flat.row(state), speed_m_s * dt_s * direction)
     if not steady:  # for example, the controller does not correct the cross-track error
         t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
-        J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)
+        J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.row(state)), dtype=float)
         steady = bool(np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE)
     n = len(x) - system.model.commands
-    return Linear(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
+    return LinearSystem(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
 
 
 def _steady_state(
@@ -192,7 +196,7 @@ def _drive_system(system: System, state: SystemState, t_ns: np.ndarray) -> tuple
     return state, np.array(commands)
 
 
-class _Numbers:
+class _NumberRow:
     """Conversion between a state and the row of its non-integer numbers, with the command at the end."""
 
     def __init__(self, example: SystemState) -> None:
@@ -201,7 +205,7 @@ class _Numbers:
         self.example = [np.asarray(value, dtype=float) for value in values(self.shape, _parts(example))]
         self.free = [k for k, leaf in enumerate(self.leaves) if leaf.kind == "f"]
 
-    def of(self, state: SystemState) -> Tree:
+    def row(self, state: SystemState) -> Tree:
         """Return the row of the non-integer numbers of a state."""
         state_values = list(values(self.shape, _parts(state)))
         return np.concatenate([np.reshape(state_values[k], -1) for k in self.free])
@@ -238,7 +242,7 @@ def _moving_state(vehicle: Tree, speed_m_s: float) -> Tree:
     return vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
 
 
-def _crossing(loop: Linear, ends: np.ndarray, function: Callable[[complex], float]) -> float:
+def _crossing_frequency(loop: LinearSystem, ends: np.ndarray, function: Callable[[complex], float]) -> float:
     """Return the frequency [rad/s] between both `ends` at which a function of L changes its sign, by bisection."""
     low, high = (float(x) for x in ends)
     sign = np.sign(function(loop.frequency_response(low)[0]))

@@ -18,7 +18,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
-SCOUTED_POINTS = 24  # points of the cube that are evaluated before the descents
+SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
 MAX_EVALUATIONS = 60  # of one descent
 MAX_RELATIVE_SLOPE = (
@@ -63,14 +63,14 @@ def search(
     With `polish`, searches without gradients follow if the cost is rough.
     """
     minimize = _minimize()
-    points = [gains(x, low, high) for x in halton(SCOUTED_POINTS, len(low))]
+    points = [gains(x, low, high) for x in halton(SAMPLED_POINTS, len(low))]
     by_cost = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
     begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in by_cost[:start_count]]
     ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < DIVERGED_COST and ends[0].slope > MAX_RELATIVE_SLOPE:
         for _ in range(SIMPLEX_SEARCHES):
-            ends[:2] = [_polish(minimize, cost, end, low, high) for end in ends[:2]]
+            ends[:2] = [_refine_with_simplex(minimize, cost, end, low, high) for end in ends[:2]]
             ends.sort(key=lambda d: d.cost)
     return ends
 
@@ -98,7 +98,7 @@ def _descend(
         costs.append(_finite(value))
         if costs[-1] == DIVERGED_COST or not np.all(np.isfinite(gradient)):
             return DIVERGED_COST * scale, np.zeros(len(x))
-        return value * scale, gradient * stretch(x, low, high) * scale
+        return value * scale, gradient * gain_derivative(x, low, high) * scale
 
     options = {"maxfun": MAX_EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
     x0 = coordinates(start, low, high)
@@ -122,7 +122,9 @@ def _largest_slope(optimum: Any, x: np.ndarray) -> float:
     return float(np.max(np.abs(g)) / max(abs(optimum.fun), 1e-300))
 
 
-def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
+def _refine_with_simplex(
+    minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray
+) -> Descent:
     """Return the descent, continued with the simplex of Nelder and Mead.
 
     Its end changes only if the cost decreases.
@@ -160,7 +162,7 @@ def coordinates(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.log1p((g - low) / (high - low) * np.expm1(STRETCH_EXPONENT)) / STRETCH_EXPONENT
 
 
-def stretch(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def gain_derivative(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return ∂g/∂x (p,).  (1)"""
     return (high - low) * STRETCH_EXPONENT * np.exp(STRETCH_EXPONENT * x) / np.expm1(STRETCH_EXPONENT)
 

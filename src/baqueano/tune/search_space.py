@@ -18,7 +18,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.parameter import Parameter, parameters
-from baqueano.symbolic import get, put
+from baqueano.symbolic import value_at_path, with_value
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -43,9 +43,9 @@ class SearchSpace(NamedTuple):
     block: Controller  # the controller with allowed values of the gains
 
     @property
-    def first(self) -> JsonObject:
+    def initial_gains(self) -> JsonObject:
         """Return an allowed value of each gain, by name."""
-        return {name: float(np.asarray(get(self.block, name))) for name in self.names}
+        return {name: float(np.asarray(value_at_path(self.block, name))) for name in self.names}
 
     def widen(self, ends: np.ndarray) -> "SearchSpace":
         """Return the space with wider soft bounds where the entry of `ends` (p,) is −1 (at the lower bound) or +1 (at
@@ -63,7 +63,7 @@ class SearchSpace(NamedTuple):
 def with_gains(block: Controller, names: Iterable[str], gains: Iterable[float]) -> Controller:
     """Return a copy of the controller with these `gains` in the fields `names`."""
     for name, value in zip(names, gains, strict=True):
-        block = put(block, name, float(value))
+        block = with_value(block, name, float(value))
     return block
 
 
@@ -104,7 +104,7 @@ def search_space(
     """
     bounds = bounds or {}
     block, complete = _controller_of(vehicle_file, gains, controller)
-    if optional.of(block, "as_written"):
+    if optional.attribute(block, "as_written"):
         raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
     fields = {name.partition("[")[0] for name in entries}
@@ -119,7 +119,9 @@ def search_space(
     bounds = {e: bounds[name] for name in bounds for e in _entry_names(name, entries)}
     limit = vehicle_file.command.limit
     full_command = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
-    file_gains = np.array([float(np.asarray(get(block, n))) if complete else float("nan") for n in names])
+    file_gains = np.array(
+        [float(np.asarray(value_at_path(block, n))) if complete else float("nan") for n in names]
+    )
     gain_bounds = [
         _bounds(entries[n], full_command, file_gain, bounds.get(n))
         for n, file_gain in zip(names, file_gains, strict=True)

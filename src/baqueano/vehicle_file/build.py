@@ -113,7 +113,7 @@ def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
 
 
 def _lacks_noise(sensor: Tree) -> bool:
-    if optional.of(sensor, "usual_std") is None:
+    if optional.attribute(sensor, "usual_std") is None:
         return False
     return not bool(np.all(np.diag(sensor.cov) > 0.0))
 

@@ -14,10 +14,10 @@ import numpy as np
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.parameter import all_parameters
-from baqueano.symbolic import get, put
+from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicle_file.head import Channels, Geometry, reach_m, solid_inertia
 from baqueano.vehicle_file.tables import ReadReport, format_array
-from baqueano.vehicles.freedoms import damping_derivatives, rates
+from baqueano.vehicles.freedoms import damping_derivatives, decay_rates
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import SensorBlocks
@@ -126,10 +126,10 @@ def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: C
 
 def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) -> None:
     """Add a problem for friction whose time constant is below tick/2.785, because RK4 is then unstable.  (3)"""
-    fading_rates = rates(vehicle)
+    fading_rates = decay_rates(vehicle)
     for i in np.flatnonzero(fading_rates > RK4_LIMIT * rate_hz):
         path, _, entry = _fastest_path(vehicle, int(i)).partition("[")
-        steps = format_array(np.asarray(get({"model": vehicle}, path)))
+        steps = format_array(np.asarray(value_at_path({"model": vehicle}, path)))
         report.add_problem(
             tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=steps,
             entry=entry[:-1], stops_ms=1e3 / fading_rates[i], rate_hz=rate_hz, tick_ms=1e3 / rate_hz, most=RK4_LIMIT,
@@ -141,7 +141,7 @@ def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
     """Return the path of the friction that damps motion along axis i most, or of a time constant without friction."""
     model, fields_of_model = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
     rate_by_path = {
-        path: derivative[i] * float(get(model, path))
+        path: derivative[i] * float(value_at_path(model, path))
         for path, derivative in damping_derivatives(vehicle, fields_of_model)
     }
     if any(x > 0.0 for x in rate_by_path.values()):
@@ -149,7 +149,8 @@ def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
     candidates = [k for k, p in fields_of_model.items() if p.shape == ()]
     fitted_keys = [k for k in candidates if fields_of_model[k].role == "fitted"]
     return min(
-        fitted_keys or candidates, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i]
+        fitted_keys or candidates,
+        key=lambda k: decay_rates(with_value(model, k, 1.01 * value_at_path(model, k))["model"])[i],
     )
 
 
@@ -158,13 +159,15 @@ def _slowing_keys(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
 
     Keys of quantities that the user measures are excluded.
     """
-    model, table, present_rate = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
-    candidates = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]
-    changed_models = {k: put(model, k, 1.01 * np.asarray(get(model, k))) for k in candidates}
+    model, table, present_rate = {"model": vehicle}, path.rpartition(".")[0], decay_rates(vehicle)[i]
+    candidates = [
+        k for k, p in all_parameters(value_at_path(model, table), table) if k != path and not p.measured_by
+    ]
+    changed_models = {k: with_value(model, k, 1.01 * np.asarray(value_at_path(model, k))) for k in candidates}
     return [
         k.rpartition(".")[2]
         for k, changed_model in changed_models.items()
-        if rates(changed_model["model"])[i] < 0.999 * present_rate
+        if decay_rates(changed_model["model"])[i] < 0.999 * present_rate
     ]
 
 
@@ -174,7 +177,7 @@ def _notice_speed(report: ReadReport, vehicle: "DynamicVehicle", channels: Chann
     """
     drivetrain, limit = vehicle.drivetrain, np.broadcast_to(channels.limit, (vehicle.commands,))
     for u in np.diag(np.where(np.isfinite(limit), limit, 0.0)):
-        effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
+        effort = drivetrain.unmix(drivetrain.static_response(drivetrain.mix(u)))
         for i, speed, unit in ((0, MAX_SPEED_M_S, "m/s"), (2, MAX_YAW_RATE_RAD_S, "rad/s")):
             nu = speed * np.eye(3)[i]
             if np.any(u) and (vehicle.nu_dot(nu, effort)[i] > 0.0 or vehicle.nu_dot(-nu, effort)[i] < 0.0):

@@ -28,7 +28,7 @@ MIN_TICK_S = 1e-9  # one count of the clock: the length used for a tick without 
 INITIAL_STEP_S = 1.0  # assumed duration of each past value before the first tick
 
 
-class Piece(NamedTuple):
+class CommandSegment(NamedTuple):
     """A segment of a tick in which one command acts."""
 
     u: np.ndarray  # (n,)
@@ -36,9 +36,9 @@ class Piece(NamedTuple):
     length_s: Value
 
 
-def pieces_in_force(
+def command_segments(
     u: np.ndarray, past_commands: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value
-) -> list[Piece]:
+) -> list[CommandSegment]:
     """Return the segments of a tick of `dt_s` with the command that acts in each, in order.  (1)
 
     `u` (n,) is the command of this tick. `past_commands` (slots, n) are the earlier commands, which were sent for
@@ -46,7 +46,7 @@ def pieces_in_force(
     """
     slots = past_commands.shape[0]
     if slots == 0:
-        return [Piece(u, 0.0, dt_s)]
+        return [CommandSegment(u, 0.0, dt_s)]
     values, begins_s = (
         [u, u, u, *past_commands],
         [dt_s, dt_s, delay_s],
@@ -61,14 +61,14 @@ def pieces_in_force(
     first, second, third, to_second, to_third = selection
     end_first, end_second = np.clip(to_second, 0.0, dt_s), np.clip(to_third, 0.0, dt_s)
     pieces = [
-        Piece(first, 0.0, end_first),
-        Piece(second, end_first, end_second - end_first),
-        Piece(third, end_second, dt_s - end_second),
+        CommandSegment(first, 0.0, end_first),
+        CommandSegment(second, end_first, end_second - end_first),
+        CommandSegment(third, end_second, dt_s - end_second),
     ]
     return pieces[: slots + 1]
 
 
-def read(
+def delayed_value(
     newest: np.ndarray,
     line: np.ndarray,
     steps_s: np.ndarray,

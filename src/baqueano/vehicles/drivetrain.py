@@ -24,7 +24,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import INITIAL_STEP_S, check_delay, pieces_in_force, with_newest
+from baqueano.vehicles.delay import INITIAL_STEP_S, check_delay, command_segments, with_newest
 from baqueano.vehicles.effort import Effort, direct_effort, lagged_effort
 
 MIN_LAG_S = 1e-100  # a tick divided by a smaller lag exceeds the range of floating-point numbers
@@ -44,13 +44,13 @@ class DrivetrainState(NamedTuple):
         Commands of the previous ticks, newest first.
     steps_s : ndarray (delay_slots,)
         Duration of each of the previous ticks.
-    lagged : ndarray (k,) [unit of u]
+    lag_state : ndarray (k,) [unit of u]
         Channels after the motor lag.
     """
 
-    past: np.ndarray
+    past_commands: np.ndarray
     steps_s: np.ndarray
-    lagged: np.ndarray
+    lag_state: np.ndarray
 
 
 def mix(mixing: str, u: np.ndarray) -> np.ndarray:
@@ -217,26 +217,27 @@ class Drivetrain:
         """Return the state of motors that have had the command `u` (n,) for a long time."""
         rest_state = self.init()
         return rest_state._replace(
-            past=rest_state.past + u, lagged=self.static(self.mix(u)) if self.has_lag else rest_state.lagged
+            past_commands=rest_state.past_commands + u,
+            lag_state=self.static_response(self.mix(u)) if self.has_lag else rest_state.lag_state,
         )
 
     def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
         """Return the state and the effort over a tick of `dt_s`, during which `u` (n,) is sent.  (1)-(8)"""
-        pieces = pieces_in_force(u, state.past, state.steps_s, self.delay_s, dt_s)
-        pieces = [piece._replace(u=self.static(self.mix(piece.u))) for piece in pieces]
+        pieces = command_segments(u, state.past_commands, state.steps_s, self.delay_s, dt_s)
+        pieces = [piece._replace(u=self.static_response(self.mix(piece.u))) for piece in pieces]
         lag = (
-            lagged_effort(pieces, state.lagged, self.lag_s, dt_s)
+            lagged_effort(pieces, state.lag_state, self.lag_s, dt_s)
             if self.has_lag
             else direct_effort(pieces, dt_s)
         )
         next_state = DrivetrainState(
-            with_newest(state.past, u),
+            with_newest(state.past_commands, u),
             with_newest(state.steps_s, dt_s),
-            lag.last if self.has_lag else state.lagged,
+            lag.last if self.has_lag else state.lag_state,
         )
         return next_state, Effort(*map(self.unmix, lag))
 
-    def static(self, w: np.ndarray) -> np.ndarray:
+    def static_response(self, w: np.ndarray) -> np.ndarray:
         """Return the input (k,) of the motor lag for the channels `w` (k,).  (3)-(6)"""
         w = np.clip(quantise(w, self.duty_step), -self.limit, self.limit)
         w = w * self._supply(1.0 - self.sag * np.mean(np.abs(w[self._motors])))
@@ -261,7 +262,7 @@ class Drivetrain:
         sag_factor = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * mean_effort, 0.0))
         return self.unmix(np.sign(w) * duty / self._supply(sag_factor))
 
-    def turn_first(self, u: np.ndarray) -> np.ndarray:
+    def prioritise_turn(self, u: np.ndarray) -> np.ndarray:
         """Return the command (n,) with its speed reduced so that no wheel reaches its limit; u_ψ is not reduced.
 
         A wheel at its limit would turn the vehicle off its path. Without a mix of wheels, return `u` unchanged.

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.vehicles.delay import MIN_TICK_S, Piece
+from baqueano.vehicles.delay import MIN_TICK_S, CommandSegment
 
 END_OF_TICK = 1.0 - 1e-9  # of a tick: a segment that begins later does not act at the end of the tick
 
@@ -56,7 +56,7 @@ def constant_effort(effort: np.ndarray) -> Effort:
     return Effort(effort, effort, effort)
 
 
-def direct_effort(pieces: Sequence[Piece], dt_s: Value) -> Effort:
+def direct_effort(pieces: Sequence[CommandSegment], dt_s: Value) -> Effort:
     """Return the effort of motors without a lag.  (2, 3)"""
     last = pieces[0].u
     if len(pieces) == 1:
@@ -67,10 +67,12 @@ def direct_effort(pieces: Sequence[Piece], dt_s: Value) -> Effort:
         integral = integral + w * (h / dt_s)
         moment = moment + w * (h * (2.0 * a + h) / dt_s**2)
         last = np.where(a < END_OF_TICK * dt_s, w, last)
-    return _line(integral, moment, last)
+    return _effort_line(integral, moment, last)
 
 
-def lagged_effort(pieces: Sequence[Piece], lag_state: np.ndarray, lag_s: Value, dt_s: Value) -> Effort:
+def lagged_effort(
+    pieces: Sequence[CommandSegment], lag_state: np.ndarray, lag_s: Value, dt_s: Value
+) -> Effort:
     """Return the effort of motors with the time constant `lag_s`; `lag_state` (k,) is their state before.  (1)-(3)"""
     integral = moment = np.zeros(len(pieces[0].u))
     dt_s = np.maximum(dt_s, MIN_TICK_S)
@@ -82,9 +84,9 @@ def lagged_effort(pieces: Sequence[Piece], lag_state: np.ndarray, lag_s: Value, 
         integral = integral + (w * h + x * j_0) / dt_s
         moment = moment + (w * (h * (2.0 * a + h)) + 2.0 * x * (a * j_0 + j_1)) / dt_s**2
         lag_state = w + x * fade
-    return _line(integral, moment, lag_state)
+    return _effort_line(integral, moment, lag_state)
 
 
-def _line(mean: np.ndarray, moment: np.ndarray, last: np.ndarray) -> Effort:
+def _effort_line(mean: np.ndarray, moment: np.ndarray, last: np.ndarray) -> Effort:
     m_1 = moment - mean
     return Effort(mean - 3.0 * m_1, mean + 3.0 * m_1, last)

@@ -12,7 +12,7 @@ import numpy as np
 from baqueano.contracts.optional import is_dynamic
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
-from baqueano.symbolic import get, put
+from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.state import DynamicVehicle
 
@@ -31,7 +31,7 @@ def coasting_axes(vehicle: DynamicVehicle) -> tuple[int, ...]:
     return tuple(axes)
 
 
-def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> np.ndarray:
+def decay_rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> np.ndarray:
     """Return the decay rates (3,) [1/s] of motions along the `freedoms`; zeros for a vehicle without nu_dot.  (2)
     `freedoms` is the result of `coasting_axes`, if it is already known.
     """
@@ -50,13 +50,13 @@ def damping_derivatives(
     for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
-        shape = np.shape(get(model, path))
+        shape = np.shape(value_at_path(model, path))
         rates_at_zero, rates_at_one = (
-            _rates(put(model, path, np.full(shape, x))["model"], freedoms) for x in (0.0, 1.0)
+            _rates(with_value(model, path, np.full(shape, x))["model"], freedoms) for x in (0.0, 1.0)
         )
         for index in np.ndindex(shape) if np.any(np.abs(rates_at_one - rates_at_zero) > 1e-6) else ():
             entry_path = f"{path}[{','.join(map(str, index))}]" if index else path
-            rates_at = [_rates(put(model, entry_path, x)["model"], freedoms) for x in (0.0, 1.0, 2.0)]
+            rates_at = [_rates(with_value(model, entry_path, x)["model"], freedoms) for x in (0.0, 1.0, 2.0)]
             first_step, second_step = rates_at[1] - rates_at[0], rates_at[2] - rates_at[1]
             if np.any(first_step > 1e-6) and np.allclose(first_step, second_step, rtol=1e-3):
                 yield entry_path, np.where(first_step > 1e-6, first_step, 0.0)
@@ -72,10 +72,10 @@ def _rates(vehicle: DynamicVehicle, index: tuple[int, ...]) -> np.ndarray:
     return fading_rates
 
 
-def ideal(vehicle: DynamicVehicle) -> DynamicVehicle:
+def with_ideal_drivetrain(vehicle: DynamicVehicle) -> DynamicVehicle:
     """Return the vehicle with an ideal drivetrain, without a dead zone that hides the effect of small commands."""
     drivetrain = Drivetrain(mixing=vehicle.drivetrain.mixing, commands=vehicle.commands)
-    return put({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
+    return with_value({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
 
 
 def is_steered(vehicle: DynamicVehicle) -> bool:
@@ -92,6 +92,6 @@ def is_turned_by_last_command(vehicle: DynamicVehicle) -> bool:
 
 def _accelerations(vehicle: DynamicVehicle, command: int) -> np.ndarray:
     """Return ν (3,) shortly after rest, with one unit of one command; this ν is proportional to the acceleration."""
-    vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
+    vehicle, u = with_ideal_drivetrain(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SHORT_TIME_S, np.zeros(3))
     return vehicle.step(state, u, SHORT_TIME_S, np.zeros(3))[0].nu

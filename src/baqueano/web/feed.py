@@ -35,15 +35,15 @@ class Feed:
         self._made_s: deque[tuple[int, float]] = deque(maxlen=MAX_FRAME_TIMES)
         self._last: Sequence[float] = ()
 
-    def columns(self, names: list[str]) -> bool:
+    def begin_drive(self, names: list[str]) -> bool:
         """Begin a drive with these column names; return True if they differ from the previous names."""
-        self._forget()
+        self._clear()
         if names == self.names:
             return False
         self.names, self._at = names, {name: k for k, name in enumerate(names)}
         return True
 
-    def take(self, message: "JsonObject") -> bytes | None:
+    def add_rows(self, message: "JsonObject") -> bytes | None:
         """Store the ticks of a message, and return them as a binary frame, or None if their columns do not match."""
         rows = message["x"]
         if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
@@ -54,10 +54,10 @@ class Feed:
             return None
         if sys.byteorder == "big":
             values.byteswap()
-        t = self._time(rows[0])
+        t = self._time_s(rows[0])
         if self._ring and t < self._ring[-1][0]:
-            self._forget()
-        self._keep(t, len(rows), values.tobytes())
+            self._clear()
+        self._store_rows(t, len(rows), values.tobytes())
         self._last = rows[-1]
         self.number = (self.number + 1) % FRAME_NUMBER_COUNT
         self._made_s.append((self.number, self._now()))
@@ -108,17 +108,17 @@ class Feed:
                     total, count = total + value, count + 1
         return (total / count if count else NAN), count
 
-    def _keep(self, t: float, rows: int, data: bytes) -> None:
+    def _store_rows(self, t: float, rows: int, data: bytes) -> None:
         self._ring.append((t, rows, data))
         self._rows += rows
         while self._ring[0][0] < t - RING_S or self._rows > MAX_ROWS:
             self._rows -= self._ring.popleft()[1]
 
-    def _time(self, row: Sequence[float]) -> float:
+    def _time_s(self, row: Sequence[float]) -> float:
         k = self._at.get("t", 0)
         return float(row[k] or 0.0)
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._ring.clear()
         self._rows, self._last = 0, ()
 

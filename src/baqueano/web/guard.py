@@ -47,7 +47,7 @@ class Role(IntEnum):
     DRIVE = 3
 
     @property
-    def word(self) -> str:
+    def protocol_name(self) -> str:
         """Return the name of the role in the protocol."""
         return self.name.lower()
 
@@ -68,15 +68,15 @@ class Guard:
         self.tokens = {role: secrets.token_urlsafe(16) for role in Role}
         self._failures: defaultdict[str, deque[float]] = defaultdict(deque)
 
-    def knows_host(self, hosts: list[str]) -> bool:
+    def is_served_host(self, hosts: list[str]) -> bool:
         """Return True if a request has exactly one Host header, and it names a served host.  (1)"""
         return len(hosts) == 1 and hosts[0].lower() in self.hosts
 
-    def knows_origin(self, origins: list[str]) -> bool:
+    def is_allowed_origin(self, origins: list[str]) -> bool:
         """Return True if an upgrade is from a page of this server, or does not have an Origin header.  (2)"""
         return not origins or (len(origins) == 1 and origins[0].lower() in self._origins)
 
-    def role(self, address: str, token: str, from_page: bool) -> Role | None:
+    def role_of_browser(self, address: str, token: str, from_page: bool) -> Role | None:
         """Return the role of a browser, None if the browser is refused.  (2), (3)
 
         Without an Origin the role is at most VIEW. Tokens are valid for TOKEN_LIFETIME_S after the start of the page.
@@ -97,24 +97,24 @@ class Guard:
             if hmac.compare_digest(candidate, own_token.encode()):
                 matching = role
         if matching is None or self._now() - self._begun_s > TOKEN_LIFETIME_S:
-            self._fail(address)
+            self._record_failure(address)
             return None
         return matching if from_page else Role.VIEW
 
-    def _fail(self, address: str) -> None:
+    def _record_failure(self, address: str) -> None:
         if len(self._failures) > MAX_ADDRESSES:
             self._failures.clear()
         self._failures[address].append(self._now())
 
 
-class Rate:
+class RateLimit:
     """A limit of `each_s` messages per second. A burst of twice as many is allowed, after a pause of this process."""
 
     def __init__(self, each_s: float, now: Callable[[], float] = time.monotonic) -> None:
         self._each_s, self._most, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
         self._now, self._last_s = now, now()
 
-    def one_more(self) -> bool:
+    def allows_message(self) -> bool:
         """Count one more message; return True if it is within the rate."""
         now_s = self._now()
         self._credit = min(self._most, self._credit + (now_s - self._last_s) * self._each_s)
@@ -134,7 +134,7 @@ def url_host(address: str) -> str:
     return f"[{address}]" if ":" in address else address
 
 
-def mission_of(request: "JsonObject") -> "tuple[str, JsonObject]":
+def requested_mission(request: "JsonObject") -> "tuple[str, JsonObject]":
     """Return the kind and the options of the mission that a browser requests.
 
     Unknown options are ignored. Raise UsageError for an unknown kind, or an option of the wrong type.
@@ -145,20 +145,20 @@ def mission_of(request: "JsonObject") -> "tuple[str, JsonObject]":
             fault("web.no-such-mission", kind=one_line(kind)[:MAX_OPTION_LETTERS], known=[*MISSION_OPTIONS])
         )
     kinds = MISSION_OPTIONS[kind]
-    return kind, {name: _of_kind(request[name], kinds[name]) for name in kinds if name in request}
+    return kind, {name: _checked_option(request[name], kinds[name]) for name in kinds if name in request}
 
 
-def finite(x: object) -> bool:
+def is_finite_number(x: object) -> bool:
     """Return True if `x` is an int or a float, but not a bool, and finite."""
     return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
 
 
-def _of_kind(value: object, kind: type) -> object:
+def _checked_option(value: object, kind: type) -> object:
     """Return an option of a mission.
 
     Raise UsageError for another type, a number that is not finite, or a text over MAX_OPTION_LETTERS characters.
     """
-    if kind is float and finite(value):
+    if kind is float and is_finite_number(value):
         return value
     if kind is str and isinstance(value, str) and len(value) <= MAX_OPTION_LETTERS:
         return value

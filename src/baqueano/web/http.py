@@ -45,7 +45,7 @@ class RefusedRequest(Exception):
         self.status, self.headers = status, headers
 
 
-class Head(NamedTuple):
+class RequestHead(NamedTuple):
     """The head of a request: method, path and headers."""
 
     method: str
@@ -64,7 +64,7 @@ class Content(NamedTuple):
     content: bytes | Path
     policy: str = PAGE_POLICY
     download: str = ""  # the file name for a download
-    packed: bytes = b""  # the same bytes compressed by gzip
+    gzip_bytes: bytes = b""  # the same bytes compressed by gzip
 
 
 async def read_head(reader: asyncio.StreamReader) -> bytes:
@@ -80,7 +80,7 @@ async def read_head(reader: asyncio.StreamReader) -> bytes:
         raise EOFError from error
 
 
-def head_of(data: bytes) -> Head:
+def parse_head(data: bytes) -> RequestHead:
     """Return the request head in these bytes. Raise RefusedRequest if it is malformed or its method is not allowed."""
     lines = data.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
     request_line = lines[0].split(" ")
@@ -100,10 +100,10 @@ def head_of(data: bytes) -> Head:
         or headers.get("content-length", ["0"]) != ["0"]
     ):
         raise RefusedRequest(HTTPStatus.BAD_REQUEST)
-    return Head(request_line[0], request_line[1].partition("?")[0], headers)
+    return RequestHead(request_line[0], request_line[1].partition("?")[0], headers)
 
 
-def static(folder: Path) -> dict[str, Content]:
+def static_files(folder: Path) -> dict[str, Content]:
     """Return URL path → content of the files in the folder, read now. Files of unknown types are omitted."""
     table = {}
     for path in sorted(folder.rglob("*")):
@@ -112,7 +112,7 @@ def static(folder: Path) -> dict[str, Content]:
             content = path.read_bytes()
             compressed = gzip.compress(content, mtime=0) if kind.endswith("utf-8") else b""
             table[f"/static/{path.relative_to(folder).as_posix()}"] = Content(
-                kind, content, packed=compressed
+                kind, content, gzip_bytes=compressed
             )
     if "/static/index.html" in table:
         table["/"] = table["/static/index.html"]
@@ -122,10 +122,10 @@ def static(folder: Path) -> dict[str, Content]:
 async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
     """Answer a refused request with its status code and status phrase."""
     kind, text = CONTENT_TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
-    await _send(writer, _head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
+    await _send(writer, _response_head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
 
 
-def takes_gzip(head: Head) -> bool:
+def accepts_gzip(head: RequestHead) -> bool:
     """Return True if the browser accepts gzip."""
     offers = (offer.strip().lower() for value in head.values("accept-encoding") for offer in value.split(","))
     return any(
@@ -133,16 +133,19 @@ def takes_gzip(head: Head) -> bool:
     )
 
 
-async def reply(writer: asyncio.StreamWriter, body: Content, head: Head) -> None:
+async def reply(writer: asyncio.StreamWriter, body: Content, head: RequestHead) -> None:
     """Answer a request with a body, compressed if the browser accepts this; the answer to HEAD has only headers."""
-    head_only, extra_headers = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.packed else {}
-    if body.packed and takes_gzip(head):
-        body, extra_headers = body._replace(content=body.packed), extra_headers | {"Content-Encoding": "gzip"}
+    head_only, extra_headers = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.gzip_bytes else {}
+    if body.gzip_bytes and accepts_gzip(head):
+        body, extra_headers = (
+            body._replace(content=body.gzip_bytes),
+            extra_headers | {"Content-Encoding": "gzip"},
+        )
     is_file = isinstance(body.content, Path)
     size = body.content.stat().st_size if isinstance(body.content, Path) else len(body.content)
     if body.download:
         extra_headers["Content-Disposition"] = f'attachment; filename="{body.download}"'
-    start = _head(HTTPStatus.OK, body.kind, size, body.policy, extra_headers)
+    start = _response_head(HTTPStatus.OK, body.kind, size, body.policy, extra_headers)
     if head_only or not is_file:
         await _send(writer, start + (b"" if head_only or isinstance(body.content, Path) else body.content))
         return
@@ -161,7 +164,9 @@ async def _send(writer: asyncio.StreamWriter, data: bytes) -> None:
             await writer.drain()
 
 
-def _head(status: HTTPStatus, kind: str, size: int, policy: str, extra_headers: dict[str, str]) -> bytes:
+def _response_head(
+    status: HTTPStatus, kind: str, size: int, policy: str, extra_headers: dict[str, str]
+) -> bytes:
     headers = {
         "Content-Type": kind, "Content-Length": str(size), "Content-Security-Policy": policy, **FIXED_HEADERS,
         **extra_headers,

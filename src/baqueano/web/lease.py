@@ -40,30 +40,30 @@ class Lease:
         return self._holder
 
     @property
-    def left_s(self) -> float:
+    def remaining_s(self) -> float:
         """Return the time [s] after which the right ends without another heartbeat, 0 if it is free."""
         return max(0.0, self._until_s - self._now()) if self.holder is not None else 0.0
 
-    def take(self, visitor: object, name: str) -> None:
+    def acquire(self, visitor: object, name: str) -> None:
         """Give the right to drive to `visitor`. Raise SafetyStop while another visitor is the holder."""
         if self.holder is not None and self._holder is not visitor:
             raise SafetyStop(note("web.lease-taken", Severity.ERROR, name=self._name))
         self._holder, self._name = visitor, name
         self._n, self._until_s = 0, self._now() + LEASE_S
 
-    def give(self, visitor: object, to: object = None, name: str = "") -> None:
+    def pass_to(self, visitor: object, to: object = None, name: str = "") -> None:
         """Pass the right to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` is not the holder."""
-        self.check(visitor)
+        self.check_holder(visitor)
         self._holder = None
         if to is not None:
-            self.take(to, name)
+            self.acquire(to, name)
 
-    def check(self, visitor: object) -> None:
+    def check_holder(self, visitor: object) -> None:
         """Raise SafetyStop if `visitor` is not the holder."""
         if visitor is None or self.holder is not visitor:
             raise SafetyStop(note("web.lease-needed", Severity.ERROR))
 
-    def beat(self, visitor: object, n: int, age_s: float, way_s: float = 0.0) -> bool:
+    def renew(self, visitor: object, n: int, age_s: float, way_s: float = 0.0) -> bool:
         """Renew the right and return True if this heartbeat is valid; return False otherwise.  (1)
 
         `n` is its number, `age_s` [s] the age of its picture, `way_s` [s] the round-trip time.
@@ -90,7 +90,7 @@ def lease_messages(lease: Lease, visitors: list[Visitor]) -> "Iterator[tuple[Vis
     for visitor in visitors:
         others = [other.name for other in visitors if other.role == Role.DRIVE and other is not visitor]
         yield visitor, {
-            "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * lease.left_s),
+            "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * lease.remaining_s),
             "you": visitor is holder, "watching": len(visitors) - (holder is not None),
             "others": others if visitor is holder else [],
         }  # fmt: skip

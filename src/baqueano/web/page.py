@@ -16,19 +16,19 @@ from baqueano.messages.language import LANGUAGES, use_language
 from baqueano.messages.printable import one_line
 from baqueano.web import PROTOCOL
 from baqueano.web.guard import Guard
-from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.identifying import Identifying
+from baqueano.web.lab.live_identification import LiveIdentification
 from baqueano.web.lab.questions import Questions
-from baqueano.web.lab.shelf import Shelf
+from baqueano.web.lab.run_list import RunList
+from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.visitor import POLICY, Visitor
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-ROWS = 4096  # most rows in a frame of a run
-OF = {1: "run", 2: "ghost"}  # streams of the opened runs
-STREAM = 24  # bits of the number of a frame, below its stream: 0 live, 1 the run, 2 its ghost
-IMU = {"imu[0]": "web.imu-ahead", "imu[1]": "web.imu-left", "imu[2]": "web.imu-turning"}
+ROWS_PER_FRAME = 4096  # most rows in a frame of a run
+RUN_OF_STREAM = {1: "run", 2: "ghost"}  # streams of the opened runs
+STREAM_SHIFT_BITS = 24  # bits of the number of a frame, below its stream: 0 live, 1 the run, 2 its ghost
+IMU_LABELS = {"imu[0]": "web.imu-ahead", "imu[1]": "web.imu-left", "imu[2]": "web.imu-turning"}
 LABELS = {
     "t": "web.label-time", "eta.x": "web.label-x", "eta.y": "web.label-y", "eta.psi": "web.label-heading",
     "P.xx": "web.label-var-x", "P.xy": "web.label-cov-xy", "P.yy": "web.label-var-y", "P.psi": "web.label-var-heading",
@@ -38,9 +38,9 @@ LABELS = {
     "truth.psi": "web.label-true-heading", "nis": "web.label-nis", "progress": "web.label-progress",
     "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
 }  # fmt: skip
-SLOW = ("mission", "swap", "write", "ask")  # messages that can need an answer of a worker
-LONGEST_NAME = 40  # most characters of a name
-LONGEST_FILTER = 200
+SLOW_MESSAGES = ("mission", "swap", "write", "ask")  # messages that can need an answer of a worker
+MAX_NAME_LETTERS = 40  # most characters of a name
+MAX_FILTER_LETTERS = 200
 MAX_QUESTIONS = 32  # most questions of a browser that wait for an answer; the page itself asks a few at once
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
@@ -56,7 +56,7 @@ class VehicleSide(Protocol):
         """Send a browser, after its `hello`, the events and the rows of the drive so far."""
         ...
 
-    async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
         """Execute a message of a browser; the caller answers a BaqueanoError with `no`."""
         ...
 
@@ -64,7 +64,7 @@ class VehicleSide(Protocol):
         """Release what belongs to a browser that has disconnected."""
         ...
 
-    def may_change(self, visitor: Visitor) -> None:
+    def check_may_change(self, visitor: Visitor) -> None:
         """Raise SafetyStop if a browser is not allowed to change the next mission."""
         ...
 
@@ -80,11 +80,11 @@ class BrowserPage:
     """The handler of all browsers of a page, with a vehicle (`live`) or with the recorded runs `opened`."""
 
     def __init__(
-        self, lab: Lab, shelf: Shelf, guard: Callable[[], Guard], opened: tuple[Path, ...] = (),
+        self, lab: WorkerClient, shelf: RunList, guard: Callable[[], Guard], opened: tuple[Path, ...] = (),
         live: VehicleSide | None = None,
     ) -> None:  # fmt: skip
         self._lab, self._shelf, self._guard, self._start_paths, self.live = lab, shelf, guard, opened, live
-        self._identifying = Identifying()  # for finished runs
+        self._identifying = LiveIdentification()  # for finished runs
         first = {"path": str(opened[0])} if opened else None
         self.source: Callable[[], JsonObject | None] = lambda: first  # the subject of questions
         self.questions = Questions(shelf, lambda: self.source())
@@ -92,40 +92,45 @@ class BrowserPage:
         self._waiting: Counter[Visitor] = Counter()  # questions that wait for an answer
         self._reading: set[asyncio.Task[None]] = set()
 
-    async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
         """Execute a message of a browser. A slow message runs as a task, because the next message can be a stop."""
-        if word["is"] in SLOW:
-            self._later(self._do(visitor, word))
+        if message["is"] in SLOW_MESSAGES:
+            self._start_task(self._execute(visitor, message))
         else:
-            await self._do(visitor, word)
+            await self._execute(visitor, message)
 
-    async def _do(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _execute(self, visitor: Visitor, message: "JsonObject") -> None:
         words: dict[str, Callable[[Visitor, JsonObject], Awaitable[None]]] = {
             "hello": self._hello, "open": self._open, "runs": self._runs, "ask": self._ask,
             "swap": self._swap, "write": self._write,
         }  # fmt: skip
         try:
-            if visitor.role is None and word["is"] != "hello":
+            if visitor.role is None and message["is"] != "hello":
                 raise UsageError(fault("web.no-hello"))
-            if (do := words.get(word["is"])) is not None:
-                await do(visitor, word)
+            if (do := words.get(message["is"])) is not None:
+                await do(visitor, message)
             elif self.live is not None:
-                await self.live.receive(visitor, word)
+                await self.live.receive(visitor, message)
             else:
-                raise UsageError(fault("web.no-vehicle", word=one_line(word["is"])[:LONGEST_NAME]))
+                raise UsageError(fault("web.no-vehicle", word=one_line(message["is"])[:MAX_NAME_LETTERS]))
         except BaqueanoError as error:
-            self.refuse(visitor, word, error.diagnostic)
+            self.refuse(visitor, message, error.diagnostic)
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
-            self.refuse(visitor, word, fault("web.not-understood", error=type(error).__name__))
+            self.refuse(visitor, message, fault("web.not-understood", error=type(error).__name__))
 
-    def refuse(self, visitor: Visitor, word: "JsonObject", reason: Diagnostic) -> None:
+    def refuse(self, visitor: Visitor, message: "JsonObject", reason: Diagnostic) -> None:
         """Answer a message with `no` and the reason, and disconnect a browser without a role."""
         with use_language(visitor.language):
             visitor.send(
-                {"is": "no", "why": text(reason), "code": str(reason.code), "to": word["is"][:LONGEST_NAME]}
+                {
+                    "is": "no",
+                    "why": text(reason),
+                    "code": str(reason.code),
+                    "to": message["is"][:MAX_NAME_LETTERS],
+                }
             )
         if visitor.role is None:
-            visitor.end(POLICY)
+            visitor.disconnect_after_sending(POLICY)
 
     async def close(self) -> None:
         """End the workers of the page."""
@@ -137,43 +142,45 @@ class BrowserPage:
         if self.live is not None and visitor.role is not None:
             self.live.on_disconnect(visitor)
 
-    async def _hello(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _hello(self, visitor: Visitor, message: "JsonObject") -> None:
         if visitor.role is not None:
             raise UsageError(fault("web.hello-again"))
-        if word.get("lang") in LANGUAGES:
-            visitor.language = word["lang"]
-        role = self._guard().role(visitor.address, str(word.get("token") or ""), visitor.from_page)
+        if message.get("lang") in LANGUAGES:
+            visitor.language = message["lang"]
+        role = self._guard().role_of_browser(
+            visitor.address, str(message.get("token") or ""), visitor.from_page
+        )
         if role is None:
             raise UsageError(fault("web.token"))
         self._count += 1
-        visitor_name = one_line(str(word.get("name") or ""))[:LONGEST_NAME].strip()
+        visitor_name = one_line(str(message.get("name") or ""))[:MAX_NAME_LETTERS].strip()
         with use_language(visitor.language):
             visitor.name = visitor_name or text(note("web.visitor", number=self._count))
         about = await self._about_run() if self.live is None else self.live.hello(visitor)
         visitor.role = role
-        self.say_hello(visitor, about)
+        self.send_hello(visitor, about)
         if self.live is not None:
             self.live.send_backlog(visitor)
-        self._later(self._list(visitor))
+        self._start_task(self._send_list(visitor))
 
-    def say_hello(self, visitor: Visitor, about: "JsonObject") -> None:
+    def send_hello(self, visitor: Visitor, about: "JsonObject") -> None:
         """Send a browser the description of this page, completed by `about`."""
         hello = {
-            "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
+            "is": "hello", "protocol": PROTOCOL, "role": visitor.role.protocol_name if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
-            "runs": self._shelf.runs(), "open": self._first_runs(), "shared": self._guard().shared,
+            "runs": self._shelf.entries(), "open": self._start_run_keys(), "shared": self._guard().shared,
         } | about  # fmt: skip
         visitor.send(hello | {"fields": label_fields(hello["fields"], visitor.language)})
 
-    def list_to(self, visitors: Iterable[Visitor]) -> None:
+    def send_run_list(self, visitors: Iterable[Visitor]) -> None:
         """Read the list of runs again, and send it to these browsers."""
         for visitor in visitors:
-            self._later(self._list(visitor))
+            self._start_task(self._send_list(visitor))
 
-    def _first_runs(self) -> "JsonObject | None":
+    def _start_run_keys(self) -> "JsonObject | None":
         """Return the keys of the runs with which the page was started, None without such runs."""
-        words = [self._shelf.word(path) for path in self._start_paths]
+        words = [self._shelf.key_of(path) for path in self._start_paths]
         return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
 
     async def _about_run(self) -> "JsonObject":
@@ -182,20 +189,20 @@ class BrowserPage:
         about, _ = await self._lab.request("open", path=str(self._start_paths[0]))
         return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
 
-    async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _ask(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer "ping" at once, and another question within the limit of the browser."""
-        if word["what"] == "ping":
-            visitor.send({"is": "answer", "to": "ask", "id": word.get("id")})
-        elif word["what"] == "identify":
-            await self._within_limit(visitor, self._identify_run(visitor, word))
+        if message["what"] == "ping":
+            visitor.send({"is": "answer", "to": "ask", "id": message.get("id")})
+        elif message["what"] == "identify":
+            await self._within_limit(visitor, self._identify_run(visitor, message))
         else:
-            await self._within_limit(visitor, self.questions.answer(visitor, word))
+            await self._within_limit(visitor, self.questions.answer(visitor, message))
 
     async def _within_limit(self, visitor: Visitor, job: Coroutine[None, None, None]) -> None:
         """Wait for an answer to a browser; disconnect the browser instead if MAX_QUESTIONS of its questions wait."""
         if self._waiting[visitor] >= MAX_QUESTIONS:
             job.close()
-            visitor.leave(POLICY)
+            visitor.disconnect(POLICY)
             return
         self._waiting[visitor] += 1
         try:
@@ -204,52 +211,54 @@ class BrowserPage:
             self._waiting[visitor] -= 1
             self._waiting += Counter()  # removes browsers without a waiting question
 
-    async def _identify_run(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _identify_run(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer the question "identify" for a run of the list."""
-        path = self._shelf.paths().get(word["run"])
+        path = self._shelf.paths().get(message["run"])
         if path is None:
             raise UsageError(fault("web.no-run"))
         reply = await self._identifying.identify_run(path, visitor.language)
-        visitor.send({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
+        visitor.send({"is": "answer", "to": "ask", "id": message.get("id")} | reply)
 
-    async def _swap(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _swap(self, visitor: Visitor, message: "JsonObject") -> None:
         """Use another block for a role from the next mission on, if the browser is allowed to change the mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="swap"))
-        self.live.may_change(visitor)
-        kind = await self.questions.swap(str(word["room"]), str(word.get("kind") or ""))
-        self.live.announce_swap(str(word["room"]), kind, self.questions.blocks)
+        self.live.check_may_change(visitor)
+        kind = await self.questions.swap_block(str(message["room"]), str(message.get("kind") or ""))
+        self.live.announce_swap(str(message["room"]), kind, self.questions.blocks)
 
-    async def _write(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _write(self, visitor: Visitor, message: "JsonObject") -> None:
         """Write gains or a gyro scale into the vehicle file, if the browser is allowed to change the next mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="write"))
-        self.live.may_change(visitor)
-        message = await self.questions.write(visitor, word)
+        self.live.check_may_change(visitor)
+        confirmation = await self.questions.write_gains(visitor, message)
         with use_language(visitor.language):
-            visitor.send({"is": "event", "t": 0.0, "severity": "warning", "text": text(message)})
+            visitor.send({"is": "event", "t": 0.0, "severity": "warning", "text": text(confirmation)})
 
-    async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _open(self, visitor: Visitor, message: "JsonObject") -> None:
         """Send the run with this key, and its ghost: a second run, or this run replayed through another estimator."""
-        paths, through = self._shelf.paths(), str(word.get("filter") or "")[:LONGEST_FILTER]
+        paths, through = self._shelf.paths(), str(message.get("filter") or "")[:MAX_FILTER_LETTERS]
         selection: list[tuple[Path, str]] = []
-        for word_of_run in filter(None, (word["run"], word["run"] if through else word.get("ghost"))):
+        for word_of_run in filter(
+            None, (message["run"], message["run"] if through else message.get("ghost"))
+        ):
             if word_of_run not in paths:
                 raise UsageError(fault("web.no-run"))
             selection.append((paths[word_of_run], through if selection else ""))
-        visitor.send_all(self._pieces(visitor, selection))
+        visitor.send_pieces(self._run_pieces(visitor, selection))
 
-    async def _runs(self, visitor: Visitor, word: "JsonObject") -> None:
-        self._later(self._within_limit(visitor, self._list(visitor)))
+    async def _runs(self, visitor: Visitor, message: "JsonObject") -> None:
+        self._start_task(self._within_limit(visitor, self._send_list(visitor)))
 
-    async def _list(self, visitor: Visitor) -> None:
+    async def _send_list(self, visitor: Visitor) -> None:
         """Let the worker read the list of runs, and send it to a browser."""
         try:
-            visitor.send({"is": "runs", "runs": await self._shelf.read()})
+            visitor.send({"is": "runs", "runs": await self._shelf.read_entries()})
         except BaqueanoError as error:
             self.refuse(visitor, {"is": "runs"}, error.diagnostic)
 
-    async def _pieces(
+    async def _run_pieces(
         self, visitor: Visitor, paths: list[tuple[Path, str]]
     ) -> "AsyncIterator[bytes | JsonObject]":
         """Yield the description and the frames of each run in `paths`: (path, estimator for a replay, or "")."""
@@ -260,11 +269,19 @@ class BrowserPage:
             )
             try:
                 about, _ = await lab.request("open", **which)
-                start = {"is": "answer", "to": "open", "stream": stream, "of": OF[stream]}
-                yield start | self._about(visitor, path, about) | {"done": False, "filter": through or None}
-                for number, first in enumerate(range(0, about["rows"], ROWS), 1):
+                start = {"is": "answer", "to": "open", "stream": stream, "of": RUN_OF_STREAM[stream]}
+                yield (
+                    start
+                    | self._run_description(visitor, path, about)
+                    | {"done": False, "filter": through or None}
+                )
+                for number, first in enumerate(range(0, about["rows"], ROWS_PER_FRAME), 1):
                     _, frame = await lab.request(
-                        "frame", number=stream << STREAM | number, first=first, count=ROWS, **which
+                        "frame",
+                        number=stream << STREAM_SHIFT_BITS | number,
+                        first=first,
+                        count=ROWS_PER_FRAME,
+                        **which,
                     )
                     yield frame
                 yield start | {"done": True, "seconds": about["seconds"]}
@@ -277,7 +294,7 @@ class BrowserPage:
                         "to": "open",
                     }
 
-    def _about(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
+    def _run_description(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
         """Return the description of a run for a browser, in the language of the browser."""
         whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with use_language(visitor.language):
@@ -285,12 +302,12 @@ class BrowserPage:
             sentence = text(note("web.recorded", events=len(about["events"]), **figures))
         brief = {name: about[name] for name in ("name", "kind", "seconds")}
         return whole | {
-            "id": self._shelf.word(path), "name": about["name"], "run": self._shelf.line(path) | brief,
+            "id": self._shelf.key_of(path), "name": about["name"], "run": self._shelf.entry_of(path) | brief,
             "fields": label_fields(about["fields"], visitor.language), "sentence": sentence,
             "events": [with_sentence(event, visitor.language) for event in about["events"]],
         }  # fmt: skip
 
-    def _later(self, job: Coroutine[None, None, None]) -> None:
+    def _start_task(self, job: Coroutine[None, None, None]) -> None:
         task = asyncio.create_task(job)
         self._reading.add(task)
         task.add_done_callback(self._reading.discard)
@@ -318,5 +335,5 @@ def _label(name: str, group: str) -> str:
     if first in ("u", "asked"):
         return text(note("web.label-command", name=group))
     if first in ("z", "model", "innov", "S"):
-        return text(note(IMU[rest])) if rest in IMU else rest
+        return text(note(IMU_LABELS[rest])) if rest in IMU_LABELS else rest
     return text(note(LABELS[name])) if name in LABELS else name

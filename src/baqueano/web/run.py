@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
 from baqueano.web.guard import TOKEN_LIFETIME_S, Role, url_host
-from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.local_files import LocalFiles
-from baqueano.web.lab.shelf import Shelf
+from baqueano.web.lab.run_list import RunList
+from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.live import Live
 from baqueano.web.page import BrowserPage
 from baqueano.web.server import LOOPBACK, Server
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 GREETING_TIMEOUT_S = 60.0  # a busy laptop starts Python slowly
-LEAVE_TIMEOUT_S = 2.0
+ROBOT_GREETING_TIMEOUT_S = 2.0
 COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # waiting times for browsers
 
 
@@ -52,17 +52,17 @@ async def show_runs(
 
     If `lasting` is False, the process also ends when the last browser has disconnected.
     """
-    lab = Lab()
+    lab = WorkerClient()
     try:
         reply, _ = await lab.request("find", names=names, folder=str(options.folder))
         paths = tuple(map(Path, reply["paths"]))
-        shelf = Shelf(options.folder, paths)
+        shelf = RunList(options.folder, paths)
         page = BrowserPage(lab, shelf, lambda: server.guard, paths)
         server = _server(page, shelf, options)
         try:
             async with server:
-                announce(server, options, notify)
-                await (wait_for_end() if lasting else _first(wait_for_end(), _until_empty(server)))
+                show_addresses(server, options, notify)
+                await (wait_for_end() if lasting else _until_first_done(wait_for_end(), _until_empty(server)))
         finally:
             await page.close()
             await shelf.close()
@@ -85,18 +85,18 @@ async def show_vehicle(
     receives a function that returns the number of connected browsers. Raise RobotUnreachable if the service ends before
     it describes the vehicle. If `lasting` is True, raise RobotUnreachable even for a later end of the service.
     """
-    lab, shelf = Lab(), Shelf(options.folder)
+    lab, shelf = WorkerClient(), RunList(options.folder)
     link = await start()
     live = Live(link, lambda: server.visitors)
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    page.source = lambda: source_of(live.identifying.vehicle, options.routes)
-    live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
-    live.on_done = lambda: page.list_to(server.visitors)
+    page.source = lambda: question_subject(live.identifying.vehicle, options.routes)
+    live.send_hello = lambda visitor: page.send_hello(visitor, live.hello(visitor))
+    live.on_done = lambda: page.send_run_list(server.visitors)
     server = _server(page, shelf, options)
     server.foxglove = live.foxglove
     live.identifying.vehicle = robot.vehicle if robot is not None else vehicle
     if robot is not None:
-        live.presume(robot, await robot.describe())
+        live.use_local_files(robot, await robot.describe())
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
@@ -104,16 +104,16 @@ async def show_vehicle(
     ending: asyncio.Task[None] | None = None
     try:
         # a robot sends its description only with its first drive
-        greeting_s = options.greeting_s if robot is None else LEAVE_TIMEOUT_S
+        greeting_s = options.greeting_s if robot is None else ROBOT_GREETING_TIMEOUT_S
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
-            announce(server, options, notify)
+            show_addresses(server, options, notify)
             ending = asyncio.create_task(wait_for_end())
             await asyncio.wait({ending, hearing, end_event}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
-                await server.say_goodbye()
+                await server.disconnect_all()
             elif lasting and hearing.done():
                 raise RobotUnreachable(fault("web.service-gone"))
     finally:
@@ -128,7 +128,7 @@ async def show_vehicle(
         await lab.close()
 
 
-def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
+def question_subject(vehicle: str, routes: Path) -> "JsonObject | None":
     """Return the subject of questions about the vehicle: its file, or a run with this file, and the folder of routes.
 
     Return None if `vehicle` is "".
@@ -138,15 +138,22 @@ def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
     return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
 
 
-def _server(page: BrowserPage, shelf: Shelf, options: PageOptions) -> Server:
+def _server(page: BrowserPage, shelf: RunList, options: PageOptions) -> Server:
     shared_at = (options.address or own_address()) if options.share else ""
     names = own_names() if options.share else ()
     return Server(
-        page.receive, page.on_disconnect, shelf.body, port=options.port, shared_at=shared_at, names=names
+        page.receive,
+        page.on_disconnect,
+        shelf.content_at,
+        port=options.port,
+        shared_at=shared_at,
+        names=names,
     )
 
 
-def announce(server: Server, options: PageOptions, notify: Callable[[Diagnostic | str], object]) -> None:
+def show_addresses(
+    server: Server, options: PageOptions, notify: Callable[[Diagnostic | str], object]
+) -> None:
     """Pass the addresses to `notify`, with a QR code if the page is shared, and open a tab."""
     tokens = server.guard.tokens
     if not options.share:
@@ -171,7 +178,7 @@ def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:
     return f"ws://{host}:{server.port}/foxglove/{tokens[Role.VIEW]}"
 
 
-async def _first(*jobs: Coroutine[None, None, None]) -> None:
+async def _until_first_done(*jobs: Coroutine[None, None, None]) -> None:
     """Wait until one of several jobs has finished, and cancel the others."""
     tasks = [asyncio.create_task(job) for job in jobs]
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -23,7 +23,7 @@ STATE_TEXTS = {
     "READY": "web.title-ready", "STOPPED": "web.title-stopped", "DISARMED": "web.title-disarmed",
     "OVER": "web.title-over",
 }  # fmt: skip
-NIS_S = 10.0
+NIS_WINDOW_S = 10.0
 MIN_NIS_COUNT = 100  # least number of NIS values for a sentence
 COPIED_FIELDS = ("number", "t_s", "until_s", "over", "fault")  # copied fields of a row of `ledger`
 HALF_BAND = 1.96 * math.sqrt(2.0)  # 95 % half width of the mean of N squared normal variables, times √N
@@ -35,7 +35,7 @@ def state_message(
     """Return the message `state` for a browser, in the current language; `odd` are the unusual events."""
     kind, name = state.get("mission"), state["state"]
     is_driving = kind is not None and name in ("MISSION", "MANUAL")
-    lap, laps = _lap(feed, route), state.get("laps")
+    lap, laps = _lap_number(feed, route), state.get("laps")
     title = (
         MISSION_TITLES.get(str(kind), "web.title-drive")
         if is_driving
@@ -43,7 +43,7 @@ def state_message(
     )
     title = "web.title-prepares" if name == "READY" and "step" in state else title
     title = "web.title-paused" if state.get("paused") and is_driving else title
-    parts = _driving(state, feed, lap, laps) if is_driving else [_standing(state)]
+    parts = _drive_sentences(state, feed, lap, laps) if is_driving else [_cause_sentence(state)]
     grave = Severity.ERROR if name == "STOPPED" else Severity.WARNING if odd else Severity.INFO
     route_field = {} if not route or not route.get("name") else {"route": route["name"]}
     return {
@@ -55,7 +55,7 @@ def state_message(
     }  # fmt: skip
 
 
-def _standing(state: "JsonObject") -> Diagnostic:
+def _cause_sentence(state: "JsonObject") -> Diagnostic:
     cause = state.get("why")
     if state["state"] == "STOPPED":
         return note("web.stopped", cause=cause or "")
@@ -67,7 +67,7 @@ def _standing(state: "JsonObject") -> Diagnostic:
     return step if isinstance(step, Diagnostic) else note("web.ready")
 
 
-def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
+def _drive_sentences(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
     """Return the sentences about the activity of a driving vehicle and about its accuracy."""
     parts: list[Diagnostic] = []
     if state.get("mission") == "repeat" and lap is not None:
@@ -77,7 +77,7 @@ def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -
         parts.append(note("web.from-route", cm=100.0 * abs(cross)))
     elif math.isfinite(speed := feed.value("nu.u")):
         parts.append(note("web.speed", speed_m_s=speed))
-    mean, count = feed.mean("nis", NIS_S)
+    mean, count = feed.mean("nis", NIS_WINDOW_S)
     if count >= MIN_NIS_COUNT:
         half_band = HALF_BAND / math.sqrt(count)
         code = "web.filter-too-sure" if mean > 1.0 + half_band else "web.filter-fits"
@@ -85,7 +85,7 @@ def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -
     return parts or [note("web.begins")]
 
 
-def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
+def _lap_number(feed: "Feed", route: "JsonObject | None") -> int | None:
     """Return the number of the lap, from 1 on, from the progress along the route; None if it is unknown."""
     length_m, progress = (route or {}).get("length_m") or 0.0, feed.value("progress")
     if not (length_m > 0.0 and math.isfinite(progress)):

@@ -16,18 +16,18 @@ from websockets.typing import Subprotocol
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
-from baqueano.web.foxglove.bridge import SUBPROTOCOLS, Foxglove
+from baqueano.web.foxglove.bridge import SUBPROTOCOLS, FoxgloveServer
 from baqueano.web.guard import Guard
 from baqueano.web.http import (
     MAX_HEAD_BYTES,
     Content,
-    Head,
     RefusedRequest,
-    head_of,
+    RequestHead,
+    parse_head,
     read_head,
     refuse,
     reply,
-    static,
+    static_files,
 )
 from baqueano.web.visitor import MAX_MESSAGE_BYTES, POLICY, Visitor
 
@@ -58,10 +58,10 @@ class Server:
         self._on_message, self._on_leave, self._content_of = on_message, on_leave, content_of
         self._addresses = tuple(filter(None, (LOOPBACK, shared_at)))
         self._names, self.shared_at, self.port = names, shared_at, port
-        self._files = static(STATIC)
+        self._files = static_files(STATIC)
         self._servers: list[asyncio.Server] = []
         self._connections, self.visitors, self.onlookers = 0, set[Visitor](), set[Visitor]()
-        self.foxglove: Foxglove | None = None  # set for a page with a vehicle
+        self.foxglove: FoxgloveServer | None = None  # set for a page with a vehicle
         self._talks: set[asyncio.Task[None] | None] = set()
         self.guard = Guard((), 0)
 
@@ -70,7 +70,7 @@ class Server:
         for address in self._addresses:
             try:
                 server = await asyncio.start_server(
-                    self._welcome, address, self.port, limit=MAX_HEAD_BYTES, start_serving=False
+                    self._accept, address, self.port, limit=MAX_HEAD_BYTES, start_serving=False
                 )
             except OSError as error:
                 await self._close()
@@ -87,20 +87,20 @@ class Server:
     async def __aexit__(self, *error: object) -> None:
         """Disconnect all browsers and stop listening."""
         for visitor in [*self.visitors, *self.onlookers]:
-            visitor.leave(1001)
+            visitor.disconnect(1001)
         await self._close()
         for talk in list(self._talks):
             if talk is not None:
                 talk.cancel()
         await asyncio.gather(*filter(None, self._talks), return_exceptions=True)
 
-    async def say_goodbye(self) -> None:
+    async def disconnect_all(self) -> None:
         """Disconnect each browser after its waiting messages, and wait for this up to GOODBYE_S.
 
         After the code DONE a browser does not connect again.
         """
         for visitor in list(self.visitors):
-            visitor.end(DONE)
+            visitor.disconnect_after_sending(DONE)
         with suppress(TimeoutError):
             async with asyncio.timeout(GOODBYE_S):
                 while self.visitors:
@@ -112,7 +112,7 @@ class Server:
             with suppress(OSError):
                 await asyncio.wait_for(server.wait_closed(), 1.0)
 
-    async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         self._connections += 1
         self._talks.add(task)
@@ -131,14 +131,14 @@ class Server:
         try:
             async with asyncio.timeout(HANDSHAKE_TIMEOUT_S):
                 data = await read_head(reader)
-            head = head_of(data)
-            if not self.guard.knows_host(head.values("host")):
+            head = parse_head(data)
+            if not self.guard.is_served_host(head.values("host")):
                 raise RefusedRequest(HTTPStatus.FORBIDDEN)
             if head.path == "/ws":
                 await self._upgrade(reader, writer, head, data)
                 return
             if self.foxglove is not None and head.path.partition("/foxglove")[0] == "":
-                await self._look(reader, writer, head, data)
+                await self._serve_foxglove(reader, writer, head, data)
                 return
             content = self._files.get(head.path) or await self._content_of(head.path)
             if content is None:
@@ -148,10 +148,10 @@ class Server:
             await refuse(writer, refusal)
 
     async def _upgrade(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: RequestHead, data: bytes
     ) -> None:
         origins = head.values("origin")
-        if not self.guard.knows_origin(origins):
+        if not self.guard.is_allowed_origin(origins):
             raise RefusedRequest(HTTPStatus.FORBIDDEN)
         protocol = self._protocol(head, data, (SUBPROTOCOL,))
         writer.write(b"".join(protocol.data_to_send()))
@@ -161,14 +161,14 @@ class Server:
             HANDSHAKE_TIMEOUT_S, self._check_greeting, visitor
         )
         try:
-            await visitor.talk(self._on_message)
+            await visitor.exchange_messages(self._on_message)
         finally:
             greeting_timer.cancel()
             self.visitors.discard(visitor)
             self._on_leave(visitor)
 
-    async def _look(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
+    async def _serve_foxglove(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: RequestHead, data: bytes
     ) -> None:
         """Serve a program that uses Foxglove's protocol, if its URL contains a valid token.
 
@@ -180,7 +180,7 @@ class Server:
         is_local = (
             not token and not head.values("origin") and not self.guard.shared and address in (LOOPBACK, "::1")
         )
-        if not is_local and self.guard.role(address, token, from_page=False) is None:
+        if not is_local and self.guard.role_of_browser(address, token, from_page=False) is None:
             raise RefusedRequest(HTTPStatus.FORBIDDEN)
         protocol = self._protocol(head, data, SUBPROTOCOLS)
         if protocol.subprotocol is None:
@@ -188,14 +188,14 @@ class Server:
         writer.write(b"".join(protocol.data_to_send()))
         line = Visitor(reader, writer, protocol, address, from_page=False, kind="op")
         self.onlookers.add(line)
-        foxglove.welcome(line)
+        foxglove.add_client(line)
         try:
-            await line.talk(foxglove.receive)
+            await line.exchange_messages(foxglove.receive)
         finally:
             self.onlookers.discard(line)
             foxglove.on_disconnect(line)
 
-    def _protocol(self, head: Head, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
+    def _protocol(self, head: RequestHead, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
         """Return the WebSocket protocol of a connection, with the answer to its upgrade ready to be sent.
 
         Raise RefusedRequest if the request is not a valid upgrade, or if too many browsers are connected.
@@ -218,4 +218,4 @@ class Server:
     def _check_greeting(self, visitor: Visitor) -> None:
         """Disconnect a browser that has not sent a message in time."""
         if not visitor.spoke:
-            visitor.leave(POLICY)
+            visitor.disconnect(POLICY)

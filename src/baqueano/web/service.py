@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET, wire
-from baqueano.door.pipes import join
-from baqueano.door.ssh import ssh
+from baqueano.door.pipes import forward_bytes
+from baqueano.door.ssh import ssh_command
 from baqueano.errors import RobotUnreachable
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LONGEST = 4 << 20  # most bytes of a line
-ATTACH = "exec baqueano robot attach"
-ENDS_S = 3.0  # time to close its last run
-FRAME = b'{"is":"frame"'
-UNSENT = 256 << 10  # most bytes that wait for a service that does not read
+MAX_LINE_BYTES = 4 << 20  # most bytes of a line
+ATTACH_COMMAND = "exec baqueano robot attach"
+END_TIMEOUT_S = 3.0  # time to close its last run
+FRAME_PREFIX = b'{"is":"frame"'
+MAX_UNSENT_BYTES = 256 << 10  # most bytes that wait for a service that does not read
 
 
 class DoorLink(Protocol):
@@ -38,8 +38,8 @@ class DoorLink(Protocol):
         """Send a message without waiting. Raise RobotUnreachable if the other side does not accept it."""
         ...
 
-    async def receive(self, on_word: "Callable[[JsonObject], None]") -> None:
-        """Pass each received message to `on_word` until the connection ends."""
+    async def receive(self, on_message: "Callable[[JsonObject], None]") -> None:
+        """Pass each received message to `on_message` until the connection ends."""
         ...
 
     async def close(self) -> None:
@@ -47,7 +47,7 @@ class DoorLink(Protocol):
         ...
 
 
-class Link:
+class ServiceLink:
     """A connection to the service of a vehicle."""
 
     def __init__(
@@ -59,17 +59,17 @@ class Link:
     def send(self, do: str, **words: object) -> None:
         """Send a message without waiting. Raise RobotUnreachable if the service has ended or does not read."""
         transport = self._writer.transport
-        if transport.is_closing() or transport.get_write_buffer_size() > UNSENT:
+        if transport.is_closing() or transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             raise RobotUnreachable(fault("web.service-gone"))
         self._writer.write(wire.encode({"do": do, **words}))
 
-    async def receive(self, on_word: "Callable[[JsonObject], None]") -> None:
-        """Pass each received message to `on_word` until the service ends."""
+    async def receive(self, on_message: "Callable[[JsonObject], None]") -> None:
+        """Pass each received message to `on_message` until the service ends."""
         with suppress(OSError, ValueError):
             while line := await self._reader.readline():
-                word = json.loads(line) if line.startswith(FRAME) else wire.decode(line)
-                if word is not None:
-                    on_word(word)
+                message = json.loads(line) if line.startswith(FRAME_PREFIX) else wire.decode(line)
+                if message is not None:
+                    on_message(message)
 
     async def close(self) -> None:
         """End the connection; a simulated vehicle then stops and closes its run."""
@@ -78,28 +78,28 @@ class Link:
         if self._program is None:
             return
         try:
-            await asyncio.wait_for(self._program.wait(), ENDS_S)
+            await asyncio.wait_for(self._program.wait(), END_TIMEOUT_S)
         except TimeoutError:
             with suppress(ProcessLookupError):
                 self._program.kill()
             await self._program.wait()
 
 
-async def start_simulated(vehicle: str, folder: Path, *more: str) -> Link:
+async def start_simulated(vehicle: str, folder: Path, *more: str) -> ServiceLink:
     """Start the service of a simulated vehicle, and return the link to it."""
     return await _start(
         [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *more]
     )
 
 
-async def on_pipes(coming: BinaryIO, going: BinaryIO) -> Link:
+async def link_over_pipes(source: BinaryIO, sink: BinaryIO) -> ServiceLink:
     """Return a link to the process that started this process, over these pipes."""
     near_end, far_end = socket.socketpair()
-    threading.Thread(target=join, args=(far_end, coming, going), name="pipes", daemon=True).start()
-    return Link(*await asyncio.open_connection(sock=near_end, limit=LONGEST))
+    threading.Thread(target=forward_bytes, args=(far_end, source, sink), name="pipes", daemon=True).start()
+    return ServiceLink(*await asyncio.open_connection(sock=near_end, limit=MAX_LINE_BYTES))
 
 
-async def connect(host: str) -> Link:
+async def connect(host: str) -> ServiceLink:
     """Return a link to the service at HOST. If ssh fails later, the link ends.
 
     Raise RobotUnreachable if the socket of the service cannot be opened, or if ssh is not installed.
@@ -107,23 +107,25 @@ async def connect(host: str) -> Link:
     if host == "here" or ("/" in host and not host.startswith("-")):
         path = SOCKET if host == "here" else Path(host)
         try:
-            return Link(*await asyncio.open_unix_connection(str(path), limit=LONGEST))
+            return ServiceLink(*await asyncio.open_unix_connection(str(path), limit=MAX_LINE_BYTES))
         except OSError as error:
             raise RobotUnreachable(
                 fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
             ) from error
-    return await _start(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # a page cannot request a password
+    return await _start(
+        ssh_command(host, ATTACH_COMMAND, "-o", "BatchMode=yes")
+    )  # a page cannot request a password
 
 
-async def _start(command: list[str]) -> Link:
+async def _start(command: list[str]) -> ServiceLink:
     """Start a program, and return a link over its stdin and stdout; its stderr is not redirected."""
     try:
         program = await asyncio.create_subprocess_exec(
-            *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LONGEST,
+            *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=MAX_LINE_BYTES,
             start_new_session=True,
         )  # fmt: skip
     except FileNotFoundError as error:
         raise RobotUnreachable(fault("remote.no-ssh", host=command[0])) from error
     assert program.stdin is not None
     assert program.stdout is not None
-    return Link(program.stdout, program.stdin, program)
+    return ServiceLink(program.stdout, program.stdin, program)

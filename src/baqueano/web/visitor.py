@@ -24,7 +24,7 @@ from websockets.protocol import State
 from websockets.server import ServerProtocol
 
 from baqueano.contracts.values import Value
-from baqueano.web.guard import Rate, Role
+from baqueano.web.guard import RateLimit, Role
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -38,9 +38,9 @@ MAX_UNREAD_BYTES = 4 << 20  # most bytes that wait for the kernel: more than the
 FRAGMENT_BYTES = 16 << 10  # bytes of a long message that are encoded at once
 SEND_BUFFER_BYTES = 64 << 10  # bytes in the socket's buffer
 PING_PERIOD_S = 2.0
-MAX_TRIP_S = 0.2  # largest round trip allowed for a picture
+MAX_ROUND_TRIP_S = 0.2  # largest round trip allowed for a picture
 MAX_SILENCE_S = 20.0  # time limit without a received byte
-BINARY = 0x82  # the first byte of a whole binary message
+BINARY_OPCODE = 0x82  # the first byte of a whole binary message
 POLICY, UNSUPPORTED, TOO_SLOW = 1008, 1003, 1013
 
 
@@ -63,7 +63,7 @@ class Visitor:
         self._waiting, self._last_word_s = asyncio.Event(), time.monotonic()
         self._parts: list[bytes] = []
         self._ending: int | None = None  # close code to send after the waiting messages
-        self._rate = Rate(MAX_MESSAGE_RATE_HZ)
+        self._rate = RateLimit(MAX_MESSAGE_RATE_HZ)
         self.way_s, self._pinged_s = 0.0, 0.0  # round-trip time, time of the last ping
         writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has all bytes
         line = writer.get_extra_info("socket")
@@ -73,42 +73,42 @@ class Visitor:
                 line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     @property
-    def open(self) -> bool:
+    def is_open(self) -> bool:
         """Return True while messages can be sent."""
         return self._protocol.state is State.OPEN and not self._writer.is_closing()
 
     def send(self, message: "JsonObject") -> None:
         """Append a message to the queue; disconnect the browser if the queue is full.  (1)"""
         if len(self._messages) >= MAX_MESSAGES:
-            self.leave(TOO_SLOW)
+            self.disconnect(TOO_SLOW)
             return
         self._messages.append(message)
         self._waiting.set()
 
-    def show(self, picture: bytes) -> None:
+    def send_latest(self, picture: bytes) -> None:
         """Send a picture at once if the queues are empty; otherwise replace the waiting picture.  (3)
 
         The picture is a message encoded by `binary_frame`.
         """
         following = (self._picture, self._history, self._pieces, self._ending)
         waits = self._messages or any(item is not None for item in following)
-        if self.open and not waits and not self._writer.transport.get_write_buffer_size():
+        if self.is_open and not waits and not self._writer.transport.get_write_buffer_size():
             self._writer.write(picture)
             return
         self._picture = picture
         self._waiting.set()
 
-    def catch_up(self, history: "AsyncIterator[Piece]") -> None:
+    def send_history(self, history: "AsyncIterator[Piece]") -> None:
         """Send these frames one by one before the next picture; each contains all rows until it is made.  (2)"""
         self._history = history
         self._waiting.set()
 
-    def send_all(self, pieces: "AsyncIterator[Piece]") -> None:
+    def send_pieces(self, pieces: "AsyncIterator[Piece]") -> None:
         """Send these pieces one by one, in place of pieces that have not been sent.  (4)"""
         self._pieces = pieces
         self._waiting.set()
 
-    def leave(self, code: int = 1000) -> None:
+    def disconnect(self, code: int = 1000) -> None:
         """Close the connection with this code, and drop all that waits to be sent."""
         if self._protocol.state is State.OPEN:
             self._protocol.send_close(code)
@@ -119,12 +119,12 @@ class Visitor:
             self._writer.close()
         self._waiting.set()
 
-    def end(self, code: int) -> None:
+    def disconnect_after_sending(self, code: int) -> None:
         """Close the connection with this code after the waiting messages have been sent."""
         self._ending = code
         self._waiting.set()
 
-    async def talk(self, on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
+    async def exchange_messages(self, on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
         """Receive messages and pass each to `on_message`, and send the queues, until the connection ends."""
         tasks = [asyncio.create_task(job) for job in (self._send_messages(), self._keep_alive())]
         try:
@@ -162,13 +162,13 @@ class Visitor:
             getattr(frame, "data", b""),
             getattr(frame, "fin", True),
         )
-        if self.open and not self._rate.one_more():
-            self.leave(POLICY)
+        if self.is_open and not self._rate.allows_message():
+            self.disconnect(POLICY)
         if opcode is Opcode.PONG:
-            self.way_s = min(MAX_TRIP_S, time.monotonic() - self._pinged_s)
+            self.way_s = min(MAX_ROUND_TRIP_S, time.monotonic() - self._pinged_s)
         if opcode is Opcode.BINARY:
-            self.leave(UNSUPPORTED)
-        if opcode not in (Opcode.TEXT, Opcode.CONT) or not self.open:
+            self.disconnect(UNSUPPORTED)
+        if opcode not in (Opcode.TEXT, Opcode.CONT) or not self.is_open:
             return []
         self._parts = [data] if opcode is Opcode.TEXT else [*self._parts, data]
         if not is_last:
@@ -178,17 +178,17 @@ class Visitor:
         except (ValueError, RecursionError):
             message = None
         if not isinstance(message, dict) or not isinstance(message.get(self._kind), str):
-            self.leave(POLICY)
+            self.disconnect(POLICY)
             return []
         return [message]
 
     async def _send_messages(self) -> None:
         with suppress(OSError):
-            while self.open:
+            while self.is_open:
                 await self._waiting.wait()
                 self._waiting.clear()
                 await self._drain()  # for a picture that was sent at once
-                while self.open and (await self._send_next()):
+                while self.is_open and (await self._send_next()):
                     pass
 
     async def _send_next(self) -> bool:
@@ -199,7 +199,7 @@ class Visitor:
         if self._messages:
             await self._write(self._messages.popleft())
         elif self._ending is not None:
-            self.leave(self._ending)
+            self.disconnect(self._ending)
         elif (history := self._history) is not None:
             if (frame := await anext(history, None)) is not None:
                 self._picture = None  # its rows are in the frame
@@ -236,7 +236,7 @@ class Visitor:
         A long message is thus in memory only once, even if several browsers do not read it.
         """
         send = self._protocol.send_binary
-        while parts and self.open:
+        while parts and self.is_open:
             data = bytearray()
             while parts and len(data) < FRAGMENT_BYTES:
                 data += parts.popleft()
@@ -261,7 +261,7 @@ class Visitor:
             self._writer.transport.abort()
 
     async def _keep_alive(self) -> None:
-        while self.open:
+        while self.is_open:
             await asyncio.sleep(PING_PERIOD_S)
             if time.monotonic() - self._last_word_s > MAX_SILENCE_S:
                 self._writer.transport.abort()
@@ -275,20 +275,22 @@ def binary_frame(data: bytes) -> bytes:
     """Return data as a binary WebSocket message (RFC 6455, 5.2). The bytes are the same for all browsers."""
     size = len(data)
     if size < 126:
-        return bytes((BINARY, size)) + data
+        return bytes((BINARY_OPCODE, size)) + data
     if size < 1 << 16:
-        return struct.pack("!BBH", BINARY, 126, size) + data
-    return struct.pack("!BBQ", BINARY, 127, size) + data
+        return struct.pack("!BBH", BINARY_OPCODE, 126, size) + data
+    return struct.pack("!BBQ", BINARY_OPCODE, 127, size) + data
 
 
 def encode_json(message: "JsonObject") -> bytes:
     """Return a message as JSON. Infinite numbers and NaN become null, because JSON does not have them."""
-    return json.dumps(_plain(message), ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+    return json.dumps(
+        _finite_json(message), ensure_ascii=False, separators=(",", ":"), allow_nan=False
+    ).encode()
 
 
-def _plain(value: Value) -> Value:
+def _finite_json(value: Value) -> Value:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+        return {name: _finite_json(item) for name, item in value.items()}
+    return [_finite_json(item) for item in value] if isinstance(value, list | tuple) else value

@@ -6,19 +6,19 @@ from baqueano.on_demand import on_demand
 from baqueano.worlds.robot import Robot
 
 if TYPE_CHECKING:
-    from baqueano.worlds.faults import Fault, Ledger, ledger_of
+    from baqueano.worlds.faults import Fault, Ledger, fault_ledger
+    from baqueano.worlds.faulty_world import FaultyWorld
     from baqueano.worlds.replayed import ReplayedWorld
-    from baqueano.worlds.shaken import ShakenWorld
     from baqueano.worlds.simulated import SimulatedWorld, world_init, world_step
 
-__all__ = ["Fault", "Ledger", "ReplayedWorld", "Robot", "ShakenWorld", "SimulatedWorld", "ledger_of"]
+__all__ = ["Fault", "FaultyWorld", "Ledger", "ReplayedWorld", "Robot", "SimulatedWorld", "fault_ledger"]
 
 __getattr__ = on_demand(
     __name__,
     {
-        "faults": ("Fault", "Ledger", "ledger_of"),
+        "faults": ("Fault", "Ledger", "fault_ledger"),
         "replayed": ("ReplayedWorld",),
-        "shaken": ("ShakenWorld",),
+        "faulty_world": ("FaultyWorld",),
         "simulated": ("SimulatedWorld", "world_init", "world_step"),
     },
 )

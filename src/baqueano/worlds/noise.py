@@ -13,7 +13,7 @@ def sensor_stream(name: str) -> str:
     return f"sensor.{name}"
 
 
-def stream(seed: int, name: str) -> "np.random.Generator":
+def random_stream(seed: int, name: str) -> "np.random.Generator":
     """Return the random generator that belongs to `name` under `seed`."""
     import hashlib  # imported here because it loads OpenSSL, and a robot does not draw noise
 
@@ -23,4 +23,4 @@ def stream(seed: int, name: str) -> "np.random.Generator":
 
 def unit_normals(seed: int, name: str, tick_count: int, size: int) -> np.ndarray:
     """Return standard normals (ticks, size); the first rows do not depend on the number of ticks."""
-    return stream(seed, name).standard_normal((tick_count, size))
+    return random_stream(seed, name).standard_normal((tick_count, size))

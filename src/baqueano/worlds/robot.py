@@ -6,8 +6,9 @@
   v = 2π r Δc / (N Δt)                                a wheel with N counts per turn                    (4)
 
 The firmware's telemetry reports the applied duties, after slew, kick and dead-man timer. A model of the motors must
-explain the applied duties, not the requested duties (applied.py). This file does not depend on frames and registers:
-`wheels` and `imu` are objects with the methods of the protocols below, in robot/ or emulated (tests/emulated/).
+explain the applied duties, not the requested duties (applied_duty.py). This file does not depend on frames and
+registers: `wheels` and `imu` are objects with the methods of the protocols below, in robot/ or emulated
+(tests/emulated/).
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +24,7 @@ from baqueano.errors import UsageError
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
-from baqueano.worlds.applied import IDEAL_MOTORS, AppliedDuties, AppliedMotors
+from baqueano.worlds.applied_duty import IDEAL_MOTORS, AppliedDuties, AppliedMotors
 from baqueano.worlds.silent_encoders import SilentEncoders
 
 TILT_MEAN_TICKS = 50  # time constant of the mean of a tilt: half a second
@@ -190,10 +191,10 @@ class Robot(World):
         self._events += [(t_ns, text) for s in telemetry for text in self._encoders.update(s)]
         imu = self._imu_slot(t_ns)
         names = tuple(self._sensors._fields)
-        slots = (self._slot(t_ns, getattr(self._sensors, name), imu, previous) for name in names)
+        slots = (self._sensor_slot(t_ns, getattr(self._sensors, name), imu, previous) for name in names)
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
-    def poll(self, t_ns: int) -> list[Diagnostic | str]:
+    def pop_events(self, t_ns: int) -> list[Diagnostic | str]:
         """Return the events of the hardware since the last call, and discard the readings: no drive is in progress."""
         self.read(t_ns)
         self.new_channels()
@@ -206,7 +207,7 @@ class Robot(World):
         now_ns = self._start_ns + command.t_ns if self._now_ns is None else self._now_ns()
         self._duties.record_command(now_ns, left, right)
 
-    def trouble(self, t_ns: int) -> Diagnostic | None:
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return the reason why the vehicle must stop: the line is silent or noisy, or the firmware reports a stop.
 
         Return None if the vehicle is allowed to drive.
@@ -243,7 +244,7 @@ class Robot(World):
         if not samples:
             return None
         accel = np.mean([s.accel for s in samples], axis=0)
-        self._watch_tilt(accel)
+        self._update_tilt(accel)
         gyro = np.mean([s.gyro for s in samples], axis=0)
         self.temperature_c = samples[-1].temperature_c
         self._extras.append(("imu_temperature", t_ns, np.array([self.temperature_c])))
@@ -254,16 +255,16 @@ class Robot(World):
         )  # within the run
         return Slot(1.0, np.array([accel[0], accel[1], gyro[2]]), age_s)
 
-    def _watch_tilt(self, accel: np.ndarray) -> None:
+    def _update_tilt(self, accel: np.ndarray) -> None:
         """Update the tilt [rad] from the low-passed specific force `accel` (3,); a drive disturbs it only briefly."""
         self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_MEAN_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
-    def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, previous: Telemetry | None) -> Slot:
+    def _sensor_slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, previous: Telemetry | None) -> Slot:
         """Return the reading of this sensor in this tick; a sensor that the robot does not have is silent."""
         z: np.ndarray | None = None
         telemetry = self._last
-        reads = optional.of(sensor, "reads")
+        reads = optional.attribute(sensor, "reads")
         if reads == "imu" and imu is not None:
             return imu._replace(
                 age_s=max(0.0, imu.age_s - float(low_pass_s(sensor)))

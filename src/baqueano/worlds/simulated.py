@@ -18,10 +18,10 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks, World
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, ByName, Command, Motion, Slot, Tick, sensor_slots
-from baqueano.symbolic import function, put
+from baqueano.symbolic import function, with_value
 from baqueano.vehicles.rk4 import row_counts
 from baqueano.vehicles.state import Vehicle, VehicleState
-from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, stream
+from baqueano.worlds.noise import PROCESS_STREAM, random_stream, sensor_stream
 
 BATCH_ROWS = 256  # rows of noise that are drawn at a time
 MAX_KEPT_TRUTHS = 10_000  # number of truths that are stored if new_truths is not called
@@ -133,8 +133,8 @@ def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[
     tree = {"vehicle": vehicle, "sensors": sensors}
     drivetrain = vehicle.drivetrain if optional.has_field(vehicle, "drivetrain") else None
     for path, block in zip(paths, (vehicle, drivetrain, *sensors), strict=True):
-        if slots := optional.of(block, "delay_slots"):
-            tree = put(tree, f"{path}.delay_slots", rows * slots)
+        if slots := optional.attribute(block, "delay_slots"):
+            tree = with_value(tree, f"{path}.delay_slots", rows * slots)
     return tree["vehicle"], tree["sensors"]
 
 
@@ -211,8 +211,8 @@ class SimulatedWorld(World):
         self._tick = 0
         self._sizes = [3, *(s.noise_size for s in sensors)]
         self._streams = [
-            stream(seed, PROCESS_STREAM),
-            *(stream(seed, sensor_stream(name)) for name in sensors._fields),
+            random_stream(seed, PROCESS_STREAM),
+            *(random_stream(seed, sensor_stream(name)) for name in sensors._fields),
         ]
         self._draws: list[np.ndarray] = []
 

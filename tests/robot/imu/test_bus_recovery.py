@@ -12,7 +12,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import RobotUnreachable
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
-from baqueano.robot.imu.bus_recovery import RETRY_NS, Recovery, check_bus_recovery, recover_bus
+from baqueano.robot.imu.bus_recovery import RETRY_PERIOD_NS, BusRecovery, check_bus_recovery, recover_bus
 from tests.codes import refused
 from tests.emulated.i2c_ioctl import Bench, loop, start
 from tests.emulated.pinctrl import on_path
@@ -40,7 +40,7 @@ def test_rt9_a_chip_in_mid_byte_releases_the_bus_within_nine_clocks(lines, clock
     pins = lines([0] * clocks)
     assert pins
     outcome = recover_bus(BUS)
-    assert outcome.freed
+    assert outcome.is_free
     assert (outcome.message.code, outcome.message.figures) == (
         "bus.freed-at-once" if clocks == 1 else "bus.freed",
         {"clocks": clocks},
@@ -54,7 +54,7 @@ def test_rt9_a_chip_in_mid_byte_releases_the_bus_within_nine_clocks(lines, clock
 def test_a_high_data_bit_is_not_mistaken_for_a_free_bus(lines):
     pins = lines([0, 1, 0, 0, 1, 0, 0, 0])
     outcome = recover_bus(BUS)
-    assert outcome.freed
+    assert outcome.is_free
     assert pins.read()["stops"] == 1
     assert not pins
     assert as_it_was(pins)
@@ -63,7 +63,7 @@ def test_a_high_data_bit_is_not_mistaken_for_a_free_bus(lines):
 def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
     pins = lines([0] * 10)
     outcome = recover_bus(BUS)
-    assert not outcome.freed
+    assert not outcome.is_free
     assert (outcome.message.code, outcome.message.figures) == ("bus.sda-held", {"clocks": 9})
     assert pins.read()["clocks"] == 9
     assert as_it_was(pins)
@@ -72,7 +72,7 @@ def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
 def test_a_blocked_scl_is_reported_and_not_clocked(lines):
     pins = lines([0, 0], scl_held=True)
     outcome = recover_bus(BUS)
-    assert not outcome.freed
+    assert not outcome.is_free
     assert outcome.message.code == "bus.scl-held"
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
@@ -80,7 +80,7 @@ def test_a_blocked_scl_is_reported_and_not_clocked(lines):
 def test_a_free_bus_is_not_clocked(lines):
     pins = lines([])
     outcome = recover_bus(BUS)
-    assert not outcome.freed
+    assert not outcome.is_free
     assert outcome.message.code == "bus.free"
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
@@ -90,8 +90,8 @@ def test_after_a_crash_at_any_call_the_pins_return_to_i2c(lines, after):
     pins = lines(ZEROS)
     pins.fails("crash", after=after)
     outcome = recover_bus(BUS)
-    assert outcome.freed == (after == SETS - 1), "returning the pins is tried twice"
-    assert outcome.freed or str(outcome.message.figures).count("pinctrl set")
+    assert outcome.is_free == (after == SETS - 1), "returning the pins is tried twice"
+    assert outcome.is_free or str(outcome.message.figures).count("pinctrl set")
     assert sum(call[0] == "set" for call in pins.read()["calls"]) > after, "the failing call was reached"
     assert as_it_was(pins)
 
@@ -102,15 +102,15 @@ def test_a_hanging_call_is_ended_and_the_pins_return_to_i2c(lines, monkeypatch, 
     monkeypatch.setattr(bus_recovery, "CALL_S", 3.0)
     pins.fails("hang", after=after)
     outcome = recover_bus(BUS)
-    assert outcome.freed == (after == SETS - 1)
-    assert outcome.freed or "timed out after 3.0 seconds" in outcome.message.figures["error"]
+    assert outcome.is_free == (after == SETS - 1)
+    assert outcome.is_free or "timed out after 3.0 seconds" in outcome.message.figures["error"]
     assert as_it_was(pins)
 
 
 def test_pins_that_remain_gpio_without_an_error_are_set_to_i2c_again(lines):
     pins = lines(ZEROS)
     pins.fails("deaf", after=SETS - 1)
-    assert recover_bus(BUS).freed
+    assert recover_bus(BUS).is_free
     assert as_it_was(pins)
 
 
@@ -118,7 +118,7 @@ def test_pins_that_cannot_return_to_i2c_are_reported_with_a_command(lines):
     pins = lines(ZEROS)
     pins.fails("root", after=SETS - 1, times=100)
     outcome = recover_bus(BUS)
-    assert not outcome.freed
+    assert not outcome.is_free
     assert (outcome.message.code, outcome.message.fix) == ("bus.not-given-back", "pinctrl set 2,3 a0")
     assert "(255): Must be root" in outcome.message.figures["because"]
 
@@ -144,7 +144,7 @@ def test_slow_calls_end_the_recovery_and_the_pins_return_to_i2c(lines, monkeypat
     monkeypatch.setattr(bus_recovery, "ALL_S", 8.0)
     monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # one second each
     outcome = recover_bus(BUS)
-    assert not outcome.freed
+    assert not outcome.is_free
     assert (outcome.message.code, outcome.message.figures["all_s"]) == ("bus.too-late", 8.0)
     assert 0 < pins.read()["clocks"] < 9
     assert as_it_was(pins)
@@ -159,7 +159,7 @@ def test_gpio_pins_of_a_killed_program_return_to_i2c_after_recovery(lines, funct
     assert as_it_was(pins)
     pins.put(function={"2": "ip", "3": function})
     outcome = recover_bus(BUS)
-    assert outcome.freed, "only these pins block the bus"
+    assert outcome.is_free, "only these pins block the bus"
     assert outcome.message.code == "bus.given-back"
     assert as_it_was(pins)
 
@@ -168,7 +168,7 @@ def test_a_user_outside_the_gpio_group_gets_the_command_to_join(lines):
     pins = lines(ZEROS)
     pins.fails("root", "get", times=100)
     outcome = recover_bus(BUS)
-    assert not outcome.freed
+    assert not outcome.is_free
     reason = outcome.message
     assert (reason.code, reason.figures["command"], reason.figures["exit"]) == (
         "bus.call-refused",
@@ -182,7 +182,7 @@ def test_a_user_outside_the_gpio_group_gets_the_command_to_join(lines):
 def test_a_missing_pinctrl_is_reported_with_the_install_command(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     outcome = recover_bus(BUS)
-    assert (outcome.freed, outcome.message.code) == (False, "bus.no-pinctrl")
+    assert (outcome.is_free, outcome.message.code) == (False, "bus.no-pinctrl")
     assert outcome.message.fix == "sudo apt install raspi-utils"
 
 
@@ -196,7 +196,7 @@ def test_pins_of_another_board_or_bus_are_not_changed(lines):
 
 
 def test_a_background_recovery_is_reported_once_and_not_repeated_immediately(lines):
-    pins, recovery = lines([0] * 10), Recovery(BUS)
+    pins, recovery = lines([0] * 10), BusRecovery(BUS)
     recovery.begin(0)
     recovery.begin(0)
     recovery.wait()
@@ -204,11 +204,11 @@ def test_a_background_recovery_is_reported_once_and_not_repeated_immediately(lin
     assert outcome is not None
     assert (outcome.message.code, outcome.message.figures) == ("bus.sda-held", {"clocks": 9})
     assert recovery.pop_outcome() is None
-    recovery.begin(RETRY_NS - 1)
+    recovery.begin(RETRY_PERIOD_NS - 1)
     recovery.wait()
     assert recovery.pop_outcome() is None
     assert pins.read()["clocks"] == 9
-    recovery.begin(RETRY_NS)
+    recovery.begin(RETRY_PERIOD_NS)
     recovery.wait()
     outcome = recovery.pop_outcome()
     assert outcome is not None
@@ -224,7 +224,7 @@ def test_recovery_programs_run_without_the_real_time_priority_of_the_loop(monkey
     except PermissionError:
         pytest.skip("this user may have no real-time priority")
     try:
-        recovery = Recovery(BUS)
+        recovery = BusRecovery(BUS)
         recovery.begin(0)
         recovery.wait()
         assert os.sched_getscheduler(0) == os.SCHED_FIFO, "the priority of the loop is unchanged"
@@ -238,7 +238,7 @@ def test_a_bus_blocked_at_imu_start_is_clocked_free_and_reported(lines, monkeypa
     bench, pins = Bench(monkeypatch, tmp_path), lines([0] * 4)
     bench.bus.sda_low = pins
     imu = start(bench)
-    assert imu.running
+    assert imu.is_running
     (warning,) = imu.identity.warnings
     assert warning == text(note("bus.freed", clocks=4))
     assert any(warning in line for line in bench.printed)
@@ -263,7 +263,7 @@ def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(line
     pins.put(bits=[0] * 7)
     bench.bus.sda_low = pins
     loop(bench, imu, 0.3)
-    assert imu.bus_stuck
+    assert imu.is_bus_stuck
     assert imu.free_bus() is None, "not silent for half a second: perhaps it is a disturbance"
     imu._recovery.wait()
     assert pins.read()["calls"] == []
@@ -285,7 +285,7 @@ def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(line
     assert np.linalg.norm(np.mean([s.accel for s in samples], axis=0)) == pytest.approx(9.81, abs=0.1)
     assert "imu.back" in [event.message.code for event in imu.events()]
     assert imu.free_bus() is None
-    assert not imu.bus_stuck
+    assert not imu.is_bus_stuck
     assert as_it_was(pins)
 
 

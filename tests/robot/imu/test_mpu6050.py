@@ -175,7 +175,7 @@ def test_settings_that_no_chip_supports_are_refused(wrong, message):
 def test_the_driver_reports_that_i2c_needs_linux(monkeypatch):
     monkeypatch.setitem(sys.modules, "smbus2", None)
     with refused("imu.no-smbus", UsageError):
-        imu.open()
+        imu.open_imu()
 
 
 def test_the_driver_can_be_imported_without_linux_modules():
@@ -203,7 +203,7 @@ except UsageError as error:
 
 def test_a_missing_bus_is_reported_with_its_remedy(tmp_path):
     with refused("imu.no-bus", RobotUnreachable):
-        imu.open(str(tmp_path / "i2c-7"))
+        imu.open_imu(str(tmp_path / "i2c-7"))
 
 
 def test_a_missing_bus_permission_is_reported_with_its_group(bench, monkeypatch):
@@ -213,7 +213,7 @@ def test_a_missing_bus_permission_is_reported_with_its_group(bench, monkeypatch)
     b = bench()
     monkeypatch.setattr("smbus2.smbus2.os.open", refuse)
     with refused("imu.bus-not-allowed", RobotUnreachable):
-        imu.open(b.path)
+        imu.open_imu(b.path)
 
 
 def test_a_bus_without_answers_is_reported_with_the_wiring(bench):

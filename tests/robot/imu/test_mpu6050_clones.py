@@ -79,9 +79,9 @@ def test_a_bus_without_a_chip_is_not_an_unknown_chip(bench, who_am_i):
 def test_every_chip_has_six_filters_and_a_plausible_temperature_scale():
     for who_am_i, chip in CHIPS.items():
         assert chip_of(who_am_i) is chip
-        assert sorted(chip.bands) == [1, 2, 3, 4, 5, 6]
-        widths = [chip.bands[n].accel_hz for n in range(1, 7)]
-        delays = [chip.bands[n].gyro_delay_s for n in range(1, 7)]
+        assert sorted(chip.filter_bands) == [1, 2, 3, 4, 5, 6]
+        widths = [chip.filter_bands[n].accel_hz for n in range(1, 7)]
+        delays = [chip.filter_bands[n].gyro_delay_s for n in range(1, 7)]
         assert widths == sorted(widths, reverse=True)
         assert delays == sorted(delays)
     assert chip_of(0x68).celsius(-521) == pytest.approx(35.0, abs=0.01), "data sheet: -521 at 35 °C"

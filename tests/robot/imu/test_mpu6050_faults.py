@@ -87,7 +87,7 @@ def test_three_failed_reads_restart_the_chip(bench):
     assert device.counts.failures == 3
     assert device.counts.restarts == 1
     assert kinds(device) == ["imu.restart", "imu.started"]
-    assert device.running
+    assert device.is_running
     assert 0.16 < np.max(gaps_s(samples)) < 0.35, "the chip's own 160 ms, and a step at each call"
     assert_sane(samples)
 
@@ -144,11 +144,11 @@ def test_rt7_frozen_samples_are_discarded_and_the_chip_is_restarted(bench):
     samples = loop(b, device, 0.8)
     assert len(samples) <= 21
     assert kinds(device)[:4] == ["imu.frozen", "imu.restart", "imu.started", "imu.data-missing"]
-    assert device.silent
+    assert device.is_silent
     b.chip.freeze(False)
     fresh = loop(b, device, 1.0)
     assert "imu.back" in kinds(device)
-    assert not device.silent
+    assert not device.is_silent
     assert_sane(fresh)
 
 
@@ -215,7 +215,7 @@ def test_rt9_a_blocked_bus_delays_only_one_read(bench):
         before = b.clock.now
         assert device.read() == []
         longest = max(longest, b.clock.now - before)
-        if device.silent and silent_after is None:
+        if device.is_silent and silent_after is None:
             silent_after = b.clock.now - began
         b.clock.now = max(b.clock.now, before + 10_000_000)
     assert longest <= 40_000_000, "i2c.py sets 40 ms in the kernel; its second would be too long"
@@ -245,7 +245,7 @@ def test_a_chip_that_is_disconnected_recovers_after_reconnection(bench):
     loop(b, device, 1.0)
     chip = b.bus.devices.pop(0x68)
     assert loop(b, device, 3.0) == []
-    assert device.silent
+    assert device.is_silent
     events = kinds(device)
     assert events == ["imu.restart", "imu.data-missing"], "each fault is reported once"
     chip.brown_out()
@@ -263,7 +263,7 @@ def test_a_missing_device_file_raises_no_error_and_reading_resumes_later(bench, 
     b.bus.fail(errno.ENODEV, 6)
     (tmp_path / "i2c-1").rename(tmp_path / "gone")
     assert len(loop(b, device, 0.7)) < 10
-    assert device.silent
+    assert device.is_silent
     (tmp_path / "gone").rename(tmp_path / "i2c-1")
     assert len(loop(b, device, 1.0)) > 100
     assert kinds(device) == ["imu.restart", "imu.data-missing", "imu.started", "imu.back"]

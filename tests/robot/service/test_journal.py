@@ -9,7 +9,7 @@ from baqueano.diagnostics import StopReason
 from baqueano.drive.mission import Mission
 from baqueano.robot.service import journal
 from baqueano.robot.service.journal import Journal
-from baqueano.robot.service.onboard import _signs_of_life
+from baqueano.robot.service.onboard import _watchdog_functions
 
 MISSION = Mission(
     "experiment",
@@ -80,7 +80,7 @@ def test_the_watchdog_is_not_fed_after_a_thread_ends():
     end, systemd = threading.Event(), Systemd()
     thread = threading.Thread(target=end.wait)
     thread.start()
-    healthy, patience = _signs_of_life(systemd)
+    healthy, patience = _watchdog_functions(systemd)
     healthy()
     patience(2.0)
     assert systemd.messages == ["WATCHDOG=1", "WATCHDOG_USEC=2000000\nWATCHDOG=1"]

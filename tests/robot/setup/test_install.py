@@ -139,7 +139,7 @@ def test_su2_a_wheel_with_a_wrong_hash_is_not_installed(programs, pi, wheels, ca
 @pytest.mark.parametrize("path", ["boot/firmware/config.txt", "etc/baqueano/setup.json"])
 def test_a_failed_write_leaves_the_old_file(pi, monkeypatch, path):
     store = Pi(pi, pi, "ana", lambda *command: "")
-    store.note("something", {"before": "kept"})
+    store.record_state("something", {"before": "kept"})
     before = (pi / path).read_text()
 
     def fails(file):
@@ -147,7 +147,7 @@ def test_a_failed_write_leaves_the_old_file(pi, monkeypatch, path):
 
     monkeypatch.setattr(steps.os, "fsync", fails)
     with pytest.raises(OSError, match="the power is gone"):
-        boot_block_step(store).do() if "config" in path else store.note("more", True)
+        boot_block_step(store).do() if "config" in path else store.record_state("more", True)
     assert (pi / path).read_text() == before
 
 

@@ -49,8 +49,8 @@ def test_a_host_that_would_be_an_option_is_refused(programs, host):
     ],
 )
 def test_ssh_commands_have_a_double_dash_before_the_host(host, words):
-    assert f" {words} true" in " ".join(ssh.ssh(host, "true"))
-    assert f" {words} exec baqueano" in " ".join(remote._ssh(host))
+    assert f" {words} true" in " ".join(ssh.ssh_command(host, "true"))
+    assert f" {words} exec baqueano" in " ".join(remote._attach_command(host))
 
 
 def test_an_advised_ssh_command_has_its_port_as_an_option(programs):
@@ -98,5 +98,5 @@ def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
 def test_ne7_data_sent_over_ssh_arrive_unchanged(programs, tmp_path):
     programs(ssh=f"cat >{tmp_path / 'came'}; exit 7")
     data = bytes(range(256)) * 4096
-    assert ssh.run(ssh.ssh("r1", "x"), data) == (b"", 7)
+    assert ssh.run_command(ssh.ssh_command("r1", "x"), data) == (b"", 7)
     assert (tmp_path / "came").read_bytes() == data

@@ -12,11 +12,11 @@ from baqueano.robot.uno.codec import (
     MAX_FRAME_BYTES,
     Decoder,
     ReceivedFrame,
+    cobs_decode,
+    cobs_encode,
+    crc16,
     encode,
     encode_frame,
-    seal,
-    stuff,
-    unstuff,
 )
 from baqueano.robot.uno.frames import Config, Drive, DriveFlag, Ping, Settings, State, Stop, pack
 from tests.codes import refused
@@ -32,10 +32,10 @@ def test_the_checksum_equals_the_catalogue_value():
 
 @given(st.binary(max_size=MAX_FRAME_BYTES - 1))
 def test_byte_stuffing_removes_every_zero_and_is_reversible(body):
-    stuffed = stuff(body)
+    stuffed = cobs_encode(body)
     assert 0 not in stuffed
     assert len(stuffed) == len(body) + 1
-    assert unstuff(stuffed) == body
+    assert cobs_decode(stuffed) == body
 
 
 def test_the_stop_frame_has_fixed_bytes():
@@ -73,13 +73,13 @@ def test_endless_noise_does_not_fill_the_buffer():
 
 def test_the_second_checksum_equals_the_catalogue_value():
     """CRC-16/T10-DIF of the nine digits is 0xD0DB."""
-    assert seal(b"123456789") == 0xD0DB
+    assert crc16(b"123456789") == 0xD0DB
 
 
 def test_a_command_with_only_a_valid_first_checksum_is_refused():
     """A heavily damaged frame that passed CRC-16 by chance looks like this."""
     body = bytes([0x01, 3]) + pack(DRIVE) + b"\x12\x34"
-    wire = b"\0" + stuff(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
+    wire = b"\0" + cobs_encode(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
     decoder = Decoder()
     assert decoder.feed(wire) == []
     assert decoder.bad_crc == 1

@@ -11,23 +11,34 @@ from hypothesis import strategies as st
 
 from baqueano.robot.uno import frames
 from baqueano.robot.uno.c_header import c_header, snake_case
-from baqueano.robot.uno.frames import FIELDS, KIND_OF, KINDS, LAYOUTS, MAX_PAYLOAD, STRUCTS, Field, Within
+from baqueano.robot.uno.frames import (
+    FIELDS_OF_LAYOUT,
+    KIND_OF_LAYOUT,
+    LAYOUT_OF_KIND,
+    LAYOUTS,
+    MAX_PAYLOAD,
+    STRUCT_OF_LAYOUT,
+    Field,
+    ValueRange,
+)
 
 ROOT = Path(__file__).parents[3]
 HEADER = ROOT / "firmware" / "uno" / "frames.h"
 
 
 def any_number(field: Field) -> st.SearchStrategy[int]:
-    return st.integers(field.within.least, field.within.most)
+    return st.integers(field.value_range.low, field.value_range.high)
 
 
 def any_frame() -> st.SearchStrategy[frames.Frame]:
     """Return frames of each kind with numbers in their ranges."""
 
     def of(layout):
-        return st.tuples(*map(any_number, FIELDS[layout])).map(lambda n: frames.unflatten(layout, list(n)))
+        return st.tuples(*map(any_number, FIELDS_OF_LAYOUT[layout])).map(
+            lambda n: frames.unflatten(layout, list(n))
+        )
 
-    return st.one_of(*map(of, KIND_OF))
+    return st.one_of(*map(of, KIND_OF_LAYOUT))
 
 
 @given(any_frame())
@@ -41,12 +52,12 @@ def test_the_generated_firmware_header_is_current():
 
 
 def test_every_payload_fits_the_buffer_of_the_firmware():
-    assert max(frames.LENGTHS.values()) <= MAX_PAYLOAD
+    assert max(frames.PAYLOAD_LENGTHS.values()) <= MAX_PAYLOAD
 
 
 def test_frame_kinds_sent_by_the_firmware_have_bit_7_set():
-    assert {kind for kind in KINDS if kind & 0x80} == {0x81, 0x83, 0x85, 0x86}
-    assert KIND_OF[frames.Settings] == 0x06
+    assert {kind for kind in LAYOUT_OF_KIND if kind & 0x80} == {0x81, 0x83, 0x85, 0x86}
+    assert KIND_OF_LAYOUT[frames.Settings] == 0x06
 
 
 def test_default_settings_are_within_their_ranges():
@@ -55,13 +66,13 @@ def test_default_settings_are_within_their_ranges():
 
 
 def test_a_number_out_of_range_is_named_with_its_field():
-    ways = (frames.Way(),) * 3 + (frames.Way(slope_permille=99),)
-    fault = frames.first_out_of_range(frames.Settings(ways=ways))
-    assert fault == ("ways[3].slope_permille", 99, Within(100, 3000))
+    ways = (frames.WheelCurve(),) * 3 + (frames.WheelCurve(slope_permille=99),)
+    fault = frames.first_out_of_range(frames.Settings(curves=ways))
+    assert fault == ("ways[3].slope_permille", 99, ValueRange(100, 3000))
 
 
 def test_a_number_without_a_stated_range_is_limited_by_its_bits():
-    assert frames.first_out_of_range(frames.Ping(1 << 32)) == ("token", 1 << 32, Within(0, (1 << 32) - 1))
+    assert frames.first_out_of_range(frames.Ping(1 << 32)) == ("token", 1 << 32, ValueRange(0, (1 << 32) - 1))
     assert frames.first_out_of_range(frames.Pong(0, -1)) is not None
 
 
@@ -70,10 +81,10 @@ def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
     lines = []
     for layout in LAYOUTS:
         name = snake_case(layout.__name__)
-        if not FIELDS[layout]:
+        if not FIELDS_OF_LAYOUT[layout]:
             continue
         lines.append(f'printf("{name} %zu\\n", sizeof({name}_t));')
-        for field in FIELDS[layout]:
+        for field in FIELDS_OF_LAYOUT[layout]:
             lines.append(f'printf("{name}.{field.path} %zu\\n", offsetof({name}_t, {field.path}));')
     source = tmp_path / "layout.c"
     body = "\n".join(lines)
@@ -85,8 +96,8 @@ def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
     places = dict(line.split() for line in printed.splitlines())
     for layout in LAYOUTS:
         name, place = snake_case(layout.__name__), 0
-        for field in FIELDS[layout]:
+        for field in FIELDS_OF_LAYOUT[layout]:
             assert int(places[f"{name}.{field.path}"]) == place
             place += struct.calcsize(field.code)
-        if FIELDS[layout]:
-            assert int(places[name]) == place == STRUCTS[layout].size
+        if FIELDS_OF_LAYOUT[layout]:
+            assert int(places[name]) == place == STRUCT_OF_LAYOUT[layout].size

@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.uno import serial_port
-from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, open_early, open_uno
+from baqueano.robot.uno.serial_port import SerialPort, find_port, open_uno, read_continuously, reset_uno_early
 from tests.codes import refused
 
 pty = pytest.importorskip("pty", reason="this system has no pty")
@@ -36,7 +36,9 @@ def ends():
      (errno.ENOENT, "uno.port-not-opened")],
 )  # fmt: skip
 def test_the_message_about_an_unopened_line_depends_on_the_error_number(number, code):
-    assert serial_port._refusal("/dev/ttyUSB0", OSError(number, "in the language of the system")).code == code
+    assert (
+        serial_port._open_error("/dev/ttyUSB0", OSError(number, "in the language of the system")).code == code
+    )
 
 
 def test_bytes_pass_in_both_directions_and_reading_does_not_block(ends):
@@ -80,7 +82,7 @@ def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
         def on_reopen(self):
             port_open.set()
 
-    listener = threading.Thread(target=listen, args=(port, Link(), done))
+    listener = threading.Thread(target=read_continuously, args=(port, Link(), done))
     listener.start()
     assert port_open.wait(5.0)
     port_open.clear()
@@ -119,7 +121,7 @@ def test_a_line_opened_before_the_service_is_closed_on_request(tmp_path):
     file.write_text(f'[robot]\nport = "{os.ttyname(slave)}"\n')
     os.set_blocking(master, False)
     os.close(slave)
-    give_back = open_early(file)
+    give_back = reset_uno_early(file)
     with pytest.raises(BlockingIOError):  # another program has it open and sends nothing
         os.read(master, 10)
     give_back()
@@ -135,4 +137,4 @@ def test_opening_a_missing_line_early_raises_no_error(tmp_path, text):
     file = tmp_path / "vehicle.toml"
     if text is not None:
         file.write_text(text)
-    open_early(file)()
+    reset_uno_early(file)()

@@ -39,18 +39,18 @@ def test_rt2_a_gap_longer_than_the_command_timeout_disarms(line, dead_man_ms):
     uno.drive(0.5, 0.5)
     uno.drive(0.5, 0.5)
     assert line.drives() == [Drive(7, 0, 0, 0)], "the first words after it disarm, and no command follows"
-    assert uno.trouble.code == uno.stood_still().code == StopReason.STANDSTILL
+    assert uno.trouble.code == uno.standstill_reason().code == StopReason.STANDSTILL
     uno.arm()
     uno.drive(0.5, 0.5)
     assert line.drives()[-1] == Drive(7, 500, 500, DriveFlag.ARM)
     assert uno.trouble is None
-    assert uno.stood_still() is None
+    assert uno.standstill_reason() is None
 
 
 def test_the_stop_reason_contains_the_gap_and_the_command_timeout(line):
     uno = armed(line)
     line.now_ns += 800 * MS
-    assert uno.stood_still().figures == {"still_s": 0.8, "dead_man_s": 0.3}
+    assert uno.standstill_reason().figures == {"still_s": 0.8, "dead_man_s": 0.3}
 
 
 @pytest.mark.parametrize("outcome", ["nothing", "well", "dead man", "disarmed"])
@@ -63,7 +63,7 @@ def test_telemetry_buffered_during_a_gap_does_not_prevent_disarming(line, outcom
             line.send(state(t_ms, flags=flags[outcome]))
     uno.pump()  # the listening thread may run first after the freeze
     uno.receive()
-    assert uno.stood_still().code == StopReason.STANDSTILL
+    assert uno.standstill_reason().code == StopReason.STANDSTILL
     uno.drive(0.5, 0.5)
     assert line.drives() == [Drive(7, 0, 0, 0)]
 
@@ -72,7 +72,7 @@ def test_a_gap_while_disarmed_is_not_reported(line):
     uno = armed(line)
     uno.disarm()
     line.now_ns += 60_000 * MS
-    assert uno.stood_still() is None
+    assert uno.standstill_reason() is None
     uno.arm()
     assert uno.trouble is None
 

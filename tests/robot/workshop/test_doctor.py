@@ -73,8 +73,8 @@ def test_a_date_earlier_than_the_program_is_refused():
 
 
 def test_the_battery_check_compares_the_voltage_with_its_limit():
-    assert [uno_checks.battery(v, 6.6).verdict for v in (6.0, 6.7, 7.4)] == ["bad", "warn", "ok"]
-    assert uno_checks.battery(6.0, 0.0).verdict == "unknown"
+    assert [uno_checks.check_battery(v, 6.6).verdict for v in (6.0, 6.7, 7.4)] == ["bad", "warn", "ok"]
+    assert uno_checks.check_battery(6.0, 0.0).verdict == "unknown"
 
 
 def test_real_time_and_jitter_checks_restore_the_priority():

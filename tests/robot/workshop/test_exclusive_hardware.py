@@ -21,13 +21,13 @@ from baqueano.errors import (
     SafetyStop,
     UsageError,
 )
-from baqueano.robot.uno.frames import Settings, Way
+from baqueano.robot.uno.frames import Settings, WheelCurve
 from baqueano.robot.workshop import exclusive_hardware
-from baqueano.robot.workshop.calibrate_imu import MountedImu
-from baqueano.robot.workshop.calibrate_motors import Motors, Sweep
+from baqueano.robot.workshop.calibrate_imu import ImuCalibration
+from baqueano.robot.workshop.calibrate_motors import MotorCalibration, Sweep
 from tests.codes import refused
 
-MOUNTED = MountedImu(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
+MOUNTED = ImuCalibration(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def test_a_port_is_passed_to_ssh_as_an_option(programs):
 
 
 def test_heartbeats_are_sent_to_the_host_and_its_result_is_returned(programs, monkeypatch):
-    monkeypatch.setattr(remote_session, "BEAT_PERIOD_S", 0.01)
+    monkeypatch.setattr(remote_session, "HEARTBEAT_PERIOD_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
     assert exclusive_hardware.rows_from_host("r1", "robot", "doctor") == [{"a": 1}]
 
@@ -181,8 +181,8 @@ def test_an_imu_calibration_at_a_host_updates_the_local_file(programs, tmp_path,
 
 def test_a_motor_test_at_a_host_is_reported_locally(programs, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    motors = Motors(
-        Settings(1, ways=(Way(300, 700, 0),) * 4),
+    motors = MotorCalibration(
+        Settings(1, curves=(WheelCurve(300, 700, 0),) * 4),
         (Sweep(0.4, 0.3, 9.0, 0.0),) * 4,
         (0.1, 0.0),
         (0.01, 0.0),

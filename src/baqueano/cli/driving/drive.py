@@ -80,9 +80,9 @@ class DriveResult:
 
     def rows(self) -> list["TableRow"]:
         """Return one row: path of the run, duration, marks, and the scales that the marks determine."""
-        from baqueano.drive.session import marks_of
+        from baqueano.drive.session import mark_times_ns
 
-        mark_count = len(marks_of(self.run))
+        mark_count = len(mark_times_ns(self.run))
         return [{"run": str(self.path), "duration_s": self.run.duration_s, "marks": mark_count} | self.values]
 
     def table(self) -> str:

@@ -47,9 +47,9 @@ def drive_by_hand(
     UsageError for an emulated vehicle.
     """
     from baqueano.drive.by_hand.cockpit import Cockpit
-    from baqueano.drive.by_hand.heading_gains import gains_of
+    from baqueano.drive.by_hand.heading_gains import heading_hold_gains
     from baqueano.drive.by_hand.pad import find_pad
-    from baqueano.drive.by_hand.tty import answered_by_another, over_ssh
+    from baqueano.drive.by_hand.tty import is_over_ssh, terminal_proxy
     from baqueano.drive.mission import Mission
     from baqueano.errors import UsageError
     from baqueano.runs import read_run
@@ -60,16 +60,15 @@ def drive_by_hand(
     device = None if pad is None else find_pad(Path(pad) if pad != ANY_PAD else None)
     if device is not None:
         print_message(note("cli.game-pad", name=device.name))
-    multiplexer = answered_by_another() if over_ssh(os.environ) else ""
+    multiplexer = terminal_proxy() if is_over_ssh(os.environ) else ""
     if multiplexer:
         print_message(note("cli.terminal-of-another", another=multiplexer))
     with ExitStack() as open_things:
         target: Any = open_things.enter_context(open_target(robot, vehicle_file, seed, backend))
         cockpit = Cockpit(
             vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names), trusted=not multiplexer,
-            hold=hold and gains_of(vehicle_file) is not None, drivetrain=getattr(vehicle_file.vehicle, "drivetrain",
-            None),
-            pad=device, **how,
+            hold=hold and heading_hold_gains(vehicle_file) is not None, pad=device,
+            drivetrain=getattr(vehicle_file.vehicle, "drivetrain", None), **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(stop_on_signals(hand.stop))
@@ -125,7 +124,7 @@ def simulation_options(
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
     hand.status.state = "simulated"
     return {
-        "world": world, "ticking": clock_from_zero(wall(vehicle_file.rate_hz)), "live": True,
+        "world": world, "tick_times_ns": clock_from_zero(wall(vehicle_file.rate_hz)), "live": True,
         "observers": (hand,),
     }  # fmt: skip
 
@@ -163,9 +162,9 @@ def stop_on_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
 def finish_manual_drive(run: "Run", path: Path, robot: str) -> None:
     """Raise the error of a stopped drive, except if its driver ended it."""
     from baqueano.diagnostics import StopReason
-    from baqueano.drive import stop_of
+    from baqueano.drive import stop_reason_of
 
-    stop_reason = stop_of(run)
+    stop_reason = stop_reason_of(run)
     if stop_reason is not None and stop_reason.code == StopReason.INTERRUPTED:
         return
     if stop_reason is not None and robot.partition(":")[0] != "simulated":
@@ -181,10 +180,10 @@ def scales_from_marks(
     If the marks do not determine a scale, the text is the reason, and the values are {}.
     """
     from baqueano.drive.closure import closure
-    from baqueano.drive.session import marks_of
+    from baqueano.drive.session import mark_times_ns
     from baqueano.errors import AnswerNo
 
-    if len(marks_of(run)) < 2:
+    if len(mark_times_ns(run)) < 2:
         return note("cli.marks-too-few"), {}
     try:
         result = closure(run, vehicle_file, length_m)

@@ -41,9 +41,9 @@ def command(
     from dataclasses import replace
 
     from baqueano.compare import compare
-    from baqueano.drive import replay, smooth_run, stop_of
+    from baqueano.drive import replay, smooth_run, stop_reason_of
     from baqueano.drive.observers import Progress
-    from baqueano.drive.verbs import vehicle_of
+    from baqueano.drive.tasks import recorded_vehicle_file
     from baqueano.runs import write_run
     from baqueano.runs.initial_pose import initial_pose
     from baqueano.vehicle_file import override
@@ -52,7 +52,7 @@ def command(
     vehicle_options = options.run_options(folder)
     if vehicle is None and recorded_run.vehicle_text:
         print_message(note("cli.vehicle-of-run"))
-        vehicle_file = vehicle_of(recorded_run)
+        vehicle_file = recorded_vehicle_file(recorded_run)
         vehicle_file = override(vehicle_file, settings) if settings else vehicle_file
     else:
         vehicle_file = options.load_vehicle(vehicle, settings)
@@ -88,7 +88,7 @@ def command(
     if shown:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest
-    if not _stops_are_equal(stop_of(replayed), stop_of(recorded_run)):
+    if not _stops_are_equal(stop_reason_of(replayed), stop_reason_of(recorded_run)):
         options.raise_stop(replayed, path)
     else:
         options.print_warnings(replayed)

@@ -137,13 +137,13 @@ def import_(
         route = route_through_points(Path(source), speed_m_s, closed)
     else:
         from baqueano.drive import route_of
-        from baqueano.routes.edit import meets
+        from baqueano.routes.edit import ends_meet
 
         options.refuse_together(source, "speed_m_s")
 
         (run,) = options.find_runs((source,), folder)
         route = route_of(run)
-        route = route_of(run, True) if closed or (closed is None and meets(route)) else route
+        route = route_of(run, True) if closed or (closed is None and ends_meet(route)) else route
     store_route(route, name, as_json)
 
 

@@ -136,12 +136,12 @@ def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple
     """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
     if not shake:
         return
-    from baqueano.worlds import ledger_of
+    from baqueano.worlds import fault_ledger
 
-    ledger = ledger_of(run, vehicle_file)
+    ledger = fault_ledger(run, vehicle_file)
     for row in ledger.rows:
         print_message(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
-        for notice in row.noticed:
+        for notice in row.notices:
             print_message(
                 note(
                     "ledger.noticed",

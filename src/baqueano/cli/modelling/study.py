@@ -78,7 +78,7 @@ def identification(
     from baqueano.study.identification import identification
     from baqueano.study.identification.page import page_of_identification
     from baqueano.study.identification.trials import CASES
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     if unknown_cases := [case for case in cases if case not in CASES]:
         raise UsageError(
@@ -86,7 +86,7 @@ def identification(
         )
     with show_progress(note("cli.study-identification", seeds=seed_count), seed_count) as advance:
         result = identification(
-            seed_count, seed, backend, processors(), advance, cases=cases or CASES, keep=keep
+            seed_count, seed, backend, processor_count(), advance, cases=cases or CASES, keep=keep
         )
     print_answer(result, as_json)
     report.write(lambda: page_of_identification(result), Path("study-identification.html"), reproducible=True)
@@ -112,14 +112,14 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.errors import AnswerNo
     from baqueano.study.faults import FAULTS, faults
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     count = seed_count * len(FAULTS)
     with show_progress(note("cli.study-faults", count=count), count) as advance:
-        result = faults(seed_count, seed, processes=processors(), backend=backend, advance=advance)
+        result = faults(seed_count, seed, processes=processor_count(), backend=backend, advance=advance)
     print_answer(result, as_json)
-    if result.requested > result.tried:
-        raise Interruption(fault("cli.study-interrupted", done=result.tried, asked=result.requested))
+    if result.requested > result.attempted:
+        raise Interruption(fault("cli.study-interrupted", done=result.attempted, asked=result.requested))
     if result.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
 
@@ -143,10 +143,10 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
 def driving(seed: int, seed_count: int, controller: str | None, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.driving import driving
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     with show_progress(note("cli.study-driving", seeds=seed_count), seed_count) as advance:
-        result = driving(seed_count, seed, processors(), backend, controller=controller, advance=advance)
+        result = driving(seed_count, seed, processor_count(), backend, controller=controller, advance=advance)
     print_answer(result, as_json)
     if result.driven < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.driven, asked=seed_count))
@@ -173,10 +173,10 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
 def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.controllers import controllers
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     with show_progress(note("cli.study-controllers", seeds=seed_count), seed_count) as advance:
-        result = controllers(seed_count, seed, processors(), backend, own_kinds, advance=advance)
+        result = controllers(seed_count, seed, processor_count(), backend, own_kinds, advance=advance)
     print_answer(result, as_json)
     if result.robots < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
@@ -212,7 +212,7 @@ def laps(
     from baqueano.cli.errors import Interruption
     from baqueano.errors import UsageError
     from baqueano.study.laps import all_cases, laps_over_fixes
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     words = [[word.strip() for word in name.split(",")] for name in case_filters]
     known_words = sorted({word for case in all_cases() for word in case})
@@ -226,7 +226,7 @@ def laps(
         if not words or any(set(filter_words) <= set(case) for filter_words in words)
     ]
     with show_progress(note("cli.study-laps", seeds=seed_count, laps=laps), seed_count) as advance:
-        result = laps_over_fixes(seed_count, seed, laps, processors(), backend, cases, advance)
+        result = laps_over_fixes(seed_count, seed, laps, processor_count(), backend, cases, advance)
     print_answer(result, as_json)
     if result.robots < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
@@ -242,7 +242,7 @@ def laps(
 def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.cross_validation_cpm import cross_validate
-    from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
+    from baqueano.study.recordings import CPM_MAPS, files_of_maps, missing_paths, recordings
     from baqueano.study.recordings_page import page_of_recordings
 
     with show_steps() as begin:
@@ -251,7 +251,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     if result.stopped:
         raise Interruption(fault("cli.recordings-interrupted"))
     with show_steps() as begin:
-        study = None if missing_of(files_of(MAPS)) else cross_validate(backend, begin)
+        study = None if missing_paths(files_of_maps(CPM_MAPS)) else cross_validate(backend, begin)
     report.write(lambda: page_of_recordings(result, study), Path("study-recordings.html"))
 
 
@@ -269,10 +269,10 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
 @options.as_json
 def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     from baqueano.study.experiments import experiments
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     with show_steps() as begin:
-        result = experiments(seed, seconds, processors(), backend, begin)
+        result = experiments(seed, seconds, processor_count(), backend, begin)
     print_answer(result, as_json)
 
 
@@ -287,12 +287,12 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.first_drives import first_drives
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     with show_progress(note("cli.study-first-drives", seeds=seed_count), seed_count) as advance:
-        result = first_drives(seed_count, seed, processors(), backend, advance)
+        result = first_drives(seed_count, seed, processor_count(), backend, advance)
     print_answer(result, as_json)
-    if (count := sum(row.drives for row in result.each)) < seed_count:
+    if (count := sum(row.drives for row in result.wiring_rows)) < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=count, asked=seed_count))
 
 
@@ -339,14 +339,14 @@ def estimation(
 ) -> None:
     from baqueano.errors import UsageError
     from baqueano.study.estimation import CASES, estimation
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     if unknown_cases := [case for case in cases if case not in CASES]:
         raise UsageError(
             fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
     with show_steps() as begin:
-        result = estimation(seed_count, backend, begin, cases or CASES, kinds, processors())
+        result = estimation(seed_count, backend, begin, cases or CASES, kinds, processor_count())
     print_answer(result, as_json)
 
 
@@ -370,10 +370,10 @@ def estimation(
 def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.corridor import corridor, with_recordings
-    from baqueano.sweep.workers import processors
+    from baqueano.sweep.workers import processor_count
 
     with show_progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as advance:
-        result = corridor(vehicles, seed, processors(), backend, advance)
+        result = corridor(vehicles, seed, processor_count(), backend, advance)
     if recordings:
         with show_steps() as begin:
             result = with_recordings(result, backend, begin)

@@ -11,19 +11,19 @@ from baqueano.diagnostics import Diagnostic
 from baqueano.errors import BaqueanoError
 from baqueano.messages import text
 from baqueano.web.run import PageOptions, show_vehicle
-from baqueano.web.service import Link, on_pipes
+from baqueano.web.service import ServiceLink, link_over_pipes
 
 POLL_S = 0.05  # between two counts of the viewers
 
 
 async def serve(options: PageOptions) -> None:
     """Serve the drives of a subcommand until it closes its end of the pipes, and report the number of viewers."""
-    link: list[Link] = []
+    link: list[ServiceLink] = []
     viewers: list[Callable[[], int]] = []
     counting: list[asyncio.Task[None]] = []
 
-    async def start() -> Link:
-        link.append(await on_pipes(sys.stdin.buffer, sys.stdout.buffer))
+    async def start() -> ServiceLink:
+        link.append(await link_over_pipes(sys.stdin.buffer, sys.stdout.buffer))
         return link[0]
 
     def print_message(message: Diagnostic | str) -> None:

@@ -18,14 +18,14 @@ import numpy as np
 from baqueano.contracts.blocks import World
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.door.adjusting import Adjusting
 from baqueano.door.frames.descriptions import drive_description
+from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import Operator
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.sockets import Door
 from baqueano.door.states import DoorState
 from baqueano.drive.interrupt import is_default_handler
-from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.observers import EventLine, Observer
 from baqueano.drive.session import Conditions
 from baqueano.errors import RobotUnreachable, SafetyStop
 from baqueano.loop import Blocks, Record
@@ -65,7 +65,7 @@ class DriveDoor:
         self._record: Record | None = None
         self._published_s = float("-inf")
         self._robot: Remote | None = None
-        words = {"viewers": self._on_viewers, "routes": lambda guest, message: {"is": "routes", "routes": []}}
+        words = {"viewers": self._on_viewers, "routes": lambda client, message: {"is": "routes", "routes": []}}
         for do in ("pause", "go", "pace"):
             words[do] = self._on_time
         self._door = Door(None, self.operator, folder, words | {"stop": self._on_stop, "set": self._on_set})
@@ -75,7 +75,7 @@ class DriveDoor:
 
     def welcome(self, line: socket) -> None:
         """Add `line`, the connection of the page."""
-        self._door.welcome(line)
+        self._door.add_client(line)
 
     def close(self, reason: Diagnostic) -> None:
         """Report that the drives have ended, and disconnect the page."""
@@ -88,13 +88,13 @@ class DriveDoor:
         Requests for other missions are refused. Raise RobotUnreachable once `is_running` returns False.
         """
         while is_running():
-            request = self.operator.next()
+            request = self.operator.pop_mission()
             if request is None:
                 time.sleep(SEND_PERIOD_S / 10)
                 continue
             if json.loads(request[0]).get("kind") in MANUAL_MISSIONS:
                 return
-            self.operator.free()
+            self.operator.record_mission_end()
             self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
         raise RobotUnreachable(fault("cli.page-gone"))
 
@@ -106,19 +106,19 @@ class DriveDoor:
         given = start_options | given
         if "world" not in given:
             world_options = ("truth", "seed", "eta", "backend")
-            given["world"] = Conditions(**{k: given[k] for k in world_options if k in given}).world_of(file)
+            given["world"] = Conditions(**{k: given[k] for k in world_options if k in given}).make_world(file)
         watching = _PageObserver(self, mission, file, cast(WorldWithBody, given["world"]))
         given["observers"] = (
             *given.get("observers", ()),
             watching,
-            Adjusting(self.operator, self._door.broadcast),
+            ChangeObserver(self.operator, self._door.broadcast),
         )
-        given["ticking"] = self._ticks(file.rate_hz, given.get("ticking"))
+        given["tick_times_ns"] = self._ticks(file.rate_hz, given.get("tick_times_ns"))
         return given
 
     def hand(self, commands: int) -> np.ndarray:
         """Return the command (n,) that the page requests. Raise KeyboardInterrupt if the page has ended the drive."""
-        if self.operator.done:
+        if self.operator.is_end_requested:
             raise KeyboardInterrupt
         return self.operator.command(commands)
 
@@ -131,7 +131,7 @@ class DriveDoor:
             nonlocal watching, stopped
             replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": PAGE_RATE_HZ}]
             replies += [{"do": "mark"}] * self.operator.pop_mark_count()
-            if self.operator.done:
+            if self.operator.is_end_requested:
                 raise KeyboardInterrupt
             stop_reason = self.operator.stop_reason(self.by_hand)
             if stop_reason is not None and not stopped:
@@ -171,37 +171,39 @@ class DriveDoor:
         self._record = record
         self.frames.on_record(record, truth, late_ms=self.pace.late_ms)
 
-    def _ticks(self, rate_hz: float, ticking: Iterator[int] | None) -> Iterator[int]:
+    def _ticks(self, rate_hz: float, tick_times_ns: Iterator[int] | None) -> Iterator[int]:
         def is_interrupted() -> bool:
             self.publish()
             operator = self.operator
             return (
-                operator.done or operator.stop_reason(self.by_hand) is not None or is_default_handler()
+                operator.is_end_requested
+                or operator.stop_reason(self.by_hand) is not None
+                or is_default_handler()
             )  # the last: Ctrl-C was pressed
 
         for t_ns in self.pace.ticks(rate_hz, is_interrupted):
-            if self.operator.done:
+            if self.operator.is_end_requested:
                 raise KeyboardInterrupt
-            yield t_ns if ticking is None else next(ticking)
+            yield t_ns if tick_times_ns is None else next(tick_times_ns)
             self.publish()
 
     def _relay(self, message: "JsonObject") -> None:
         if message["is"] in RELAYED:
             self._door.broadcast(message)
 
-    def _on_viewers(self, guest: object, message: "JsonObject") -> None:
+    def _on_viewers(self, client: object, message: "JsonObject") -> None:
         """Record that the page is listening, and the number of its viewers."""
         if (
             not self.listens.is_set() and not self.by_hand
         ):  # reserves the operator: missions of the page are refused
             with suppress(SafetyStop):
-                self.operator.queue_mission(guest, "", attended=False)
-                self.operator.next()
+                self.operator.queue_mission(client, "", attended=False)
+                self.operator.pop_mission()
         self.listens.set()
         if int(message["count"]) > 0:
             self.visited.set()
 
-    def _on_stop(self, guest: object, message: "JsonObject") -> "JsonObject":
+    def _on_stop(self, client: object, message: "JsonObject") -> "JsonObject":
         reason = Diagnostic.of_json(message["why"])
         if self._robot is not None:  # at once, from this thread
             self._robot.send(do="stop", why=reason)
@@ -209,22 +211,22 @@ class DriveDoor:
             self.operator.stop(reason)
         return {"is": "heard", "do": "stop"}
 
-    def _on_set(self, guest: object, message: "JsonObject") -> "JsonObject":
+    def _on_set(self, client: object, message: "JsonObject") -> "JsonObject":
         if self._robot is not None:
             raise SafetyStop(note("cli.page-set", Severity.ERROR))
-        self.operator.change(guest, str(message["path"]), message["value"])
+        self.operator.set_gain(client, str(message["path"]), message["value"])
         return {"is": "heard", "do": "set"}
 
-    def _on_time(self, guest: object, message: "JsonObject") -> None:
+    def _on_time(self, client: object, message: "JsonObject") -> None:
         if self._robot is not None:
             raise SafetyStop(note("cli.page-time", Severity.ERROR))
         match message["do"]:
             case "pause":
                 self.pace.pause()
             case "go":
-                self.pace.go(int(message.get("ticks", 0)))
+                self.pace.resume(int(message.get("ticks", 0)))
             case _:
-                self.pace.set(float(message["factor"]))
+                self.pace.set_pace(float(message["factor"]))
         self.publish(at_once=True)
 
     def _end(self, name: str, reason: Diagnostic, code: int) -> None:
@@ -254,6 +256,6 @@ class _PageObserver(Observer):
     def on_record(self, record: Record) -> None:
         self._door.on_record(record, self._world.truth)
 
-    def end(self, reason: Diagnostic | None) -> list[LastLine]:
+    def end(self, reason: Diagnostic | None) -> list[EventLine]:
         self._door.drives(None, reason)
         return []

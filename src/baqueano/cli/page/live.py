@@ -107,13 +107,13 @@ def require_websockets() -> None:
 
 
 def _join(door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
-    from baqueano.door.pipes import join
+    from baqueano.door.pipes import forward_bytes
 
     assert program.stdin is not None
     assert program.stdout is not None
     near_end, far_end = socket.socketpair()
     threading.Thread(
-        target=join, args=(near_end, program.stdout, program.stdin), name="page", daemon=True
+        target=forward_bytes, args=(near_end, program.stdout, program.stdin), name="page", daemon=True
     ).start()
     door.welcome(far_end)
 

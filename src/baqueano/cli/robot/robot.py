@@ -32,11 +32,11 @@ def command() -> None:
 def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
     import gc
 
-    from baqueano.robot.uno.serial_port import open_early
+    from baqueano.robot.uno.serial_port import reset_uno_early
 
     gc.disable()  # request_realtime() enables it again: loading does not produce garbage
     try:
-        give_back = (lambda: None) if settings else open_early(Path(vehicle or options.DEFAULT_FILE))
+        give_back = (lambda: None) if settings else reset_uno_early(Path(vehicle or options.DEFAULT_FILE))
         from baqueano.robot.service.onboard import serve
 
         serve(options.load_vehicle(vehicle, settings), Path(folder), door, print_result, give_back)

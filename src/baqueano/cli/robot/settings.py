@@ -75,13 +75,13 @@ def settings(
                 uno, lambda before: uno_settings.apply_changes(Settings() if defaults else before, changes)
             )
             if watch_s is not None:
-                uno_settings.watch(uno, watch_s, print_message)
+                uno_settings.show_counts(uno, watch_s, print_message)
     else:
         arguments = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
         arguments += ["--defaults"] if defaults else []
         arguments += [] if watch_s is None else [f"--watch={watch_s:g}"]
         verb = ("robot", "settings", "--vehicle", VEHICLE, *arguments)
-        stored_settings = result_from_host(uno_settings.StoredSettings.of, host, *verb)
+        stored_settings = result_from_host(uno_settings.StoredSettings.from_rows, host, *verb)
     print_answer(stored_settings, as_json)
 
 

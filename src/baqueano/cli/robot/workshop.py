@@ -93,7 +93,7 @@ def calibrate() -> None:
 @options.as_json
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
     from baqueano.robot import VEHICLE
-    from baqueano.robot.workshop.calibrate_imu import ImuReader, MountedImu
+    from baqueano.robot.workshop.calibrate_imu import ImuCalibration, ImuReader
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import open_hardware, result_from_host
 
@@ -104,7 +104,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     else:  # its service uses its own vehicle file, so that file is written there
         update_option = ["--update"] if update else []
         verb = ("robot", "calibrate", "imu", "--vehicle", VEHICLE, *update_option)
-        mounted_imu = result_from_host(lambda rows: MountedImu.of(rows[0]), host, *verb)
+        mounted_imu = result_from_host(lambda rows: ImuCalibration.from_row(rows[0]), host, *verb)
     print_answer(mounted_imu, as_json)
     values = mounted_imu.values(vehicle_file)
     options.save_update(
@@ -123,8 +123,8 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 @options.as_json
 def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     from baqueano.robot import VEHICLE
-    from baqueano.robot.service.configuration import config_of
-    from baqueano.robot.workshop.calibrate_motors import Motors
+    from baqueano.robot.service.configuration import firmware_config
+    from baqueano.robot.workshop.calibrate_motors import MotorCalibration
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import open_hardware, result_from_host
 
@@ -132,8 +132,10 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
         with open_hardware(vehicle_file.robot, print_message) as floor_tests:
-            floor_tests.uno.configure(config_of(vehicle_file.robot, floor_tests.uno.info))
+            floor_tests.uno.configure(firmware_config(vehicle_file.robot, floor_tests.uno.info))
             motors = find(floor_tests, print_message)
     else:
-        motors = result_from_host(Motors.of, host, "robot", "calibrate", "motors", "--vehicle", VEHICLE)
+        motors = result_from_host(
+            MotorCalibration.from_rows, host, "robot", "calibrate", "motors", "--vehicle", VEHICLE
+        )
     print_answer(motors, as_json)

@@ -39,7 +39,7 @@ LINEAR_MOTORS = {
 STEADY_MOTORS = {"duty_step": 0.0, "sag": 0.0, "battery_effect": 0.0}
 
 
-class Quadratic(NamedTuple):
+class QuadraticProgram(NamedTuple):
     """A quadratic program: min ½ zᵀ P z + qᵀ z with low ≤ A z ≤ high."""
 
     P: np.ndarray  # (m, m)
@@ -72,22 +72,22 @@ class Horizon:
         self._weights = np.repeat(np.eye(STEPS), self._substeps, axis=0)
         self._kernel = self._begin_compiled = self._command_compiled = None
 
-    def at_rest(self) -> tuple[np.ndarray, np.ndarray, Tree]:
+    def rest_state(self) -> tuple[np.ndarray, np.ndarray, Tree]:
         """Return the plan (N, k), the effort (k,) and the state of the drivetrain after a long time at rest."""
         return np.zeros((STEPS, self._k)), np.zeros(self._k), self._linear_vehicle.drivetrain.init()
 
-    def motors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def motor_constraints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the rows (c, N k) that map the plan to the efforts of all motors and steps, and their bounds (c,)."""
         mix = np.column_stack([self._motors.mix(row) for row in self._active_rows])
         max_duty = np.minimum(
             np.abs(mix) @ np.minimum(self._active_rows @ self._limit, NO_LIMIT), self._motors.limit
         )
-        low, high = (np.tile(self._motors.static(sign * max_duty), STEPS) for sign in (-1.0, 1.0))
+        low, high = (np.tile(self._motors.static_response(sign * max_duty), STEPS) for sign in (-1.0, 1.0))
         return np.kron(np.eye(STEPS), mix), low, high
 
-    def linear(
+    def linearised_program(
         self, state: MpcState, dt_s: float, reference: Reference, estimate: Estimate
-    ) -> tuple[np.ndarray, Tree, Quadratic | None]:
+    ) -> tuple[np.ndarray, Tree, QuadraticProgram | None]:
         """Return the shifted plan (N, k), the state of the drivetrain, and the program; None if the model diverges."""
         arguments = (
             state[1:4],
@@ -113,7 +113,7 @@ class Horizon:
         p_E = jacobians[:, 3:].reshape(-1, len(z))
         free_outputs = outputs[:, 3:].ravel() - p_E @ z
         low, high = (np.tile(wall[self._with_wall], STEPS) - free_outputs for wall in self._wall)
-        return E, drivetrain, Quadratic(J.T @ J + self._P, q, p_E, low, high)
+        return E, drivetrain, QuadraticProgram(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the command (n,) for an effort (k,), within the limits, and the effort (k,) that it causes."""
@@ -124,8 +124,8 @@ class Horizon:
     def _command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         motors = self._motors
         u = np.clip(motors.inverse(self._active_rows.T @ effort), -self._limit, self._limit)
-        u = motors.turn_first(u)
-        return u, self._active_rows @ motors.unmix(motors.static(motors.mix(u)))
+        u = motors.prioritise_turn(u)
+        return u, self._active_rows @ motors.unmix(motors.static_response(motors.mix(u)))
 
     def _begin(
         self, previous: Tree, dt_s: Value, has_plan: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
@@ -137,22 +137,42 @@ class Horizon:
         # linear interpolation between the steps
         E = np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
         E = np.where(np.abs(E) < MIN_EFFORT, MIN_EFFORT * np.arange(1.0, self._k + 1.0), E)
-        entries = eta, nu, drivetrain.past.ravel(), drivetrain.steps_s, drivetrain.lagged, eta_r, nu_r
+        entries = (
+            eta,
+            nu,
+            drivetrain.past_commands.ravel(),
+            drivetrain.steps_s,
+            drivetrain.lag_state,
+            eta_r,
+            nu_r,
+        )
         return E, drivetrain, np.concatenate(entries)
 
     def _scan(self, start: np.ndarray) -> Scan:
         """Return the kernel, which computes e / e_max and the coordinates with walls at the end of each step."""
         dt_s, rest_state = self._step_s / self._substeps, self._linear_vehicle.drivetrain.init()
-        offsets = np.cumsum([3, 3, rest_state.past.size, rest_state.steps_s.size, rest_state.lagged.size, 3])
+        offsets = np.cumsum(
+            [3, 3, rest_state.past_commands.size, rest_state.steps_s.size, rest_state.lag_state.size, 3]
+        )
 
         def step(theta: np.ndarray, x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             eta, nu, *motor_parts, eta_r, nu_r = np.split(x, offsets)
-            motors = DrivetrainState(np.reshape(motor_parts[0], rest_state.past.shape), *motor_parts[1:])
+            motors = DrivetrainState(
+                np.reshape(motor_parts[0], rest_state.past_commands.shape), *motor_parts[1:]
+            )
             effort = row @ np.reshape(theta, (STEPS, self._k))
             state = VehicleState(eta, nu, np.zeros(3), motors)
             state, _ = self._linear_vehicle.step(state, self._active_rows.T @ effort, dt_s, np.zeros(3))
             motors, eta_r = state.drivetrain, compose(eta_r, _arc(nu_r * dt_s))
-            entries = state.eta, state.nu, motors.past.ravel(), motors.steps_s, motors.lagged, eta_r, nu_r
+            entries = (
+                state.eta,
+                state.nu,
+                motors.past_commands.ravel(),
+                motors.steps_s,
+                motors.lag_state,
+                eta_r,
+                nu_r,
+            )
             outputs = [pose_error(eta_r, state.eta) / self._e_max, state.eta[:2][self._with_wall]]
             return np.concatenate(entries), np.concatenate(outputs)
 

@@ -94,7 +94,7 @@ class Mpc:
 
     def init(self) -> MpcState:
         """Return the plan of a vehicle at rest."""
-        return MpcState(-1, *self._horizon.at_rest(), 0)
+        return MpcState(-1, *self._horizon.rest_state(), 0)
 
     def step(self, state: MpcState, reference: Reference, estimate: Estimate) -> tuple[MpcState, Command]:
         """Return the new plan and its first command (n,).
@@ -103,7 +103,7 @@ class Mpc:
         installed.
         """
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
-        E, drivetrain, program = self._horizon.linear(state, dt_s, reference, estimate)
+        E, drivetrain, program = self._horizon.linearised_program(state, dt_s, reference, estimate)
         solution = None if program is None else self._program.solve(program, E)
         failures = 0 if solution is not None else state.failures + 1
         if failures > MAX_FAILURES:
@@ -122,4 +122,4 @@ class Mpc:
 
     @cached_property
     def _program(self) -> BoundedProgram:
-        return BoundedProgram(*self._horizon.motors())
+        return BoundedProgram(*self._horizon.motor_constraints())

@@ -56,11 +56,11 @@ def vehicle_description(
             }
             for name, sensor in vehicle_file.sensors._asdict().items()
         ],
-        "gains": gains_of(vehicle_file, block_kinds.get("controller")),
+        "gains": scalar_gains(vehicle_file, block_kinds.get("controller")),
     }  # fmt: skip
 
 
-def gains_of(vehicle_file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
+def scalar_gains(vehicle_file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
     """Return path → value of the scalar gains, such as "controller.k_x"; {} if the controller cannot be built."""
     try:
         controller = vehicle_file.controller(kind)

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
-from baqueano.door.frames.along_route import AlongRoute
 from baqueano.door.frames.descriptions import route_description, vehicle_description
-from baqueano.drive.health import normalised_square
-from baqueano.monitor.watching import innovations_of
+from baqueano.door.frames.route_progress import RouteProgress
+from baqueano.drive.health import normalised_innovation_squared
+from baqueano.monitor.sensor_monitor import innovation_channels
 from baqueano.signals import NANOSECONDS, Motion, seconds
 from baqueano.vehicle_file.units import channel_unit
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from baqueano.loop import Record
     from baqueano.vehicle_file.file import VehicleFile
 
-RING_TICKS = 1024  # ticks that are kept for slow clients
+MAX_STORED_TICKS = 1024  # ticks that are kept for slow clients
 # rows that are made before the door reads again: a fast simulation makes thousands of ticks per second
 TICKS_PER_TURN = 16
 MAX_FRAME_RATE_HZ = 50.0  # largest frame rate
 NAN = float("nan")
 DRIVE_NUMBERS = count()
 
-ESTIMATE = (
+ESTIMATE_COLUMNS = (
     ("eta.x", "m"), ("eta.y", "m"), ("eta.psi", "rad"),
     ("P.xx", "m²"), ("P.xy", "m²"), ("P.yy", "m²"), ("P.psi", "rad²"),
     ("nu.u", "m/s"), ("nu.v", "m/s"), ("nu.r", "rad/s"),
@@ -79,7 +79,7 @@ class RecordedTick(NamedTuple):
 def columns_of(vehicle_file: "VehicleFile") -> list[Column]:
     """Return the columns of the rows of this vehicle, in order."""
     columns = [Column("t", "s", "time")]
-    columns += [Column(name, unit, KIND_BY_PREFIX[name.partition(".")[0]]) for name, unit in ESTIMATE]
+    columns += [Column(name, unit, KIND_BY_PREFIX[name.partition(".")[0]]) for name, unit in ESTIMATE_COLUMNS]
     for name, kind in (("u", "command"), ("asked", "asked")):
         columns += [
             Column(f"{name}.{k}", vehicle_file.command.unit, kind)
@@ -105,20 +105,20 @@ class DriveRows:
     vehicle_file: "VehicleFile"
     estimator: "Estimator | None" = None  # the estimator of the drive
     route: "Route | None" = None
-    ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING_TICKS))  # not yet rows
+    ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=MAX_STORED_TICKS))  # not yet rows
     tick_count: int = 0  # number of ticks stored by the loop
 
     def __post_init__(self) -> None:
         self.number = next(DRIVE_NUMBERS)
         self.columns = columns_of(self.vehicle_file)
-        self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING_TICKS)  # t_ns, the values as text
+        self.rows: deque[tuple[int, list[str]]] = deque(maxlen=MAX_STORED_TICKS)  # t_ns, the values as text
         self.row_count = 0  # rows since the beginning of the drive, including rows that were skipped
         sensors = self.vehicle_file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
-        self._along = None if self.route is None else AlongRoute(self.route)
+        self._along = None if self.route is None else RouteProgress(self.route)
         self._at: tuple[int, ...] | None = ()  # channel of each innovation; () before the first tick
 
-    def make(self, max_count: int = RING_TICKS) -> bool:
+    def convert(self, max_count: int = MAX_STORED_TICKS) -> bool:
         """Convert at most `max_count` waiting ticks to rows, and return True while further ticks wait.
 
         Ticks that the ring has dropped are not converted.
@@ -129,11 +129,11 @@ class DriveRows:
             self.rows.clear()
         new_ticks = [self.ticks.popleft() for _ in range(min(waiting_count, max_count))]
         for sample in new_ticks:
-            self.rows.append((sample.record.tick.t_ns, _cells(self._row(sample))))
+            self.rows.append((sample.record.tick.t_ns, _number_texts(self._row(sample))))
         self.row_count = first_row + len(new_ticks)
         return bool(self.ticks)
 
-    def skip(self) -> None:
+    def drop_ticks(self) -> None:
         """Drop all ticks so far, which no client has watched, and begin with the next tick."""
         self.ticks.clear()
         self.rows.clear()
@@ -166,7 +166,7 @@ class DriveRows:
             seconds(tick.t_ns), *eta, float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]), float(cov[2, 2]), *nu,
             *reference.eta.tolist(), float(reference.nu[0]), *truth, *tick.u.tolist(), *record.requested.u.tolist(),
             *z, *(a - b for a, b in zip(z, innovation, strict=True)), *innovation, *deviation, nis,
-            *((NAN, NAN) if self._along is None else self._along.progress(eta)), sample.battery_v, sample.late_ms,
+            *((NAN, NAN) if self._along is None else self._along.update(eta)), sample.battery_v, sample.late_ms,
         ]  # fmt: skip
 
     def _innovations(self, record: "Record", channel_count: int) -> tuple[list[float], list[float], float]:
@@ -176,18 +176,18 @@ class DriveRows:
         if y is None or S is None:
             return innovation, deviation, NAN
         if self._at == () and self.estimator is not None:
-            self._at = innovations_of(self.estimator, self.vehicle_file.sensors, len(y))
+            self._at = innovation_channels(self.estimator, self.vehicle_file.sensors, len(y))
         values, spread = y.tolist(), np.sqrt(np.maximum(np.diagonal(S), 0.0)).tolist()
         for k, c in enumerate(self._at or ()):
             innovation[c], deviation[c] = values[k], spread[k]
         try:
-            nis = normalised_square(values, S.tolist())
+            nis = normalised_innovation_squared(values, S.tolist())
         except ZeroDivisionError:
             nis = None
         return innovation, deviation, NAN if nis is None else nis
 
 
-def _cells(row: list[float]) -> list[str]:
+def _number_texts(row: list[float]) -> list[str]:
     """Return the values as JSON with seven digits each, enough for hundredths of a second during a day."""
     return [f"{x:.7g}" if x - x == 0.0 else "null" for x in row]
 

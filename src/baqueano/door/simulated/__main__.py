@@ -11,7 +11,7 @@ import sys
 import threading
 from pathlib import Path
 
-from baqueano.door.pipes import join
+from baqueano.door.pipes import forward_bytes
 from baqueano.door.simulated.missions import StoredRoutes
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.simulated.service import SimulatedService
@@ -40,21 +40,21 @@ def main(arguments: list[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process by its stdin
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     if options.socket is None:
-        _on_pipes(door, service)
+        _serve_pipes(door, service)
     service.run()
     door.close()
     return 0
 
 
-def _on_pipes(door: Door, service: SimulatedService) -> None:
+def _serve_pipes(door: Door, service: SimulatedService) -> None:
     """Join stdin and stdout to the door, and redirect the output of blocks to stderr."""
     coming, going = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     near_end, far_end = socket.socketpair()
-    door.welcome(far_end)
+    door.add_client(far_end)
 
     def forward() -> None:
-        join(near_end, coming, going)
+        forward_bytes(near_end, coming, going)
         service.end()
 
     threading.Thread(target=forward, name="pipes", daemon=True).start()

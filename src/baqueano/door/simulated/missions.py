@@ -31,7 +31,7 @@ from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.toml_text import read_text
 from baqueano.worlds.faults.fault import Fault
-from baqueano.worlds.shaken import MAX_FAULTS
+from baqueano.worlds.faulty_world import MAX_FAULTS
 
 if TYPE_CHECKING:
     from baqueano.guides.route import Route
@@ -49,11 +49,11 @@ class MissionPlan:
     mission: Mission
     vehicle_file: "VehicleFile"
     name: str = ""  # name of its route
-    keep: str = ""  # the name under which a taught route is stored
+    route_name: str = ""  # the name under which a taught route is stored
     closed: bool | None = None  # True for a closed route; None: closed if the drive returned to its start
     seed: int | None = None
-    shake: tuple[Fault, ...] = ()
-    hurry_s: float = 0.0  # drive time until which the ticks do not wait
+    faults: tuple[Fault, ...] = ()
+    fast_until_s: float = 0.0  # drive time until which the ticks do not wait
 
     @property
     def start(self) -> np.ndarray:
@@ -76,23 +76,25 @@ def mission_plan(
         is_complete = "format" in request
         seed = int(request.get("seed", seed))
         kind = str(request["kind"])
-        shake, hurry_s = request.pop("shake", []), _number(request, "hurry_s", 0.0)
+        shake, hurry_s = request.pop("shake", []), _checked_number(request, "hurry_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
         raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
-    faults = tuple(Fault.of_words(request_of_fault) for request_of_fault in shake)
+    faults = tuple(Fault.parse(request_of_fault) for request_of_fault in shake)
     if not is_complete:
-        yield replace(_plan_by_name(kind, request, vehicle_file, routes, seed), shake=faults, hurry_s=hurry_s)
+        yield replace(
+            _plan_by_name(kind, request, vehicle_file, routes, seed), faults=faults, fast_until_s=hurry_s
+        )
         return
     extra_keys = ("seed", "shake", "hurry_s")
-    mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in extra_keys}))
+    mission = Mission.from_json(json.dumps({k: v for k, v in request.items() if k not in extra_keys}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
         vehicle_file = unpack(mission, Path(folder))
-        yield MissionPlan(mission, vehicle_file, seed=seed, shake=faults, hurry_s=hurry_s)
+        yield MissionPlan(mission, vehicle_file, seed=seed, faults=faults, fast_until_s=hurry_s)
 
 
-def reload(vehicle_file: "VehicleFile") -> "VehicleFile":
+def reload_if_changed(vehicle_file: "VehicleFile") -> "VehicleFile":
     """Return the vehicle file, read again if it has changed on the disk, as after gains were written.
 
     Raise FileError if it is broken.
@@ -156,12 +158,14 @@ def _plan_by_name(
                 return MissionPlan(
                     Mission("teach"),
                     vehicle_file,
-                    keep=stored_name,
+                    route_name=stored_name,
                     closed=None if closed is None else bool(closed),
                     seed=seed,
                 )
             route = shape(
-                str(shape_name), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
+                str(shape_name),
+                _checked_number(request, "size_m", SIZE_M),
+                _checked_number(request, "speed_m_s", SPEED_M_S),
             )
             return MissionPlan(
                 Mission("teach", route=route),
@@ -173,20 +177,20 @@ def _plan_by_name(
             )
         case "repeat":
             name = str(request.get("route", ""))
-            laps = max(0, round(_number(request, "laps", 1)))
-            mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(request))
+            laps = max(0, round(_checked_number(request, "laps", 1)))
+            mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_replaced_blocks(request))
             return MissionPlan(mission, vehicle_file, name, seed=seed)
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
-            length_s = min(_number(request, "seconds", DEFAULT_DURATION_S), MAX_DURATION_S)
+            length_s = min(_checked_number(request, "seconds", DEFAULT_DURATION_S), MAX_DURATION_S)
             signal = str(request.get("signal", "random_steps")).replace("-", "_")
             u = excitation(signal, vehicle_file.command.limit, length_s, vehicle_file.rate_hz, seed)
             return MissionPlan(Mission("experiment", u=u), vehicle_file, seed=seed)
     return MissionPlan(Mission(kind), vehicle_file, seed=seed)
 
 
-def _blocks(request: JsonObject) -> dict[str, str]:
+def _replaced_blocks(request: JsonObject) -> dict[str, str]:
     """Return the blocks of a repetition, role → kind, that replace the file's blocks.
 
     Raise UsageError if they are malformed.
@@ -198,7 +202,7 @@ def _blocks(request: JsonObject) -> dict[str, str]:
     return dict(blocks)
 
 
-def _number(request: JsonObject, name: str, default: float) -> float:
+def _checked_number(request: JsonObject, name: str, default: float) -> float:
     try:
         value = float(request.get(name, default))
     except (TypeError, ValueError):

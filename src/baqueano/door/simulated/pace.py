@@ -32,9 +32,9 @@ class PacedClock:
         self._now_s, self._sleep = now_s, sleep
         self.paused, self.late_ms = False, 0.0
         self._more = 0  # ticks until the next pause
-        self.set(factor)
+        self.set_pace(factor)
 
-    def set(self, factor: float) -> None:
+    def set_pace(self, factor: float) -> None:
         """Let simulated time pass `factor` times as fast. Raise Invalid if it is outside [SLOWEST, FASTEST]."""
         if not SLOWEST <= factor <= FASTEST:
             raise Invalid(fault("door.pace", found=factor, slowest=SLOWEST, fastest=FASTEST))
@@ -44,7 +44,7 @@ class PacedClock:
         """Pause simulated time."""
         self.paused, self._more = True, 0
 
-    def go(self, ticks: int = 0) -> None:
+    def resume(self, ticks: int = 0) -> None:
         """Let simulated time pass again. If `ticks` > 0, pause after this number of ticks."""
         self._more, self.paused = max(0, ticks), ticks > 0
 

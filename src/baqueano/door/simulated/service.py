@@ -4,7 +4,7 @@
   mission    the loop of loop.py in wall time, at a pace (pace.py), recorded in a run on disk
 
 The service accepts the messages of the door, and further messages for a simulation: pause, go {ticks}, pace {factor},
-routes, shake, again (shaking.py).
+routes, shake, again (fault_requests.py).
 """
 
 import threading
@@ -16,30 +16,30 @@ from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
-from baqueano.door.adjusting import Adjusting
 from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
+from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import STOP_COMMAND, Operator
-from baqueano.door.outcome import outcome_of
-from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload
+from baqueano.door.outcome import mission_outcome
+from baqueano.door.simulated.fault_requests import FaultRequests
+from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload_if_changed
 from baqueano.door.simulated.pace import PacedClock
-from baqueano.door.simulated.shaking import FaultRequests
-from baqueano.door.states import DoorState, Machine
+from baqueano.door.states import DoorState, StateMachine
 from baqueano.drive.mission import perform
-from baqueano.drive.observers import LastLine, Observer
-from baqueano.drive.verbs import route_of
+from baqueano.drive.observers import EventLine, Observer
+from baqueano.drive.tasks import route_of
 from baqueano.errors import BaqueanoError, FileError, SafetyStop
 from baqueano.loop import Blocks, Record
 from baqueano.messages import templates
 from baqueano.runs import read_run
 from baqueano.runs.folder import release_path, reserve_path
 from baqueano.runs.route_file import write_route
-from baqueano.worlds import ShakenWorld
+from baqueano.worlds import FaultyWorld
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
-Word = Callable[[object, JsonObject], JsonObject | None]
+Handler = Callable[[object, JsonObject], JsonObject | None]
 IDLE_S, TELL_S = 0.02, 0.2
 
 
@@ -61,7 +61,7 @@ class SimulatedService:
 
     def __post_init__(self) -> None:
         templates()
-        self.machine, self.done = Machine(), threading.Event()
+        self.machine, self.done = StateMachine(), threading.Event()
         self._drives = 0
         self._plan: MissionPlan | None = None
         self._run: str | None = None  # name of the run that is being written
@@ -69,16 +69,18 @@ class SimulatedService:
         self._published_s = float("-inf")
         self.shaken = FaultRequests(self.operator, lambda message: self.broadcast(message))
 
-    def handlers(self) -> dict[str, Word]:
+    def handlers(self) -> dict[str, Handler]:
         """Return the handlers of the messages that only a simulation accepts."""
         return {
-            "pause": lambda guest, request: self._while_holding(guest, self.pace.pause),
-            "go": lambda guest, request: self._while_holding(guest, lambda: self.pace.go(int(request.get("ticks", 0)))),
-            "pace": lambda guest, request: self._while_holding(guest, lambda: self.pace.set(float(request["factor"]))),
-            "routes": lambda guest, request: {"is": "routes", "routes": self.routes.rows()},
-            "shake": lambda guest, request: self._while_holding(guest, lambda: self.shaken.take(request)),
-            "again": lambda guest, request: self._while_holding(
-                guest, lambda: self.shaken.repeat_mission(guest, request)
+            "pause": lambda client, request: self._call_for_holder(client, self.pace.pause),
+            "go": lambda client, request: self._call_for_holder(client,
+            lambda: self.pace.resume(int(request.get("ticks", 0)))),
+            "pace": lambda client, request: self._call_for_holder(client,
+            lambda: self.pace.set_pace(float(request["factor"]))),
+            "routes": lambda client, request: {"is": "routes", "routes": self.routes.rows()},
+            "shake": lambda client, request: self._call_for_holder(client, lambda: self.shaken.handle(request)),
+            "again": lambda client, request: self._call_for_holder(
+                client, lambda: self.shaken.repeat_mission(client, request)
             ),
         }  # fmt: skip
 
@@ -87,9 +89,9 @@ class SimulatedService:
         self.frames.begin(self.vehicle_file, "simulated", self.seed)
         while not self.done.is_set():
             self.idle()
-            next_mission = self.operator.next()
+            next_mission = self.operator.pop_mission()
             if next_mission is not None:
-                self.take(*next_mission)
+                self.execute_request(*next_mission)
             else:
                 time.sleep(IDLE_S)
 
@@ -98,46 +100,46 @@ class SimulatedService:
         machine = self.machine
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
-            self.operator.forget(stop_reason)
+            self.operator.discard_requests(stop_reason)
             machine.transition("stop", stop_reason)
         elif clear_requested and machine.state is DoorState.STOPPED:
             machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
         elif machine.state is DoorState.DISARMED:
             machine.transition("ready")
-        self.publish()
+        self.send_state()
 
-    def take(self, mission_json: str, attended: bool, name: str = "") -> None:
+    def execute_request(self, mission_json: str, attended: bool, name: str = "") -> None:
         """Execute a mission in JSON, and report its end under this name; its errors do not end the service."""
         self._drives += 1
         outcome: JsonObject = {"is": "done", "id": name, "run": None}
-        reason, code = outcome_of(lambda: self._drive_mission(mission_json, attended, outcome))
+        reason, code = mission_outcome(lambda: self._drive_mission(mission_json, attended, outcome))
         self._plan = self._record = self._run = None
-        self.publish(at_once=True)
-        self.operator.free()
+        self.send_state(at_once=True)
+        self.operator.record_mission_end()
         self.broadcast({"why": reason, "code": code} | outcome)
-        self.shaken.ask_again()
+        self.shaken.queue_repetition()
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
         """Execute a mission until it ends or is stopped, and write the result into `outcome`."""
-        self.vehicle_file = reload(self.vehicle_file)
+        self.vehicle_file = reload_if_changed(self.vehicle_file)
         with mission_plan(mission_json, self.vehicle_file, self.routes, self.seed + self._drives - 1) as plan:
             path = reserve_path(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
                 self.machine.transition("manual" if by_hand else "mission")
                 self._plan, self._run = plan, path.name
-                self.publish(at_once=True)
-                reason, code = outcome_of(lambda: self._drive(plan, mission_json, attended, path))
-                regular_end = reason is None or code or self.operator.done
+                self.send_state(at_once=True)
+                reason, code = mission_outcome(lambda: self._drive(plan, mission_json, attended, path))
+                regular_end = reason is None or code or self.operator.is_end_requested
                 late_stop = self.operator.stop_reason(
                     attended=False
                 )  # requested while the drive was prepared, or its run closed
                 stop_reason = late_stop if regular_end else reason
                 self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
-                self.operator.forget(stop_reason)
+                self.operator.discard_requests(stop_reason)
                 outcome |= {"run": path.name if path.exists() else None, "why": reason, "code": code}
-                if plan.keep and stop_reason is None and not code and path.exists():
-                    outcome |= self._stored_lesson(plan, path)
+                if plan.route_name and stop_reason is None and not code and path.exists():
+                    outcome |= self._store_taught_route(plan, path)
             finally:
                 release_path(path)
 
@@ -145,52 +147,52 @@ class SimulatedService:
         """Execute a plan, and return the reason of the stop, or None if the vehicle was not stopped."""
         truth, start_pose = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
-        world = ShakenWorld(
-            truth.vehicle, truth.sensors, truth.rate_hz, seed, start_pose, self.backend, plan.shake
+        world = FaultyWorld(
+            truth.vehicle, truth.sensors, truth.rate_hz, seed, start_pose, self.backend, plan.faults
         )
         self.operator.pop_mark_count()  # drop marks from before this drive
         watching = _DriveObserver(self, plan, world, attended)
         observers = (
             watching,
-            Adjusting(self.operator, self.broadcast, plan.mission.blocks),
+            ChangeObserver(self.operator, self.broadcast, plan.mission.blocks),
             self.shaken.begin(plan, world, mission_json, attended),
         )
         try:
             perform(
                 plan.mission, plan.vehicle_file, hand=lambda: self.operator.command(world.commands), world=world,
-                live=True, path=path, ticking=self._ticks(plan, attended), observers=observers, eta=start_pose,
+                live=True, path=path, tick_times_ns=self._ticks(plan, attended), observers=observers, eta=start_pose,
                 seed=seed, backend=self.backend,
             )  # fmt: skip
         except FileError as error:
             if not watching.over:  # the drive has not begun
                 raise
-            self.event("error", error.diagnostic)
+            self.send_event("error", error.diagnostic)
         return watching.stopped
 
     def _ticks(self, plan: MissionPlan, attended: bool) -> Iterator[int]:
         def is_interrupted() -> bool:
-            self.publish()
-            return self.operator.done or self.operator.stop_reason(attended) is not None
+            self.send_state()
+            return self.operator.is_end_requested or self.operator.stop_reason(attended) is not None
 
-        for t_ns in self.pace.ticks(plan.vehicle_file.rate_hz, is_interrupted, plan.hurry_s):
-            if self.operator.done:
+        for t_ns in self.pace.ticks(plan.vehicle_file.rate_hz, is_interrupted, plan.fast_until_s):
+            if self.operator.is_end_requested:
                 raise KeyboardInterrupt
             yield t_ns
-            self.publish()
+            self.send_state()
 
-    def _stored_lesson(self, plan: MissionPlan, path: Path) -> JsonObject:
+    def _store_taught_route(self, plan: MissionPlan, path: Path) -> JsonObject:
         """Store the route of a mission of kind "teach"; return {route}, its name, or {why, code} after a failure."""
         try:
-            write_route(route_of(read_run(path), plan.closed), self.routes.path(plan.keep))
+            write_route(route_of(read_run(path), plan.closed), self.routes.path(plan.route_name))
         except BaqueanoError as error:
             return {"why": error.diagnostic, "code": error.exit_code}
-        return {"route": plan.keep}
+        return {"route": plan.route_name}
 
-    def event(self, level: str, event: Diagnostic) -> None:
+    def send_event(self, level: str, event: Diagnostic) -> None:
         """Send an event to all clients."""
         self.broadcast({"is": "event", "level": level, "said": event})
 
-    def publish(self, at_once: bool = False) -> None:
+    def send_state(self, at_once: bool = False) -> None:
         """Send the state to all clients, if `at_once` or if the last state was sent at least TELL_S ago."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
@@ -212,22 +214,22 @@ class SimulatedService:
         self.operator.stop(stop(StopReason.SERVICE_ENDED))
         self.done.set()
 
-    def _while_holding(self, guest: object, act: Callable[[], object]) -> None:
+    def _call_for_holder(self, client: object, act: Callable[[], object]) -> None:
         """Call `act` on request of the holder, or of any client while no mission is under way.
 
         Raise SafetyStop otherwise.
         """
-        if self.operator.is_busy and not self.operator.holds(guest):
+        if self.operator.is_busy and not self.operator.is_holder(client):
             raise SafetyStop(note("door.somebody", Severity.ERROR, STOP_COMMAND))
         act()
-        self.publish(at_once=True)
+        self.send_state(at_once=True)
 
 
 class _DriveObserver(Observer):
     """An observer that passes a drive to the service: its ticks, its stop requests, and its end."""
 
     def __init__(
-        self, service: SimulatedService, plan: MissionPlan, world: ShakenWorld, attended: bool
+        self, service: SimulatedService, plan: MissionPlan, world: FaultyWorld, attended: bool
     ) -> None:
         self._service, self._plan, self._world, self._attended = service, plan, world, attended
         self.over = False
@@ -249,8 +251,8 @@ class _DriveObserver(Observer):
         self._service.frames.on_record(record, self._world.truth, late_ms=self._service.pace.late_ms)
 
     def on_disk_full(self, reason: Diagnostic) -> None:
-        self._service.event("error", reason)
+        self._service.send_event("error", reason)
 
-    def end(self, reason: Diagnostic | None) -> list[LastLine]:
+    def end(self, reason: Diagnostic | None) -> list[EventLine]:
         self.over, self.stopped = True, reason
         return []

@@ -28,8 +28,8 @@ from baqueano.drive.by_hand import screen
 from baqueano.drive.by_hand.dead_zone import dead_zone_violation
 from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
 from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, KeyEvent
-from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
-from baqueano.drive.by_hand.tty import TerminalLine, terminal
+from baqueano.drive.by_hand.terminal_heartbeat import MAX_FIRST_ANSWER_S, Heartbeat
+from baqueano.drive.by_hand.tty import Terminal, open_terminal
 from baqueano.drive.health import degraded_note
 from baqueano.drive.observers import Observer
 from baqueano.loop import Record
@@ -45,12 +45,12 @@ DRAW_PERIOD_S = 0.1
 MIN_SHARE, SHARE_STEP = 0.1, 0.1
 PAUSE_S = 0.01
 FULL_SPEED_DELAY_MS = 80.0
-KEY_USE = {
+KEY_HINTS = {
     RELEASES: N_("hold to drive"),
     REPEATS: N_("hold to drive, press briefly for a short move"),
     LATCHED: N_("latched: each press adds a step"),
 }
-HOW_TO_INCREASE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key again, or +")}
+INCREASE_HINTS = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key again, or +")}
 
 
 class Cockpit(Observer):
@@ -65,7 +65,7 @@ class Cockpit(Observer):
     def __init__(
         self,
         limit: np.ndarray,
-        line: TerminalLine | None = None,
+        line: Terminal | None = None,
         *,
         name: str = "",
         names: tuple[str, ...] = ("u_x", "u_y", "u_psi"),
@@ -81,8 +81,8 @@ class Cockpit(Observer):
         self._limit = np.where(np.isfinite(limit), limit, 1.0)
         n = len(self._limit)
         self.status = screen.Status(
-            name, requested=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
-            hold=float("nan") if hold else None,
+            name, requested=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, speed_share=share,
+            hold_command=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
         self._given_line, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
@@ -94,9 +94,9 @@ class Cockpit(Observer):
         self._marks, self._new_marks, self._sent_marks = 0, 0, 0
 
     def __enter__(self) -> "Cockpit":
-        self._line = terminal() if self._given_line is None else self._given_line
+        self._line = open_terminal() if self._given_line is None else self._given_line
         self._life = Heartbeat(
-            self._line.write if self._trusted and self._line.answers else lambda data: None
+            self._line.write if self._trusted and self._line.can_answer else lambda data: None
         )
         try:
             self._query_terminal()
@@ -106,7 +106,7 @@ class Cockpit(Observer):
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        end_s = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._life.trip_ms, nan=0.0))
+        end_s = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._life.round_trip_ms, nan=0.0))
         while self._now() < end_s and self._line.read() is not None:  # the answers to the last queries
             self._sleep(PAUSE_S)
         self._line.close()
@@ -122,13 +122,13 @@ class Cockpit(Observer):
         if self._ended and not has_unsent_marks:
             raise KeyboardInterrupt
         now_s = self._now()
-        self._listen(now_s)
+        self._process_input(now_s)
         forward, left = (0.0, 0.0) if self._stop or self._ended else self._direction(now_s)
         u = np.zeros(len(self._limit))
         u[0], u[-1] = forward, left
-        self.status.requested = u * self.status.share * self._limit * self.delay_factor  # (1)
+        self.status.requested = u * self.status.speed_share * self._limit * self.delay_factor  # (1)
         self.status.standstill_reason = self._standstill_reason()
-        self._draw(now_s)
+        self._draw_status(now_s)
         return self.status.requested.copy()
 
     @property
@@ -183,14 +183,16 @@ class Cockpit(Observer):
 
     def show_message(self, line: str) -> None:
         """Show a message to the driver in the last line of the display."""
-        self.status.line = line
+        self.status.message = line
 
     def _update_hold(self, requested: Sequence[float] | np.ndarray) -> None:
         """Update the turn command of the heading hold on the display. It is NaN unless the driver drives straight."""
         s, turn = self.status, float(requested[-1])
-        if s.hold is not None:
+        if s.hold_command is not None:
             straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
-            s.hold = turn if straight and abs(turn) <= MAX_TURN_SHARE * self._limit[-1] else float("nan")
+            s.hold_command = (
+                turn if straight and abs(turn) <= MAX_TURN_SHARE * self._limit[-1] else float("nan")
+            )
 
     def _standstill_reason(self) -> str:
         """Return, as text for the display, why the vehicle stays at rest although the driver commands motion.
@@ -203,7 +205,7 @@ class Cockpit(Observer):
             violation = dead_zone_violation(self._drivetrain, self.status.requested)
         if violation is None:
             return ""
-        advice = _("push further, or press +") if by_pad else _(HOW_TO_INCREASE[self._key_hold.mode])
+        advice = _("push further, or press +") if by_pad else _(INCREASE_HINTS[self._key_hold.mode])
         return _(
             "{channel:.2f} is below the dead zone of {dead_zone:.2f}: nothing moves; {more}",
             channel=violation.channel, dead_zone=violation.dead_zone, more=advice,
@@ -212,13 +214,13 @@ class Cockpit(Observer):
     def _query_terminal(self) -> None:
         """Send queries to the terminal. Its answers determine how long a key is valid (key_hold.py)."""
         start_s, releases = self._now(), False
-        if self._line.answers:
+        if self._line.can_answer:
             self._line.write(KITTY_QUERY)
         while (
-            self._line.answers
+            self._line.can_answer
             and self._trusted
             and not self._life.has_answered
-            and self._now() - start_s < START_S
+            and self._now() - start_s < MAX_FIRST_ANSWER_S
         ):
             self._life.poll(self._now())
             for event in self._line.read() or []:
@@ -228,39 +230,39 @@ class Cockpit(Observer):
             self._sleep(PAUSE_S)
         alive = self._life.has_answered
         if alive and releases:
-            self._line.change(RELEASES_ON, RELEASES_OFF)
+            self._line.set_mode(RELEASES_ON, RELEASES_OFF)
         if alive:
-            self._line.change(WINDOW_ON, WINDOW_OFF)
+            self._line.set_mode(WINDOW_ON, WINDOW_OFF)
         self._plain = RELEASES if alive and releases else REPEATS
         self._key_hold = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
-        self.status.key_mode = KEY_USE[self._key_hold.mode]
+        self.status.key_mode = KEY_HINTS[self._key_hold.mode]
         if not alive:
             self.show_message(
                 _("this terminal does not confirm that it is active: each key counts for a short time")
             )
 
-    def _listen(self, now_s: float) -> None:
+    def _process_input(self, now_s: float) -> None:
         """Process the events of keys and pad since the last call, and stop if the terminal or the pad is lost."""
         self._life.poll(now_s)
         events = self._line.read()
         if events is None:
             self.stop(stop(StopReason.TERMINAL_CLOSED))
         for event in events or []:
-            self._hear(event, now_s)
+            self._process_event(event, now_s)
         if self._life.is_lost(now_s):
-            self.stop(stop(StopReason.TERMINAL_SILENT, silent_ms=1e3 * self._life.silent_s(now_s)))
-        self.status.terminal_ms = self._life.trip_ms
+            self.stop(stop(StopReason.TERMINAL_SILENT, silent_ms=1e3 * self._life.silence_s(now_s)))
+        self.status.terminal_ms = self._life.round_trip_ms
         self.status.delay_factor = self.delay_factor
         if self._pad is not None:
             for button in self._pad.read():
-                self._hear(
+                self._process_event(
                     KeyEvent(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
                 )
             if self._pad.is_gone:
                 self.stop(stop(StopReason.PAD_UNPLUGGED))
             self.status.pad = self._pad.hint
 
-    def _hear(self, event: KeyEvent, now_s: float) -> None:
+    def _process_event(self, event: KeyEvent, now_s: float) -> None:
         if event.kind == ALIVE:
             self._life.record_answer(now_s)
         self._key_hold.on_key(event, now_s)
@@ -273,14 +275,14 @@ class Cockpit(Observer):
                 self.stop(stop(StopReason.DRIVER))
             case "m":
                 self._marks, self._new_marks = self._marks + 1, self._new_marks + 1
-                self.status.marks = self._marks
+                self.status.mark_count = self._marks
             case "+" | "=" | "-":
                 step = SHARE_STEP if event.key != "-" else -SHARE_STEP
-                self.status.share = min(1.0, max(MIN_SHARE, round(self.status.share + step, 6)))
+                self.status.speed_share = min(1.0, max(MIN_SHARE, round(self.status.speed_share + step, 6)))
             case "l":
-                self._latch()
+                self._toggle_latch()
 
-    def _latch(self) -> None:
+    def _toggle_latch(self) -> None:
         """Switch between latched set-points and held keys, with a zero command at first.
 
         Do nothing if the terminal does not answer.
@@ -289,16 +291,16 @@ class Cockpit(Observer):
             return
         self._key_hold.release_all()
         self._key_hold.mode = self._plain if self._key_hold.mode == LATCHED else LATCHED
-        self.status.key_mode = KEY_USE[self._key_hold.mode]
+        self.status.key_mode = KEY_HINTS[self._key_hold.mode]
 
     def _direction(self, now_s: float) -> tuple[float, float]:
         if self._pad is not None and self._pad.is_held:
             return self._pad.direction()
         return self._key_hold.direction(now_s)
 
-    def _draw(self, now_s: float) -> None:
+    def _draw_status(self, now_s: float) -> None:
         if now_s - self._drawn_s < DRAW_PERIOD_S:
             return
         self._drawn_s, self.status.t_s = now_s, now_s - self._begun_s
         columns, height = self._line.size()
-        self._line.write(self._screen.frame(screen.lines(self.status, columns), height))
+        self._line.write(self._screen.frame(screen.status_lines(self.status, columns), height))

@@ -19,7 +19,10 @@ KEY, ABS = 0x01, 0x03  # kinds of events; SYN is 0
 SYN, REPORT, DROPPED = 0x00, 0, 3
 X, Y = 0x00, 0x01
 LONGEST_NAME, KEYS, AXES = 256, 0x300, 0x40
-LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}  # (1), by the size of a long in bytes
+EVENT_LAYOUTS = {
+    4: struct.Struct("=iiHHi"),
+    8: struct.Struct("=qqHHi"),
+}  # (1), by the size of a long in bytes
 AXIS_LAYOUT = struct.Struct("=6i")
 MAX_EVENTS = 64  # most events of one read
 
@@ -41,7 +44,7 @@ class Axis(NamedTuple):
     flat: int  # a smaller deflection from the middle is rest
 
 
-def request(number: int, size: int) -> int:
+def ioctl_code(number: int, size: int) -> int:
     """Return the code of an ioctl call that reads `size` bytes.  (3)"""
     return 2 << 30 | size << 16 | ord("E") << 8 | number
 
@@ -55,23 +58,23 @@ class InputDevice:
     def __init__(self, path: Path, long_bytes: int = struct.calcsize("@l")) -> None:
         import fcntl
 
-        self._event, self._ioctl = LAYOUTS[long_bytes], fcntl.ioctl
+        self._event, self._ioctl = EVENT_LAYOUTS[long_bytes], fcntl.ioctl
         self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
-            self.keys, self.axes = self._bits(KEY, KEYS), self._bits(ABS, AXES)
-            self.name = self._query(0x06, LONGEST_NAME).partition(b"\0")[0].decode(errors="replace")
+            self.keys, self.axes = self._supported_codes(KEY, KEYS), self._supported_codes(ABS, AXES)
+            self.name = self._read_ioctl(0x06, LONGEST_NAME).partition(b"\0")[0].decode(errors="replace")
         except OSError:
             self.close()
             raise
 
     def axis(self, code: int) -> Axis:
         """Return the value and the range of the axis with this code."""
-        value, low, high, _, flat, _ = AXIS_LAYOUT.unpack(self._query(0x40 + code, AXIS_LAYOUT.size))
+        value, low, high, _, flat, _ = AXIS_LAYOUT.unpack(self._read_ioctl(0x40 + code, AXIS_LAYOUT.size))
         return Axis(value, low, high, flat)
 
     def pressed_codes(self) -> set[int]:
         """Return the codes of the keys that are pressed now."""
-        return _set_bits(self._query(0x18, KEYS // 8))
+        return _indices_of_ones(self._read_ioctl(0x18, KEYS // 8))
 
     def read(self) -> list[InputEvent]:
         """Return the events since the last call."""
@@ -89,15 +92,15 @@ class InputDevice:
         """Close the file."""
         os.close(self._fd)
 
-    def _bits(self, event_type: int, max_code: int) -> set[int]:
-        return _set_bits(self._query(0x20 + event_type, max_code // 8))
+    def _supported_codes(self, event_type: int, max_code: int) -> set[int]:
+        return _indices_of_ones(self._read_ioctl(0x20 + event_type, max_code // 8))
 
-    def _query(self, number: int, size: int) -> bytes:
+    def _read_ioctl(self, number: int, size: int) -> bytes:
         call: Callable[..., Any] = self._ioctl
         answer = bytearray(size)
-        call(self._fd, request(number, size), answer, True)
+        call(self._fd, ioctl_code(number, size), answer, True)
         return bytes(answer)
 
 
-def _set_bits(bits: bytes) -> set[int]:
+def _indices_of_ones(bits: bytes) -> set[int]:
     return {8 * k + bit for k, byte in enumerate(bits) for bit in range(8) if byte >> bit & 1}

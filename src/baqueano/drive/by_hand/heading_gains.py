@@ -13,8 +13,8 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
-from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, Gains, Gyro, HeadingHold, place_poles
-from baqueano.estimators.readings.gate import gate
+from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, Gains, Gyro, HeadingHold, pole_placement_gains
+from baqueano.estimators.readings.gate import gate_limit
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import constant_effort
 from baqueano.vehicles.freedoms import is_steered, is_turned_by_last_command
@@ -29,8 +29,8 @@ MAX_TIME_CONSTANT_S = 10.0  # a larger τ does not change the gains
 
 
 def with_heading_hold(hand: Controller, vehicle_file: VehicleFile) -> Controller:
-    """Return the controller `hand` with a heading hold around it, or `hand` itself if `gains_of` returns None."""
-    gains = gains_of(vehicle_file)
+    """Return the controller `hand` with a heading hold around it, or `hand` itself without suitable gains."""
+    gains = heading_hold_gains(vehicle_file)
     if gains is None:
         return hand
     limit = float(_command_limit(vehicle_file)[-1])
@@ -40,18 +40,18 @@ def with_heading_hold(hand: Controller, vehicle_file: VehicleFile) -> Controller
 
 def _gyro_of(vehicle_file: VehicleFile) -> Gyro | None:
     estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
-    if not optional.of(estimator, "stacks_innovations") or "imu" not in estimator.use:
+    if not optional.attribute(estimator, "stacks_innovations") or "imu" not in estimator.use:
         return None
     first_index = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
     imu_size = sensors.imu.size
     return Gyro(
         slice(first_index, first_index + imu_size),
         vehicle_file.value("sensors.imu.gyro_scale"),
-        gate(estimator.gate_sigma, imu_size),
+        gate_limit(estimator.gate_sigma, imu_size),
     )
 
 
-def gains_of(vehicle_file: VehicleFile) -> Gains | None:
+def heading_hold_gains(vehicle_file: VehicleFile) -> Gains | None:
     """Return the gains of the heading hold for the file's model.
 
     Return None for a vehicle without a gyro, without a forward or turn command, or with a turn response that is too
@@ -73,7 +73,7 @@ def gains_of(vehicle_file: VehicleFile) -> Gains | None:
         return None
     drivetrain = vehicle.drivetrain
     dead_time_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_DELAY_S
-    gains = place_poles(GUESS_GAIN_FACTOR * k if vehicle_file.is_guess else k, tau_s, dead_time_s)
+    gains = pole_placement_gains(GUESS_GAIN_FACTOR * k if vehicle_file.is_guess else k, tau_s, dead_time_s)
     return gains._replace(speed_m_s=speed if is_steered(vehicle) else 0.0)
 
 
@@ -97,7 +97,7 @@ def _turn_response(
     v = float(state.nu[0])
 
     def next_yaw_rate(r: float, u: np.ndarray) -> float:
-        effort = constant_effort(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
+        effort = constant_effort(drivetrain.unmix(drivetrain.static_response(drivetrain.mix(u))))
         return float(vehicle.advance(np.zeros(3), np.array([v, 0.0, r]), effort, dt_s)[1][2])
 
     a = (next_yaw_rate(STEP_RAD_S, u) - next_yaw_rate(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)

@@ -6,7 +6,7 @@
                 T₁ = 0.75 s, or 1.5 · median delay in [0.3, 0.75] s once it is known
                 T₂ = 0.20 s, or 3 · median gap + 8 · median |gap − median| in [0.12, 0.35] s once it is known
              and until the first repeat it commands NUDGE_SHARE of the speed: a tap is a short, slow move
-  LATCHED    each press changes a set-point by STEP; the set-point remains                                  (3)
+  LATCHED    each press changes a set-point by SPEED_STEP; the set-point remains                                  (3)
 
 The spread in T₂ covers the jitter of the network; docs/benchmarks.md states its cost. In (2) a terminal repeats only
 the newest key. Older keys that are still held are therefore valid as long as the newest key.
@@ -27,8 +27,8 @@ RELEASE_KEYS = ("x", "5", "0")  # keys that release all others
 FIRST_S, MIN_FIRST_S, FIRST_FACTOR = 0.75, 0.3, 1.5
 GAP_S, MIN_GAP_S, MAX_GAP_S, GAP_FACTOR, SPREAD_FACTOR = 0.20, 0.12, 0.35, 3.0, 8.0
 NUDGE_SHARE = 0.3
-STEP = 0.1
-MIN_SAMPLES = 3  # number of delays or gaps for a median
+SPEED_STEP = 0.1
+MIN_INTERVAL_COUNT = 3  # number of delays or gaps for a median
 MIN_DELAY_S = 0.15  # a shorter delay is two quick taps, because a keyboard does not repeat so early
 
 
@@ -44,16 +44,16 @@ class KeyHold:
         self._set_point = (0.0, 0.0)
 
     @property
-    def first_s(self) -> float:
+    def press_validity_s(self) -> float:
         """Return T₁ of (2) [s]: how long a key is valid after its press."""
-        if len(self._delays) < MIN_SAMPLES:
+        if len(self._delays) < MIN_INTERVAL_COUNT:
             return FIRST_S
         return min(max(FIRST_FACTOR * median(self._delays), MIN_FIRST_S), FIRST_S)
 
     @property
-    def gap_s(self) -> float:
+    def repeat_validity_s(self) -> float:
         """Return T₂ of (2) [s]: how long a key is valid after its last repeat."""
-        if len(self._gaps) < MIN_SAMPLES:
+        if len(self._gaps) < MIN_INTERVAL_COUNT:
             return GAP_S
         gap_s = median(self._gaps)
         spread_s = median(abs(interval_s - gap_s) for interval_s in self._gaps)
@@ -79,11 +79,13 @@ class KeyHold:
             self._keys.discard(event.key)
         elif self.mode == LATCHED:
             forward, left = DIRECTIONS[event.key]
-            self._set_point = _clip(self._set_point[0] + STEP * forward, self._set_point[1] + STEP * left)
+            self._set_point = _clip(
+                self._set_point[0] + SPEED_STEP * forward, self._set_point[1] + SPEED_STEP * left
+            )
         elif self.mode == RELEASES:
             self._keys.add(event.key)
         elif event.kind in (PRESS, REPEAT):
-            self._repeat(event.key, now_s)
+            self._on_repeat(event.key, now_s)
 
     def direction(self, now_s: float) -> tuple[float, float]:
         """Return (forward, left) at this time [s], each in [-1, 1]."""
@@ -98,9 +100,11 @@ class KeyHold:
         return speed_share * forward, speed_share * left
 
     def _is_held(self, now_s: float) -> bool:
-        return now_s - self._last_event_s <= (self.gap_s if self._repeats else self.first_s)
+        return now_s - self._last_event_s <= (
+            self.repeat_validity_s if self._repeats else self.press_validity_s
+        )
 
-    def _repeat(self, key: str, now_s: float) -> None:
+    def _on_repeat(self, key: str, now_s: float) -> None:
         """Process a character in (2), which is either the repeat of a held key or a press."""
         is_held, gap_s = self._is_held(now_s), now_s - self._last_event_s
         if key == self._newest and is_held:

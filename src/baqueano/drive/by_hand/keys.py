@@ -17,12 +17,12 @@ from typing import NamedTuple
 PRESS, REPEAT, RELEASE = "press", "repeat", "release"
 ALIVE, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
 EVENT_KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
-ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
+ARROW_KEYS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 KEYPAD = {57399 + digit: str(digit) for digit in range(10)} | {  # codes of (2) for the keys of a numeric keypad
     57412: "-", 57413: "+", 57415: "=", 57417: "left", 57418: "right", 57419: "up", 57420: "down",
 }  # fmt: skip
 CTRL_BIT = 4  # bit of the modifiers, which are sent plus one
-INTERRUPT = "ctrl-c"
+INTERRUPT_KEY = "ctrl-c"
 MAX_SEQUENCE_BYTES = 64  # most bytes of a sequence
 
 _SEQUENCE = re.compile(r"\x1b(?:\[([<-?]?)([0-9;:]*)[ -/]*([@-~])|O([A-D]))")
@@ -48,20 +48,20 @@ class KeyDecoder:
         events, position = [], 0
         while position < len(text):
             if match := _SEQUENCE.match(text, position):
-                events += _event(*(part or "" for part in match.groups()))
+                events += _sequence_events(*(part or "" for part in match.groups()))
                 position = match.end()
             elif (partial := _PREFIX.match(text, position)) and len(partial[0]) < MAX_SEQUENCE_BYTES:
                 self._incomplete = partial[0]
                 break
             else:
-                events += _events_of(text[position])
+                events += _key_events(text[position])
                 position += 1
         return events
 
 
-def _event(private: str, numbers: str, final: str, application: str) -> list[KeyEvent]:
+def _sequence_events(private: str, numbers: str, final: str, application: str) -> list[KeyEvent]:
     if application:
-        return [KeyEvent(PRESS, ARROWS[application])]
+        return [KeyEvent(PRESS, ARROW_KEYS[application])]
     if private == "?":
         return [KeyEvent(KITTY)] if final == "u" else []
     if final == "n":
@@ -72,17 +72,17 @@ def _event(private: str, numbers: str, final: str, application: str) -> list[Key
     modifiers, _, kind = modifier_field.partition(";")[0].partition(":")
     if private or kind not in EVENT_KINDS:
         return []
-    if final in ARROWS:
-        return [KeyEvent(EVENT_KINDS[kind], ARROWS[final])]
+    if final in ARROW_KEYS:
+        return [KeyEvent(EVENT_KINDS[kind], ARROW_KEYS[final])]
     letter = code.partition(":")[0]
     if final != "u" or not letter or int(letter) > 0x10FFFF:
         return []
     key = KEYPAD.get(int(letter)) or chr(int(letter)).lower()
     modifier_bits = int(modifiers or 1) - 1
-    return [KeyEvent(EVENT_KINDS[kind], INTERRUPT if modifier_bits & CTRL_BIT and key == "c" else key)]
+    return [KeyEvent(EVENT_KINDS[kind], INTERRUPT_KEY if modifier_bits & CTRL_BIT and key == "c" else key)]
 
 
-def _events_of(letter: str) -> list[KeyEvent]:
+def _key_events(letter: str) -> list[KeyEvent]:
     if letter == "\x03":
-        return [KeyEvent(PRESS, INTERRUPT)]
+        return [KeyEvent(PRESS, INTERRUPT_KEY)]
     return [KeyEvent(PRESS, letter.lower())] if letter.isprintable() else []

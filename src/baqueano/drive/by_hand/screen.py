@@ -39,18 +39,18 @@ class Status:
     battery_v: float = nan
     link_ms: float = nan  # round trip to the vehicle
     terminal_ms: float = nan  # round trip to the terminal
-    share: float = 0.5
+    speed_share: float = 0.5
     delay_factor: float = 1.0  # share of the speed that the round trip allows
     key_mode: str = ""  # how keys are held
-    hold: float | None = None  # turn command of the heading hold; NaN: not active now, None: not used
-    marks: int = 0
+    hold_command: float | None = None  # turn command of the heading hold; NaN: not active now, None: not used
+    mark_count: int = 0
     pad: str = ""
     degraded: str = ""  # the degraded sensors
     standstill_reason: str = ""  # why the vehicle stays at rest although motion is commanded
-    line: str = ""  # the last message to the driver
+    message: str = ""  # the last message to the driver
 
 
-def lines(s: Status, columns: int = 80) -> list[str]:
+def status_lines(s: Status, columns: int = 80) -> list[str]:
     """Return the lines of the block, each with at most `columns` − 1 characters."""
     link = "  ".join(
         f"{_(name)} {decimal_text(value, 0)} ms"
@@ -60,7 +60,11 @@ def lines(s: Status, columns: int = 80) -> list[str]:
     rows = [
         f"== baqueano drive: {s.name} " + "=" * columns,
         f"   {s.state or '...':10} {number(s.t_s):7.1f} s    "
-        + _("battery {battery_v} V    marks {marks}", battery_v=decimal_text(s.battery_v, 2), marks=s.marks),
+        + _(
+            "battery {battery_v} V    marks {marks}",
+            battery_v=decimal_text(s.battery_v, 2),
+            marks=s.mark_count,
+        ),
         "   "
         + _(
             "speed {speed:>6} m/s    yaw rate {yaw_rate:>6} rad/s ({degrees:>4} deg/s)",
@@ -69,9 +73,9 @@ def lines(s: Status, columns: int = 80) -> list[str]:
             degrees=decimal_text(degrees(s.yaw_rate_rad_s), 0),
         ),
         *(
-            f"   {s.names[k]:6} {_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
+            f"   {s.names[k]:6} {_duty_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
             + _("wanted {wanted:+5.2f}", wanted=float(s.requested[k]))
-            + (f"   {_hold_text(s.hold)}" if k == len(s.limit) - 1 else "")
+            + (f"   {_hold_text(s.hold_command)}" if k == len(s.limit) - 1 else "")
             for k in active
         ),
         "   "
@@ -84,13 +88,13 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         "   "
         + _(
             "full keys are {percent:.0f} % of the limit;  keys: {way}",
-            percent=100 * s.share,
+            percent=100 * s.speed_share,
             way=_(s.key_mode),
         ),
         *([f"   {s.pad}"] if s.pad else []),
         "   " + _("arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch"),
         "   " + _("SPACE stops the vehicle | m on the mark now | q ends the drive"),
-        f"   {s.reason or s.degraded or s.standstill_reason or s.line}",
+        f"   {s.reason or s.degraded or s.standstill_reason or s.message}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
 
@@ -106,7 +110,7 @@ def _hold_text(u: float | None) -> str:
     return _("heading hold {u:+.2f}", u=u) if isfinite(u) else _("heading free")
 
 
-def _bar(duty: float) -> str:
+def _duty_bar(duty: float) -> str:
     """Return a duty in [-1, 1] as a bar that begins in the middle."""
     half_width = BAR_LETTERS // 2
     n = min(half_width, round(abs(duty) * half_width)) if isfinite(duty) else 0

@@ -2,7 +2,7 @@
 
   every QUERY_PERIOD_S      ESC [ 5 n, a status query, which the terminal answers by ESC [ 0 n              (1)
   no answer for MAX_SILENCE_S   the terminal, or the connection to it, is lost                              (2)
-  no answer for START_S         at the start: this terminal never answers, so a command lasts a short time  (3)
+  no answer for MAX_FIRST_ANSWER_S  at the start: this terminal never answers; a command lasts a short time (3)
 
 The answers arrive in order, so each belongs to the oldest query; the time between the two is the round trip. If this
 program was delayed, it did not send queries, so silence does not prove a loss. The time of (2) therefore begins at the
@@ -16,7 +16,7 @@ from statistics import median
 QUERY = b"\x1b[5n"
 QUERY_PERIOD_S = 0.1
 MAX_SILENCE_S = 0.35  # 0.5 s is guaranteed; transmission, loop, slew and firmware need the rest
-START_S = 1.0
+MAX_FIRST_ANSWER_S = 1.0
 
 
 class Heartbeat:
@@ -48,7 +48,7 @@ class Heartbeat:
             if query_s >= self._paused_s:
                 self._trips_ms.append(1e3 * (now_s - query_s))
 
-    def silent_s(self, now_s: float) -> float:
+    def silence_s(self, now_s: float) -> float:
         """Return the time [s] without an answer, 0 if the terminal never answered or no query is open.  (2)"""
         if not self.has_answered or not self._query_times_s:
             return 0.0
@@ -56,9 +56,9 @@ class Heartbeat:
 
     def is_lost(self, now_s: float) -> bool:
         """Return True if the terminal, or the connection to it, is lost.  (2)"""
-        return self.silent_s(now_s) > MAX_SILENCE_S
+        return self.silence_s(now_s) > MAX_SILENCE_S
 
     @property
-    def trip_ms(self) -> float:
+    def round_trip_ms(self) -> float:
         """Return the median round trip to the terminal [ms], NaN while it is unknown."""
         return median(self._trips_ms) if self._trips_ms else float("nan")

@@ -18,10 +18,10 @@ CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"
 MAX_PENDING_BYTES = 4096  # most bytes that wait: frames of half a second
 
 
-class TerminalLine(Protocol):
+class Terminal(Protocol):
     """Protocol of the terminal that a `Cockpit` uses: input and output."""
 
-    answers: bool  # True if the terminal can answer queries
+    can_answer: bool  # True if the terminal can answer queries
 
     def read(self) -> list[KeyEvent] | None:
         """Return the events since the last call, or None once the input has ended."""
@@ -31,7 +31,7 @@ class TerminalLine(Protocol):
         """Send the bytes or drop them, without waiting."""
         ...
 
-    def change(self, on_bytes: bytes, off_bytes: bytes) -> None:
+    def set_mode(self, on_bytes: bytes, off_bytes: bytes) -> None:
         """Send `on_bytes` now, and `off_bytes` when the terminal is closed."""
         ...
 
@@ -44,10 +44,10 @@ class TerminalLine(Protocol):
         ...
 
 
-class Tty:
+class UnixTerminal:
     """A Unix terminal, given by a file descriptor."""
 
-    answers = True
+    can_answer = True
 
     def __init__(self, fd: int) -> None:
         import termios
@@ -60,7 +60,7 @@ class Tty:
         mode = termios.tcgetattr(self._fd)
         mode[6][termios.VSUSP] = b"\0"  # Ctrl-Z would return the terminal to the shell with these settings
         termios.tcsetattr(self._fd, termios.TCSANOW, mode)
-        self.change(CURSOR_OFF, CURSOR_ON)
+        self.set_mode(CURSOR_OFF, CURSOR_ON)
 
     def read(self) -> list[KeyEvent] | None:
         """Return the events since the last call, or None once the terminal has hung up."""
@@ -83,7 +83,7 @@ class Tty:
             with suppress(OSError):
                 self._waits = self._waits[os.write(self._fd, self._waits) :]
 
-    def change(self, on_bytes: bytes, off_bytes: bytes) -> None:
+    def set_mode(self, on_bytes: bytes, off_bytes: bytes) -> None:
         """Send `on_bytes` now, and `off_bytes` in `close`."""
         self._undo = off_bytes + self._undo
         self.write(on_bytes)
@@ -112,7 +112,7 @@ class Tty:
 class WindowsConsole:
     """The console of Windows, which reports only characters and arrows."""
 
-    answers = False
+    can_answer = False
 
     def read(self) -> list[KeyEvent] | None:
         """Return the keys that were pressed since the last call."""
@@ -133,7 +133,7 @@ class WindowsConsole:
         sys.stdout.write(data.decode())
         sys.stdout.flush()
 
-    def change(self, on_bytes: bytes, off_bytes: bytes) -> None:
+    def set_mode(self, on_bytes: bytes, off_bytes: bytes) -> None:
         """Do nothing: this console does not have modes to change."""
 
     def size(self) -> tuple[int, int]:
@@ -144,38 +144,38 @@ class WindowsConsole:
         """Do nothing: the settings were not changed."""
 
 
-def terminal() -> TerminalLine:
+def open_terminal() -> Terminal:
     """Return the terminal of this program. Raise UsageError if the program does not have one."""
     try:
         import msvcrt  # noqa: F401
     except ImportError:
-        return _unix()
+        return _open_unix_terminal()
     return WindowsConsole()
 
 
-def _unix() -> Tty:
+def _open_unix_terminal() -> UnixTerminal:
     try:
         import termios  # noqa: F401
     except ImportError as error:
         raise UsageError(fault("keys.no-terminal-control")) from error
     if not sys.stdin.isatty():
         raise UsageError(fault("keys.no-terminal"))
-    return Tty(sys.stdin.fileno())
+    return UnixTerminal(sys.stdin.fileno())
 
 
-def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
+def terminal_proxy(parents: Callable[[], list[str]] | None = None) -> str:
     """Return the name of a parent program that answers in place of the terminal: tmux, screen, mosh-server or zellij.
 
     That program continues to run after the terminal is lost. Return "" if this program does not run inside one.
     """
-    for name in (parents or _parents)():
+    for name in (parents or _ancestor_programs)():
         for program in ("tmux", "screen", "mosh-server", "zellij"):
             if name.lower().startswith(program):
                 return program
     return ""
 
 
-def _parents() -> list[str]:
+def _ancestor_programs() -> list[str]:
     """Return the names of this program and its parents, nearest first; [] if the system does not list them."""
     names: list[str] = []
     pid = os.getpid()
@@ -188,6 +188,6 @@ def _parents() -> list[str]:
     return names
 
 
-def over_ssh(environment: Any = os.environ) -> bool:
+def is_over_ssh(environment: Any = os.environ) -> bool:
     """Return True if the terminal of this program is at the other end of an SSH connection."""
     return bool(environment.get("SSH_CONNECTION") or environment.get("SSH_TTY"))

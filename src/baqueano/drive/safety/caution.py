@@ -9,7 +9,7 @@ case is not severe: the vehicle only slows down. A model that is certainly wrong
 """
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge_diagnostics, note, stop
-from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.observers import EventLine, Observer
 from baqueano.drive.safety.paced_guide import PacedGuide
 from baqueano.loop import Blocks, Record
 from baqueano.monitor.findings import MODEL, SENSOR
@@ -25,7 +25,7 @@ class Caution(Observer):
     """Observer of one drive; the supervisor stops the vehicle at the position uncertainty `max_std_m` [m].
 
     If `is_watching` is False, the observer only wraps the guide, so that the driver can set its pace
-    (door/adjusting.py).
+    (door/gain_changes.py).
     """
 
     def __init__(self, max_std_m: float = float("inf"), is_watching: bool = True) -> None:
@@ -34,7 +34,7 @@ class Caution(Observer):
         self._reason: Diagnostic | None = None
         self._is_grave = False
         self._since_ns = 0
-        self._lines: list[LastLine] = []
+        self._lines: list[EventLine] = []
 
     def begin(self, blocks: Blocks) -> Blocks:
         """Return the blocks with the guide wrapped, so that its pace can be set."""
@@ -62,7 +62,7 @@ class Caution(Observer):
             return None
         return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._reason)
 
-    def events(self) -> list[LastLine]:
+    def events(self) -> list[EventLine]:
         """Return the new messages about the beginning and the end of slow driving, with the reason."""
         lines, self._lines = self._lines, []
         return lines
@@ -74,7 +74,7 @@ class Caution(Observer):
         std_m = float(position_std(record.estimate.cov))
         if std_m > SLOW_SHARE * self._max_std_m:
             return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._max_std_m), True
-        findings = [finding for finding in record.degraded if finding.off != MODEL]
+        findings = [finding for finding in record.degraded if finding.wrong_part != MODEL]
         return merge_diagnostics(finding.diagnostic for finding in findings), any(
-            finding.off == SENSOR for finding in findings
+            finding.wrong_part == SENSOR for finding in findings
         )

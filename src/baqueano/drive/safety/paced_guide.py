@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from baqueano.contracts.values import Tree
-from baqueano.guides import AtPace
+from baqueano.guides import GuideAtPace
 from baqueano.signals import Estimate, Reference
 from baqueano.supervisor import guard_block
 
@@ -20,7 +20,7 @@ class PacedGuide:
     """
 
     def __init__(self, guide: Tree) -> None:
-        self.block = AtPace(guard_block("guide", guide))
+        self.block = GuideAtPace(guard_block("guide", guide))
         self._paces: dict[str, float] = {}
 
     @property

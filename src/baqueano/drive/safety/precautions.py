@@ -15,7 +15,7 @@ from baqueano.drive.safety.patience import Patience
 from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides import InTurn
+from baqueano.guides import GuideSequence
 from baqueano.guides.drive_to import MAX_GOAL_ANGLE_RAD, MAX_GOAL_DISTANCE_M
 from baqueano.guides.route import Route
 from baqueano.routes.capability import Capability
@@ -57,7 +57,7 @@ class Precautions:
     patience_s: float = PATIENCE_S
 
     @classmethod
-    def of(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
+    def split_options(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
         """Split `options` into precautions and other options, and return both."""
         field_names = {field.name for field in fields(cls)}
         own_options = {name: value for name, value in options.items() if name in field_names}
@@ -76,7 +76,7 @@ class Precautions:
         return row
 
     @classmethod
-    def of_json(cls, document: JsonObject) -> "Precautions":
+    def from_json(cls, document: JsonObject) -> "Precautions":
         """Return the precautions in this JSON, the inverse of `to_json`. Raise UsageError for other data."""
         try:
             defaults, row = asdict(cls()), dict(document)
@@ -96,7 +96,7 @@ class Precautions:
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
 
-    def guide_of(
+    def wrap_guide(
         self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,
     ) -> Guide:  # fmt: skip
         """Return the guide with a path to the start of the route (`lead_in`) and a path back to it (`way_back`).
@@ -111,10 +111,10 @@ class Precautions:
         with_lead_in = self.lead_in and (is_away or not signature(estimator.init).parameters)
         if not (with_lead_in or self.way_back):
             return guide
-        limits = limits_of(route, vehicle_file)
+        limits = drive_to_limits(route, vehicle_file)
         if with_lead_in:
-            guide = InTurn.led_in(guide, route, **limits)
-        return InTurn.with_way_back(guide, route, **limits) if self.way_back else guide
+            guide = GuideSequence.with_lead_in(guide, route, **limits)
+        return GuideSequence.with_way_back(guide, route, **limits) if self.way_back else guide
 
     def observers(self, vehicle_file: "VehicleFile", route: Route) -> tuple[Observer, ...]:
         """Return the observers that slow down and stop the drive."""
@@ -127,7 +127,7 @@ class Precautions:
         return tuple(watch)
 
 
-def limits_of(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
+def drive_to_limits(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
     """Return the median speed of a route [m/s], and a turning radius [m] for this speed, with a margin."""
     speed = np.abs(route.nu[:, 0])
     moving_speeds = speed[speed > MIN_SPEED_M_S]

@@ -19,13 +19,19 @@ from baqueano.estimators.augmented.motion import disturbance_acceleration
 from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
-from baqueano.estimators.readings.place_gate import TURN_STD, PoseChannels, PoseMemory, gate_decision, growth
+from baqueano.estimators.readings.place_gate import (
+    TURN_STD,
+    PoseChannels,
+    PoseMemory,
+    gate_decision,
+    growth_factors,
+)
 from baqueano.estimators.readings.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
 from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistake_corrections
 from baqueano.signals import Motion, Slot, Tick
-from baqueano.symbolic import get, jacobian, put
+from baqueano.symbolic import jacobian, value_at_path, with_value
 from baqueano.vehicles.effort import Effort
 
 if TYPE_CHECKING:
@@ -39,7 +45,7 @@ class Innovations(NamedTuple):
     """The measured channels of a tick, compared with their prediction."""
 
     latest: np.ndarray  # (m,) the last innovations, in order of use
-    place_doubt: PoseMemory
+    pose_memory: PoseMemory
     rejected_count: Value  # number of channels with a weight below 0.5
     y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
     S: np.ndarray  # (m, m)
@@ -73,7 +79,7 @@ def correct_tick(
         def h(mean: np.ndarray, name: str = name) -> np.ndarray:
             return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
-        is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.of(sensor, "limit")
+        is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.attribute(sensor, "limit")
         predicted, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
         z = np.where(has, slot.z, predicted)
         innovations.append(difference(sensor, z, predicted)[indices])
@@ -86,7 +92,7 @@ def correct_tick(
     channels = PoseChannels(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, corrections)
     decision = gate_decision(states.pose_groups, channels, place_doubt, dt_s, estimator.gate_sigma)
     if states.pose_groups:
-        D = growth(
+        D = growth_factors(
             decision.growth_factor, np.sqrt(np.diag(x.cov)), _max_std(estimator), states.pose_error_mask
         )
         x = x._replace(cov=mirror_upper(x.cov * np.outer(D, D)))
@@ -121,7 +127,7 @@ def predict_measurement(
     sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALE_INDEX]
     for k, bias in enumerate(layout(estimator).biases):
         if bias.sensor == name:
-            sensor = put(sensor, bias.path, get(sensor, bias.path) + mean[BIAS_INDEX + k])
+            sensor = with_value(sensor, bias.path, value_at_path(sensor, bias.path) + mean[BIAS_INDEX + k])
     if nu_dot is None:
         nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + disturbance_acceleration(
             estimator.vehicle, d

@@ -57,12 +57,12 @@ def predict_row(
         ) + block_diagonal([unmoved, np.zeros((n - 3, n - 3))])
 
     motion = predict(
-        x, lambda mean: move(estimator, mean, mean_disturbance, effort, row.moved_s, x.cov[2, 2]), R
+        x, lambda mean: advance_mean(estimator, mean, mean_disturbance, effort, row.moved_s, x.cov[2, 2]), R
     )
     return Gaussian(motion.mean, limit_covariance(motion.cov))
 
 
-def move(
+def advance_mean(
     estimator: "AugmentedEkf",
     mean: np.ndarray,
     mean_disturbance: np.ndarray,
@@ -144,7 +144,7 @@ def velocity_error(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 def _push_matrix(vehicle: DynamicVehicle) -> np.ndarray:
     """Return the matrix (3, 3) from a disturbance (forward, sideways, in rotation) to the change of ν."""
-    arm = optional.of(vehicle, "turning_arm_m")
+    arm = optional.attribute(vehicle, "turning_arm_m")
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])
 
 

@@ -24,8 +24,8 @@ from baqueano.contracts.blocks import Sensor
 from baqueano.estimators.readings.inconsistency import SPEED_AND_YAW_RATE
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
+    channel_indices,
     measurement_jacobian,
-    rows_of,
     scale_std,
     split_use,
     uncertain_parameters,
@@ -77,18 +77,16 @@ class Layout(NamedTuple):
 def layout(estimator: "AugmentedEkf") -> Layout:
     """Return the layout for `sensors`, `use` and `speed_from` of an estimator."""
     sensors, uses = estimator.sensors, estimator.use
-    names, channel_indices = (
-        tuple(split_use(use)[0] for use in uses),
-        tuple(rows_of(sensors, use) for use in uses),
-    )
+    names = tuple(split_use(use)[0] for use in uses)
+    used_channels = tuple(channel_indices(sensors, use) for use in uses)
     biases = tuple(
         bias
-        for name, rows in zip(names, channel_indices, strict=True)
+        for name, rows in zip(names, used_channels, strict=True)
         for bias in uncertain_parameters(sensors, name, rows, np.zeros(3))
         if bias.walk
     )
-    reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in rows_of(sensors, use)}
-    channels = [(name, i) for name, rows in zip(names, channel_indices, strict=True) for i in rows]
+    reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in channel_indices(sensors, use)}
+    channels = [(name, i) for name, rows in zip(names, used_channels, strict=True) for i in rows]
     signals = {name: _dependencies(getattr(sensors, name)) for name in names}
     dependencies = [signals[name][i] for name, i in channels]
     bias_indices = [
@@ -134,7 +132,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
     )
     return Layout(
         names,
-        channel_indices,
+        used_channels,
         biases,
         moving_mask,
         resting_mask,

@@ -13,7 +13,7 @@ from baqueano.parameter import INF
 
 
 @cache
-def gate(sigma: float, m: int) -> float:
+def gate_limit(sigma: float, m: int) -> float:
     """Return the limit of the squared distance of m channels, as improbable as `sigma` deviations of one channel.
     It is the χ² quantile, by bisection on the survival function (a finite series in m).  (1, 2)
     """

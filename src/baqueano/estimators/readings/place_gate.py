@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.estimators.readings.gate import gate
+from baqueano.estimators.readings.gate import gate_limit
 
 REPEAT_S = 1.0
 MISTAKE_SHARE = 0.05  # share of mistaken readings; a guess, the distances between tags matter more
@@ -44,7 +44,7 @@ class GateHistory(NamedTuple):
     """Results of the gate for earlier readings of each sensor; each array is (sensors,)."""
 
     since_s: np.ndarray  # time since a rejected reading; NO_REJECTION_S if the last reading was accepted
-    witness: np.ndarray  # 1 if an informative reading was rejected after the last accepted one
+    confirmation: np.ndarray  # 1 if an informative reading was rejected after the last accepted one
     mistakes: np.ndarray  # readings in a row that a mistaken tag explains
 
 
@@ -78,7 +78,7 @@ def gate_decision(
     weights: dict[int, Value] = {}
     factor, innovations, histories = 1.0, list(memory.y), []
     for group, *record in zip(groups, *memory.history, strict=True):
-        indices, limit = list(group), gate(sigma, len(group))
+        indices, limit = list(group), gate_limit(sigma, len(group))
         y, S, has_reading = (
             channels.y[indices],
             channels.S[np.ix_(indices, indices)],
@@ -96,7 +96,7 @@ def gate_decision(
         )
         is_due = history.since_s >= REPEAT_S
         is_informative = is_rejected & ~is_mistake & is_due
-        has_witness = is_informative & (history.witness > 0.0)
+        has_witness = is_informative & (history.confirmation > 0.0)
         is_confirmed = has_witness & (apart_d2 <= limit)
         weights |= dict.fromkeys(
             group, np.where(is_confirmed, 1.0, probability_right / (1.0 + (d2 / limit) ** 4))
@@ -119,7 +119,7 @@ def _next_history(
     """Return the history of one sensor after the reading of this tick; reset it if the reading is right."""
     is_counted = is_rejected & (history.since_s >= REPEAT_S)
     since_s = np.where(is_counted, 0.0, np.minimum(history.since_s, NO_REJECTION_S))
-    witness = np.where(is_counted & ~is_mistake, 1.0, history.witness)
+    witness = np.where(is_counted & ~is_mistake, 1.0, history.confirmation)
     mistakes = history.mistakes + np.where(is_counted & is_mistake, 1.0, 0.0)
     return GateHistory(
         *(
@@ -140,7 +140,7 @@ def _nearest_distance(S: np.ndarray, y: np.ndarray, corrections: list[np.ndarray
     return least
 
 
-def growth(factor: Value, std: np.ndarray, max_std: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def growth_factors(factor: Value, std: np.ndarray, max_std: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return the diagonal D (n,) of (3): the factor of each standard deviation `std` (n,).
 
     If `mask` (n,) is 1, the factor is `factor`, limited so that it does not raise the deviation above `max_std` (n,).

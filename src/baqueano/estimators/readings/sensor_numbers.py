@@ -23,7 +23,7 @@ from baqueano.errors import Invalid
 from baqueano.parameter import Parameter, parameters
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
-from baqueano.symbolic import get, jacobian, put
+from baqueano.symbolic import jacobian, value_at_path, with_value
 
 REST_MOTION = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
 GENERAL_MOTION = np.array(
@@ -45,7 +45,7 @@ class UncertainParameter(NamedTuple):
 
     def value_at(self, sensors: SensorBlocks, path: str) -> Value:
         """Return the value at `path` of the sensor; `path` is one of the paths of this parameter."""
-        return get(getattr(sensors, self.sensor), path)
+        return value_at_path(getattr(sensors, self.sensor), path)
 
 
 def split_use(use: str) -> tuple[str, tuple[int, ...] | None]:
@@ -54,7 +54,7 @@ def split_use(use: str) -> tuple[str, tuple[int, ...] | None]:
     return name, tuple(int(i) for i in indices_text.rstrip("]").split(",")) if bracket else None
 
 
-def rows_of(sensors: SensorBlocks, use: str) -> tuple[int, ...]:
+def channel_indices(sensors: SensorBlocks, use: str) -> tuple[int, ...]:
     """Return the indices of the channels of a sensor that `use` selects."""
     name, rows = split_use(use)
     return tuple(range(getattr(sensors, name).size)) if rows is None else rows
@@ -75,7 +75,7 @@ def has_measurement(sensor: Sensor, slot: Slot) -> Value:
 
 def age_s(sensor: Sensor, slot: Slot) -> Value:
     """Return the age of a measurement at the tick [s], from its timestamp, its delay and its low-pass."""
-    delay_s = sensor.delay_s if optional.of(sensor, "delay_slots") > 0 else 0.0
+    delay_s = sensor.delay_s if optional.attribute(sensor, "delay_slots") > 0 else 0.0
     return slot.age_s + delay_s + low_pass_s(sensor)
 
 
@@ -111,11 +111,11 @@ def slip_statistics(
     sensors, return 0, 1 and 0.
     """
     entries = [
-        (get(sensor, parameter.slip), get(sensor, parameter.fade), 1.0 / sensor.rate_hz)
+        (value_at_path(sensor, parameter.slip), value_at_path(sensor, parameter.fade), 1.0 / sensor.rate_hz)
         for name, rows in used_channels.items()
         for sensor in [getattr(sensors, name)]
         for _, parameter in _acting_parameters(sensor, rows, FORWARD_NU)
-        if parameter.slip and get(sensor, parameter.slip) > 0.0
+        if parameter.slip and value_at_path(sensor, parameter.slip) > 0.0
     ]
     if not entries:
         return 0.0, 1.0, 0.0
@@ -150,7 +150,7 @@ def _acting_parameters(
     for field, one_field in parameters(sensor) if rows else ():
         for index in [f"[{i}]" for i in range(one_field.shape[0])] if one_field.shape else [""]:
             shifted_sensor = (
-                put(sensor, field + index, get(sensor, field + index) + PARAMETER_STEP)
+                with_value(sensor, field + index, value_at_path(sensor, field + index) + PARAMETER_STEP)
                 if one_field.std
                 else sensor
             )

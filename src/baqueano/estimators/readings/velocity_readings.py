@@ -42,7 +42,7 @@ class Reading(NamedTuple):
         return self.entries == (TURNING_INDEX,)
 
 
-def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
+def velocity_readings(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
     """Return the readings of the sensors named in `use`, or of all sensors if it is empty; gyros are first."""
     check_use(sensors, use)
     jacobians = {

@@ -24,7 +24,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import segment_derivatives
 from baqueano.identify.covariance.information import Information, pseudo_inverse
 from baqueano.identify.residuals.simulation import HUBER, Residuals
-from baqueano.symbolic import get
+from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -90,7 +90,7 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
             )
         if not 0.0 < relative_tolerance < 1.0:
             raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))
-        value = np.asarray(get(vehicle_file, path), float)
+        value = np.asarray(value_at_path(vehicle_file, path), float)
         std = np.abs(value) * std_of_tolerance(relative_tolerance)
         values[path] = value.tolist()
         origins[path] = Provenance(f"stated, ± {100.0 * relative_tolerance:g} %", date.today(), std.tolist())
@@ -102,7 +102,7 @@ def _measured_relative_std(vehicle_file: "VehicleFile", path: str, entry: int) -
     origin = vehicle_file.provenance.get(path)
     if origin is None or origin.sd is None:
         return None
-    std, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, get(vehicle_file, path)))
+    std, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, value_at_path(vehicle_file, path)))
     relative = float(std[min(entry, len(std) - 1)] / abs(value[min(entry, len(value) - 1)]))
     return relative if np.isfinite(relative) else None
 

@@ -42,7 +42,7 @@ from baqueano.identify.parallel import parallel_map
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.vehicles import VehicleState
-from baqueano.worlds.noise import stream
+from baqueano.worlds.noise import random_stream
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -164,7 +164,7 @@ class PlanSearch:
         seed: int,
         backend: str,
     ) -> None:
-        self.room, self.rng = room, stream(seed, "pieces")
+        self.room, self.rng = room, random_stream(seed, "pieces")
         self.drive_information = DriveInformation(vehicle_file, backend)
         with ThreadPoolExecutor(1) as thread:  # the two kernels compile at the same time
             future = thread.submit(

@@ -21,10 +21,10 @@ import numpy as np
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import default_free, value
-from baqueano.simulate.many import batch_kernel, bounds
+from baqueano.simulate.many import batch_kernel, parameter_bounds
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState
-from baqueano.worlds.noise import stream, unit_normals
+from baqueano.worlds.noise import random_stream, unit_normals
 from baqueano.worlds.simulated import rows_of_tick, with_rows
 
 if TYPE_CHECKING:
@@ -67,11 +67,11 @@ def possible_vehicles(
     guesses = [p for p in default_free(blocks) if p not in names and value(blocks, p) != 0.0]
     paths = (*names, *guesses)
     mean = np.array([value(blocks, p) for p in paths])
-    half_draws = stream(seed, "possible_vehicles").standard_normal((vehicle_count // 2, len(paths)))
+    half_draws = random_stream(seed, "possible_vehicles").standard_normal((vehicle_count // 2, len(paths)))
     unit_draws = np.concatenate([np.zeros((1, len(paths))), half_draws, -half_draws])
     theta = mean * np.exp(relative_std * unit_draws)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
-    low, high = np.array([bounds(system, p) for p in paths]).T
+    low, high = np.array([parameter_bounds(system, p) for p in paths]).T
     if fit is not None and names:
         k, cov = len(names), fit.cov[np.ix_(fit_indices, fit_indices)]
         theta[:, :k] = _draw_parameters(unit_draws[:, :k], mean[:k], cov, low[:k], high[:k])

@@ -20,7 +20,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import entries, value
 from baqueano.parameter import all_parameters
 from baqueano.runs.diagnostics.signal_map import nearest_ratio
-from baqueano.symbolic import get
+from baqueano.symbolic import value_at_path
 
 MAX_GAIN_RATIO = (
     2.0  # times the value in the file: tolerances of data sheet and scale, or a guess of half or double
@@ -87,7 +87,7 @@ def _scalar_gain_findings(
 ) -> list[Diagnostic]:
     findings = []
     for path, p in all_parameters(blocks.model, "model"):
-        is_matrix = np.ndim(get(blocks, path)) == 2
+        is_matrix = np.ndim(value_at_path(blocks, path)) == 2
         for entry in entries(blocks, path) if p.role == "gain" and not is_matrix else ():
             if entry in estimates and value(blocks, entry) != 0.0:
                 findings += _comparison(entry, value(blocks, entry), *estimates[entry])
@@ -125,7 +125,7 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
     )
     if path is None:
         return []
-    file_gains, scale, findings = np.asarray(get(blocks, path), float), _mass_and_inertia(model), []
+    file_gains, scale, findings = np.asarray(value_at_path(blocks, path), float), _mass_and_inertia(model), []
     for j in range(file_gains.shape[1]):
         paths = [f"{path}[{i},{j}]" for i in range(3)]
         main_axis = int(np.argmax(np.abs(file_gains[:, j]) / scale))

@@ -51,7 +51,7 @@ def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, li
     lost_count = int(np.sum(~np.isfinite(z)))
     if lost_count:
         messages.append(note("data.not-finite", subject=name, lost=lost_count))
-    if len(z) < MIN_SAMPLES or optional.of(block, "cov") is None:
+    if len(z) < MIN_SAMPLES or optional.attribute(block, "cov") is None:
         return channel, messages
     is_imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
     for i in range(z.shape[1]):

@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
-from baqueano.estimators.readings.velocity_readings import readings_of
+from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.residuals.noise_level import MAD
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _series(
     """Yield for each run the residuals of the wheels' speed and of the forward accelerometer, and the gyro's yaw
     rate."""
     accelerometer = forward_accelerometer(ekf, inertial)
-    readings = readings_of(ekf.sensors, layout(ekf).names)
+    readings = velocity_readings(ekf.sensors, layout(ekf).names)
     wheels = next(
         (reading for reading in readings if FORWARD in reading.entries and reading.name not in inertial), None
     )

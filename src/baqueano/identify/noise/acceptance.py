@@ -30,7 +30,7 @@ from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, Motion, Slot, Tick, seconds, sensor_slots
-from baqueano.symbolic import get, put, scan
+from baqueano.symbolic import scan, value_at_path, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort
 from baqueano.vehicles.drivetrain import DrivetrainState
@@ -351,7 +351,7 @@ def _read_sensors(
         ]
         Q = np.linalg.cholesky(sensor.cov + MIN_VARIANCE * np.eye(sensor.size))
         for j, path in sensor_biases:
-            sensor = put(sensor, path, get(sensor, path) + bias[j])
+            sensor = with_value(sensor, path, value_at_path(sensor, path) + bias[j])
         motions = now if sensor_biases else rolling[0]._replace(tick=tuple(rolling[1:]))
         next_state, slot = sensor.step(state.sensors[k], motions, dt_s, np.zeros(sensor.noise_size))
         z = np.where(slot.has > 0.0, slot.z + Q @ draws.reading[k], 0.0)

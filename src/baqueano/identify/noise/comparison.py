@@ -31,7 +31,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
-from baqueano.symbolic import put, scan
+from baqueano.symbolic import scan, with_value
 
 if TYPE_CHECKING:
     from baqueano.identify.noise.covariances import Noise
@@ -173,10 +173,10 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:
-        trial_filter, offset = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
+        trial_filter, offset = with_value(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
         for name, m in zip(ekf.use, sizes, strict=True):
             q = theta[offset : offset + m * m].reshape(m, m)
-            trial_filter = put(trial_filter, f"sensors.{name}.measurement_noise_cov", q)
+            trial_filter = with_value(trial_filter, f"sensors.{name}.measurement_noise_cov", q)
             offset = offset + m * m
         belief, estimate = trial_filter.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov

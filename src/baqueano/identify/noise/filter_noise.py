@@ -36,7 +36,7 @@ from baqueano.identify.noise.process_noise import (
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
-from baqueano.symbolic import get, put, scan
+from baqueano.symbolic import scan, value_at_path, with_value
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
@@ -111,10 +111,12 @@ def filter_noise(
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
 
     low, high = (np.log([getattr(parameter, side) for parameter in free]) for side in ("low", "high"))
-    start = np.clip([np.log(get(ekf, parameter.path)) / parameter.power for parameter in free], low, high)
+    start = np.clip(
+        [np.log(value_at_path(ekf, parameter.path)) / parameter.power for parameter in free], low, high
+    )
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
     for value, parameter in zip(x, free, strict=True):
-        ekf = put(ekf, parameter.path, float(np.exp(parameter.power * value)))
+        ekf = with_value(ekf, parameter.path, float(np.exp(parameter.power * value)))
     if is_dynamic(ekf.vehicle):
         speed_is_measured = np.any(filter_layout.moving_mask[:, FORWARD_STATES[0]])
         ekf = (_without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer)(
@@ -140,7 +142,7 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
     """Return the filter without the part of the speed error that is slip of wheels (accelerometer_misfit.py)."""
     share = np.sqrt(accelerometer_share(ekf, fit, inertial))
     for path, low, _ in (FORWARD_NOISE[0], FORWARD_NOISE[2]):
-        ekf = put(ekf, path, max(low, float(share * get(ekf, path))))
+        ekf = with_value(ekf, path, max(low, float(share * value_at_path(ekf, path))))
     return ekf
 
 
@@ -170,8 +172,10 @@ def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set
     variance = float(np.sum(fading * products / count) / np.sum(fading**2))
     noise_std = MAD * float(np.median(np.abs(np.concatenate(second_differences)))) / np.sqrt(6.0)
     low, high = FORWARD_NOISE[0][1:]
-    ekf = put(ekf, "disturbance_std[0]", float(np.clip(np.sqrt(max(variance, 0.0)), low, high)))
-    return put(ekf, "velocity_walk_std[0]", float(min(ekf.velocity_walk_std[0], noise_std * np.sqrt(dt_s))))
+    ekf = with_value(ekf, "disturbance_std[0]", float(np.clip(np.sqrt(max(variance, 0.0)), low, high)))
+    return with_value(
+        ekf, "velocity_walk_std[0]", float(min(ekf.velocity_walk_std[0], noise_std * np.sqrt(dt_s)))
+    )
 
 
 def _correcting_entries(layout: Layout, name: str) -> list[int]:
@@ -254,7 +258,7 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         trial = ekf
         for k, parameter in enumerate(free):
-            trial = put(trial, parameter.path, np.exp(parameter.power * x[k]))
+            trial = with_value(trial, parameter.path, np.exp(parameter.power * x[k]))
         belief, estimate = trial.row(belief, tick)
         y, S = estimate.innovation, estimate.innovation_cov
         assert y is not None

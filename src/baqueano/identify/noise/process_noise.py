@@ -26,7 +26,7 @@ from baqueano.estimators import Ekf
 from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, seconds, sensor_slots
-from baqueano.symbolic import put, scan
+from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort
 
@@ -116,7 +116,7 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
         block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
         sensors = sensors._replace(**{name: replace(block, measurement_noise_cov=q)})
     estimator = fit.file.estimator(process_noise_cov=np.eye(6))
-    has_stacks = optional.of(estimator, "stacks_innovations")
+    has_stacks = optional.attribute(estimator, "stacks_innovations")
     use = tuple(n for n in (estimator.use if has_stacks else measurement) if n in measurement)
     use = use or tuple(measurement)
     if has_stacks:
@@ -128,7 +128,7 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
-        trial_filter = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
+        trial_filter = with_value(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
         belief, estimate = trial_filter.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None

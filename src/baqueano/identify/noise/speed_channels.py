@@ -20,7 +20,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.estimators.augmented.state import SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.velocity_readings import readings_of
+from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
 from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Run
@@ -111,7 +111,9 @@ def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, st
         return speed, "the truth"
     names_used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
-        readings = [reading for reading in readings_of(ekf.sensors, (name,)) if FORWARD in reading.entries]
+        readings = [
+            reading for reading in velocity_readings(ekf.sensors, (name,)) if FORWARD in reading.entries
+        ]
         channel = run.sensors.get(name)
         if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
             continue

@@ -22,8 +22,8 @@ from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
-from baqueano.symbolic import get, put
-from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, rates
+from baqueano.symbolic import value_at_path, with_value
+from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, decay_rates
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
@@ -130,7 +130,7 @@ def free_parameter(
     UsageError for a path that is not a parameter, or if the bounds exclude all values."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
-    fields = dict(parameters(get(blocks, owner))) if owner else {}
+    fields = dict(parameters(value_at_path(blocks, owner))) if owner else {}
     if name not in fields:
         raise UsageError(fault("parameter.none", path=field))
     p = fields[name]
@@ -223,7 +223,7 @@ def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> 
     The free frictions of an axis share the remaining range.
     """
     kept_model, bounds = coasting_axes(blocks.model), {}
-    slack = np.maximum(MAX_DECAY_PER_TICK * rate_hz - rates(blocks.model, kept_model), 0.0)
+    slack = np.maximum(MAX_DECAY_PER_TICK * rate_hz - decay_rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
     requested_paths = {
         k for k, p in all_parameters(blocks.model, "model") if k in requested_paths and p.role != "known"
@@ -304,7 +304,7 @@ def _bound_limit(
 
 
 def _with_drivetrain(blocks: FittedBlocks, **changes: Any) -> FittedBlocks:
-    return put(blocks, "model.drivetrain", replace(blocks.model.drivetrain, **changes))
+    return with_value(blocks, "model.drivetrain", replace(blocks.model.drivetrain, **changes))
 
 
 def _with_lower_bound(parameter: FreeParameter, low: float) -> FreeParameter:
@@ -314,7 +314,7 @@ def _with_lower_bound(parameter: FreeParameter, low: float) -> FreeParameter:
 def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
     """Return the blocks with `numbers` at `paths`. The numbers can be traced; their range is not checked."""
     for k, path in enumerate(paths):
-        blocks = put(blocks, path, numbers[k])
+        blocks = with_value(blocks, path, numbers[k])
     return blocks
 
 
@@ -326,7 +326,7 @@ def frozen_columns(free: list[FreeParameter], u: np.ndarray) -> list[int]:
 
 def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
     try:
-        values = np.asarray(get(blocks, path), dtype=float)
+        values = np.asarray(value_at_path(blocks, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         field, bracket, entry = path.partition("[")
         names = _fields(blocks)

@@ -243,7 +243,7 @@ def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
 def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
     """Return True for an IMU as the only sensor of a vehicle whose velocity is a state."""
     is_imu_only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
-    return is_imu_only and optional.of(blocks.model, "turning_arm_m") is not None
+    return is_imu_only and optional.attribute(blocks.model, "turning_arm_m") is not None
 
 
 def _width(shape: ThetaShape, n: int) -> int:

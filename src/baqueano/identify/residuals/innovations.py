@@ -28,7 +28,7 @@ from baqueano.identify.parameters.free import substitute
 from baqueano.identify.parameters.setup import ThetaShape, example, initial_state
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, step_signal
 from baqueano.signals import ByName, Motion
-from baqueano.symbolic import jacobian, put, scan
+from baqueano.symbolic import jacobian, scan, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
 from baqueano.vehicles.delay import MIN_TICK_S
@@ -195,7 +195,7 @@ def _smooth_gate(number: int, e: Any, s: Any) -> Any:
 
 def _noise_input_matrix(model: Tree, dt_s: Value) -> np.ndarray:
     """Return B = ∂ν/∂noise (3, 3) over a row, per unit of `process_noise_std`."""
-    unit = put(model, "process_noise_std", np.ones(3))
+    unit = with_value(model, "process_noise_std", np.ones(3))
     u = np.zeros(model.commands)
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
@@ -216,11 +216,13 @@ def _corrected_signals(
     for (signal, h), jacobian_of_h, is_needed in zip(lines, jacobians, sample_fraction, strict=True):
         corrected_h = h + jacobian_of_h @ move
         past = (
-            np.concatenate([corrected_h[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
+            np.concatenate([corrected_h[None, :], signal.past_values[1:]])
+            if signal.past_values.shape[0]
+            else signal.past_values
         )
         signals.append(
             signal._replace(
-                past=past, low_passed=corrected_h if len(signal.low_passed) else signal.low_passed
+                past_values=past, low_passed=corrected_h if len(signal.low_passed) else signal.low_passed
             )
         )
         previous_h.append(corrected_h if is_needed else np.zeros(0))

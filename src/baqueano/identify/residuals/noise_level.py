@@ -88,7 +88,9 @@ def sigma_of_rare_channels(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) ->
 
 def sigma_of_file(blocks: "ByName[Tree]") -> np.ndarray:
     """Return σ (m,) from the covariance of the sensor blocks, 0 for a sensor without one."""
-    covariances = [np.zeros((b.size, b.size)) if (Q := optional.of(b, "cov")) is None else Q for b in blocks]
+    covariances = [
+        np.zeros((b.size, b.size)) if (Q := optional.attribute(b, "cov")) is None else Q for b in blocks
+    ]
     return np.concatenate([np.sqrt(np.maximum(np.diagonal(Q), 0.0)) for Q in covariances])
 
 

@@ -35,9 +35,9 @@ from baqueano.identify.parameters.setup import (
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
-from baqueano.symbolic import put, scan
+from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
-from baqueano.vehicles.delay import read, with_newest
+from baqueano.vehicles.delay import delayed_value, with_newest
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 CACHED_KERNELS = 24  # kernels in the cache
@@ -311,7 +311,7 @@ def cached_kernel(
     """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
     for path in (*shape.shared, *shape.per_run):
-        shape_blocks = put(shape_blocks, path, 0.0)
+        shape_blocks = with_value(shape_blocks, path, 0.0)
     key = (traced, more, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
         _kernels[key] = traced(blocks, shape, backend, *more)
@@ -350,7 +350,9 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
             if free_clock[k]:
                 offset_s = theta[len(paths) + shape.clocks.index(names[k])]
                 subtract = partial(difference, sensor)
-                h = read(h, state.lines[k], steps_s, sample_fraction[fraction_index] - offset_s, subtract)
+                h = delayed_value(
+                    h, state.lines[k], steps_s, sample_fraction[fraction_index] - offset_s, subtract
+                )
             elif shape.sample_fraction[k]:
                 h = h + sample_fraction[fraction_index] * difference(sensor, state.previous_h[k], h)
             fraction_index += shape.sample_fraction[k]

@@ -17,7 +17,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.parameter import parameters
-from baqueano.symbolic import get
+from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -146,5 +146,5 @@ class Calibration(Result):
 def scale_std_path(vehicle_file: "VehicleFile", path: str) -> str | None:
     """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None without one."""
     owner, _, field = path.rpartition(".")
-    field_of_block = dict(parameters(get(vehicle_file, owner)))[field]
+    field_of_block = dict(parameters(value_at_path(vehicle_file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None

@@ -23,7 +23,7 @@ from baqueano.identify.data.rest import speed_channels
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.parameter import parameters
 from baqueano.signals import ByName
-from baqueano.symbolic import get, put
+from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicle_file.envelope import Envelope
 
 if TYPE_CHECKING:
@@ -64,13 +64,13 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
     blocks, priors = fit.blocks, kept_priors(fit)
     for prior in priors:
         if not prior.contradicted:
-            blocks = put(blocks, prior.path, prior.value)
+            blocks = with_value(blocks, prior.path, prior.value)
     for field, sd in _fields(fit, [prior.path for prior in priors if not prior.contradicted]).items():
-        number = get(blocks, field)
+        number = value_at_path(blocks, field)
         values[field] = np.asarray(number, float).tolist() if np.ndim(number) else float(number)
         provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
     for field in dict.fromkeys(prior.std_path.partition("[")[0] for prior in priors if prior.contradicted):
-        entries_ = np.array(get(fit.file, field), dtype=float)
+        entries_ = np.array(value_at_path(fit.file, field), dtype=float)
         for prior in (prior for prior in priors if prior.contradicted and prior.std_path.startswith(field)):
             entries_[_index(prior.std_path)] = prior.sd
         values[field] = entries_.tolist()
@@ -100,7 +100,7 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
         if description is None or not description.std or not np.isfinite(sd):
             continue
         std_path = f"sensors.{sensor}.{description.std}{field.removeprefix(name)}"
-        prior, std = float(get(fit.file, path)), float(get(fit.file, std_path))
+        prior, std = float(value_at_path(fit.file, path)), float(value_at_path(fit.file, std_path))
         if sd > std:
             unit = description.unit.split(", ")[0]
             is_contradicted = abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(sd, std)
@@ -128,7 +128,7 @@ def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
             std_of_field[field] = float(sd_of[path])
             continue
         if field not in std_of_field:
-            std_of_field[field] = np.full(np.shape(get(fit.blocks, field)), np.nan)
+            std_of_field[field] = np.full(np.shape(value_at_path(fit.blocks, field)), np.nan)
         std_of_field[field][_index(path)] = sd_of[path]
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in std_of_field.items()}
 

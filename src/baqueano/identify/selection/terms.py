@@ -39,8 +39,8 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.parameter import all_parameters
-from baqueano.symbolic import compile_block, get, put
-from baqueano.vehicles.freedoms import ideal
+from baqueano.symbolic import compile_block, value_at_path, with_value
+from baqueano.vehicles.freedoms import with_ideal_drivetrain
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, Tree
@@ -87,9 +87,9 @@ def with_terms(vehicle_file: "VehicleFile", terms: Sequence[Term], fitted: dict[
     blocks, fields = with_term_slots(FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), terms), set()
     for term in terms:
         for path, none in zip(term.paths, term.neutral, strict=True):
-            blocks = put(blocks, path, fitted.get(path, none))
+            blocks = with_value(blocks, path, fitted.get(path, none))
             fields.add(path.partition("[")[0])
-    values = {field: np.asarray(get(blocks, field), float).tolist() for field in sorted(fields)}
+    values = {field: np.asarray(value_at_path(blocks, field), float).tolist() for field in sorted(fields)}
     if LAG_PATH in values and LAG_PATH not in fitted:
         values[LAG_PATH] = 0.0
     changes = {k: v for k, v in values.items() if not _same(v, vehicle_file.value(k))}
@@ -109,12 +109,12 @@ def with_term_slots(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks
         name = field.rpartition(".")[2]
         if field in requested_paths and len(getattr(drivetrain, name)) < drivetrain.channels:
             changes[name] = np.repeat(getattr(drivetrain, name), drivetrain.channels)
-    return put(blocks, "model.drivetrain", replace(drivetrain, **changes)) if changes else blocks
+    return with_value(blocks, "model.drivetrain", replace(drivetrain, **changes)) if changes else blocks
 
 
 def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list[Term]:
     """Return all terms of a vehicle with the commands u (N, n); `battery` is True if its voltage was logged."""
-    blocks = blocks._replace(model=ideal(blocks.model))
+    blocks = blocks._replace(model=with_ideal_drivetrain(blocks.model))
     motions = _motions(blocks.model, u)
     field_terms = _field_terms(blocks, motions)
     return field_terms + _drivetrain_terms(blocks.model, motions, battery) + _cross_talk_terms(blocks, u)
@@ -204,7 +204,7 @@ def _search_starts(
 ) -> tuple[float, ...]:
     """Return the starts of the search for a parameter, or () for a parameter without an effect.  (1)"""
     max_nu = np.max([m.max_nu for m in motions], axis=0, initial=1e-9)
-    with_, without = (put(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
+    with_, without = (with_value(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
     sensitivity = 0.0
     for m in motions:
         nu_dot_with, nu_dot_without = (
@@ -226,7 +226,7 @@ def _cross_talk_terms(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
     axes_moved, terms = np.flatnonzero(np.any(u != 0.0, axis=0)), []
     for field, p in all_parameters(blocks.model, "model"):
         if p.term and p.role == "gain":
-            matrix = get(blocks, field)
+            matrix = value_at_path(blocks, field)
             pairs = [(i, j) for j in axes_moved for i in range(len(matrix)) if i != j]
             paths = tuple(f"{field}[{i},{j}]" for i, j in pairs)
             start = tuple(0.02 * float(matrix[j, j]) for _, j in pairs)

@@ -32,14 +32,14 @@ I2C, LEFT_BEHIND = "a0", ("ip", "op")
 LOW, LET_GO = ("op", "dl"), ("ip", "pu")
 CLOCK_PULSES = 9
 CALL_S, ALL_S = 1.0, 2.0  # time limits of one call, and of all calls before the pins return to I2C mode
-RETRY_NS = 5_000_000_000
+RETRY_PERIOD_NS = 5_000_000_000
 LINE_PATTERN = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
 
 
 class RecoveryOutcome(NamedTuple):
-    """The result of a recovery: `freed` is True if the bus is free again, and `message` describes the outcome."""
+    """The result of a recovery: `is_free` is True if the bus is free again, and `message` describes the outcome."""
 
-    freed: bool
+    is_free: bool
     message: Diagnostic
 
     @property
@@ -49,13 +49,13 @@ class RecoveryOutcome(NamedTuple):
 
 
 class BusLine(NamedTuple):
-    """The state of SDA or SCL: the function of its pin, and `high`, True if its level is high."""
+    """The state of SDA or SCL: the function of its pin, and `is_high`, True if its level is high."""
 
     function: str
-    high: bool
+    is_high: bool
 
 
-class Recovery:
+class BusRecovery:
     """A starter of bus recoveries at `path`: each runs in a separate thread, at least 5 s after the last start."""
 
     def __init__(self, path: str) -> None:
@@ -72,7 +72,7 @@ class Recovery:
     def begin(self, now_ns: int) -> None:
         """Begin a recovery, unless a recovery runs, or the last recovery began less than 5 s ago."""
         if not self.is_running and now_ns >= self._next_ns:
-            self._next_ns = now_ns + RETRY_NS
+            self._next_ns = now_ns + RETRY_PERIOD_NS
             self._thread = threading.Thread(target=self._work, name="bus recovery")
             self._thread.start()
 
@@ -106,18 +106,18 @@ def recover_bus(path: str) -> RecoveryOutcome:
         sda, scl = pins.read_pins()
         foreign_mode = {sda.function, scl.function} != {I2C}
         if foreign_mode:
-            pins.give_back()
+            pins.restore()
             sda, scl = pins.read_pins()
-        if not scl.high:
+        if not scl.is_high:
             return RecoveryOutcome(False, note("bus.scl-held", Severity.WARNING))
-        if sda.high and foreign_mode:
+        if sda.is_high and foreign_mode:
             return RecoveryOutcome(True, note("bus.given-back", Severity.WARNING))
-        if sda.high:
+        if sda.is_high:
             return RecoveryOutcome(False, note("bus.free", Severity.WARNING))
         try:
             return _send_clocks(pins)
         finally:
-            pins.give_back()
+            pins.restore()
     except RobotUnreachable as error:
         return RecoveryOutcome(False, error.diagnostic)
 
@@ -135,8 +135,8 @@ def check_bus_recovery(path: str, model: Path) -> tuple[str, str, str]:
         return "warn", _("a blocked bus could not be freed with clock pulses"), str(error)
     levels = _(
         "SDA {sda}, SCL {scl}",
-        sda=_("high") if sda.high else _("low"),
-        scl=_("high") if scl.high else _("low"),
+        sda=_("high") if sda.is_high else _("low"),
+        scl=_("high") if scl.is_high else _("low"),
     )
     if sda.function != I2C or scl.function != I2C:
         figure_text = _(
@@ -161,7 +161,7 @@ class _Pins:
 
     def read_pins(self) -> tuple[BusLine, BusLine]:
         """Return the states of SDA and SCL."""
-        reply = self._call("get", BOTH)
+        reply = self._run_program("get", BOTH)
         lines = {
             number: BusLine(function, level == "hi")
             for number, function, level in LINE_PATTERN.findall(reply)
@@ -172,14 +172,14 @@ class _Pins:
 
     def set(self, pin: str, *options: str) -> None:
         """Set function, pull and level of a pin. Raise RobotUnreachable if `pinctrl` refuses the options."""
-        if refusal := self._call(
+        if refusal := self._run_program(
             "set", pin, *options
         ):  # `pinctrl` reports a refusal as a message, and still exits with 0
             raise RobotUnreachable(
                 fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=refusal)
             )
 
-    def give_back(self) -> None:
+    def restore(self) -> None:
         """Put both pins back into I2C mode, in at most two attempts and without the time limit.
 
         Raise RobotUnreachable if both attempts fail.
@@ -195,7 +195,7 @@ class _Pins:
                 cause_text = f" ({error})"
         raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=cause_text))
 
-    def _call(self, *words: str) -> str:
+    def _run_program(self, *words: str) -> str:
         import subprocess  # imported here for a fast start of the service: a bus is rarely held
 
         command = " ".join(("pinctrl", *words))
@@ -246,9 +246,9 @@ def _send_clocks(pins: _Pins) -> RecoveryOutcome:
         pins.set(SCL, *LOW)
         pins.set(SCL, *LET_GO)
         sda, scl = pins.read_pins()
-        if not scl.high:
+        if not scl.is_high:
             return RecoveryOutcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
-        if sda.high and _send_stop(pins):
+        if sda.is_high and _send_stop(pins):
             code = "bus.freed-at-once" if clock == 1 else "bus.freed"
             return RecoveryOutcome(True, note(code, Severity.WARNING, clocks=clock))
     return RecoveryOutcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCK_PULSES))
@@ -260,4 +260,4 @@ def _send_stop(pins: _Pins) -> bool:
     pins.set(SDA, *LOW)
     pins.set(SCL, *LET_GO)
     pins.set(SDA, *LET_GO)
-    return pins.read_pins()[0].high
+    return pins.read_pins()[0].is_high

@@ -28,16 +28,16 @@ class Chip(NamedTuple):
     """The properties of a chip. `lsb_per_c` is None if the scale is unknown."""
 
     name: str
-    own_accel_filter: bool
+    has_own_accel_filter: bool
     fifo_bytes: int
     lsb_per_c: float | None
     offset_c: float
     is_listed: bool = True
 
     @property
-    def bands(self) -> dict[int, FilterBand]:
+    def filter_bands(self) -> dict[int, FilterBand]:
         """Return filter setting → bandwidth and delay, for the settings that leave the gyro at 1 kHz."""
-        return MPU6500_BANDS if self.own_accel_filter else MPU6050_BANDS
+        return MPU6500_BANDS if self.has_own_accel_filter else MPU6050_BANDS
 
     def celsius(self, raw: int) -> float:
         """Return the temperature [°C]; NaN if the scale is unknown.  (3)"""

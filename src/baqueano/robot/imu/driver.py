@@ -8,7 +8,7 @@ One burst of 14 bytes takes 156 bit times on the bus. It has 4 bytes of address 
 each, and also start and stop. The duration of a burst therefore shows the real clock of the bus. On a Raspberry Pi that
 clock follows the clock of the core.
 
-`open` shadows the built-in on purpose: `imu.open(...)` returns an IMU, and `imu.read()` reads it.
+`driver.open_imu(...)` returns an IMU, and `imu.read()` reads it.
 """
 
 import time
@@ -22,24 +22,24 @@ from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
+from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find_chip
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from baqueano.robot.imu.i2c import Device
+    from baqueano.robot.imu.i2c import I2cDevice
     from baqueano.vehicle_file.head import Hardware
 
 ADDRESSES = (0x68, 0x69)
 BURST_REGISTERS = (0x3B, 14)
 STEP_S = 0.002
-START_NS = 2 * SECOND
+START_TIMEOUT_NS = 2 * SECOND
 REST_SAMPLES = 20
 GRAVITY_TOLERANCE = 0.15
 MAX_REST_DPS = 25.0
 
 
-def open(
+def open_imu(
     bus: int | str = 1,
     *,
     address: int | None = None,
@@ -54,12 +54,12 @@ def open(
     `now_ns` is the clock of their timestamps. `address` is 0x68 or 0x69; None tries both. Raise RobotUnreachable if no
     device answers, or if the device that answers cannot be an IMU. Raise UsageError on a system other than Linux.
 
-    >>> imu = open(notify=None)  # /dev/i2c-1
+    >>> imu = open_imu(notify=None)  # /dev/i2c-1
     >>> print(imu.identity.chip, f"at 0x{imu.identity.address:02x} measures {imu.identity.accel_ms2:.1f} m/s²")
     MPU-6050, 6000 or 9150 at 0x68 measures 9.8 m/s²
     """
     path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
-    device, who_am_i, warnings = find(path, ADDRESSES if address is None else (address,))
+    device, who_am_i, warnings = find_chip(path, ADDRESSES if address is None else (address,))
     try:
         chip = chip_at(device, who_am_i)
         imu = Mpu6050(device, chip, settings or ImuSettings(), now_ns)
@@ -86,12 +86,12 @@ def imu_of(
         gyro_range_dps=round(hardware.imu_gyro_range_dps),
         axes=("x", "y", "z") if in_chip_axes else tuple(hardware.imu_axes),
     )  # fmt: skip
-    return open(
+    return open_imu(
         round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, notify=notify
     )
 
 
-def time_burst(device: "Device", now_ns: Callable[[], int], repeat_count: int = 20) -> float:
+def time_burst(device: "I2cDevice", now_ns: Callable[[], int], repeat_count: int = 20) -> float:
     """Return the shortest duration [s] of a burst of 14 bytes in `repeat_count` attempts; NaN if all failed."""
     best_s = float("nan")
     for _time in range(repeat_count):
@@ -106,7 +106,7 @@ def time_burst(device: "Device", now_ns: Callable[[], int], repeat_count: int = 
 
 def description_lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
     """Return chip, settings, filter, first values and warnings as lines of text."""
-    s, band = imu.settings, imu.chip.bands[imu.settings.filter]
+    s, band = imu.settings, imu.chip.filter_bands[imu.settings.filter]
     axes = ", ".join(s.axes)
     warm = "" if np.isnan(identity.temperature_c) else f", {number(identity.temperature_c):.1f} °C"
     lines = [
@@ -160,14 +160,14 @@ def _identity_at_rest(
     samples, began = [], now_ns()
     while len(samples) < REST_SAMPLES:
         samples += imu.read()
-        if now_ns() - began > START_NS:
+        if now_ns() - began > START_TIMEOUT_NS:
             raise RobotUnreachable(
                 fault(
                     "imu.too-few-samples",
                     address=imu.device.address,
                     path=imu.device.path,
                     count=len(samples),
-                    within_s=START_NS // SECOND,
+                    within_s=START_TIMEOUT_NS // SECOND,
                     events=" ".join(e.text for e in imu.events()) or "–",
                 )
             )
@@ -183,11 +183,11 @@ def _identity_at_rest(
         accel,
         gyro,
         time_burst(imu.device, now_ns),
-        tuple(_doubts(imu, who_am_i, accel, gyro)),
+        tuple(_rest_warnings(imu, who_am_i, accel, gyro)),
     )
 
 
-def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]:
+def _rest_warnings(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]:
     """Return a warning for each implausible value, and for an unlisted chip.
 
     Raise RobotUnreachable for an unlisted chip with implausible values.

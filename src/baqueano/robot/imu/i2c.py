@@ -22,11 +22,11 @@ from baqueano.errors import RobotUnreachable, UsageError
 
 I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 does not define
 TIMEOUT_10MS = 4
-HELD_ERRNOS = (errno.ETIMEDOUT, errno.EAGAIN)  # a line that stays low; arbitration lost
+STUCK_BUS_ERRNOS = (errno.ETIMEDOUT, errno.EAGAIN)  # a line that stays low; arbitration lost
 
 
 @dataclass
-class Device:
+class I2cDevice:
     """A device with registers at `address` of the bus `path` ("/dev/i2c-1"). A failed transfer raises OSError."""
 
     path: str
@@ -85,7 +85,7 @@ class Device:
 
 def is_stuck_low(error: OSError) -> bool:
     """Return True if the error means that the bus is stuck low, False if only the device is silent."""
-    return error.errno in HELD_ERRNOS
+    return error.errno in STUCK_BUS_ERRNOS
 
 
 def _smbus2() -> tuple[Any, Any]:

@@ -23,9 +23,9 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.messages.language import mark as N_
-from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover_bus
+from baqueano.robot.imu.bus_recovery import BusRecovery, RecoveryOutcome, recover_bus
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
-from baqueano.robot.imu.i2c import Device, is_stuck_low
+from baqueano.robot.imu.i2c import I2cDevice, is_stuck_low
 from baqueano.robot.imu.sample_clock import SampleClock
 from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, ImuEvent, ImuSettings, OpenedImu
 from baqueano.robot.imu.watch import ImuWatch, Row
@@ -46,7 +46,7 @@ SAMPLE_LAYOUT = struct.Struct(">7h")
 
 
 class Mpu6050:
-    """A running IMU, made by `imu.open`. `now_ns` is the host's clock, which all timestamps use.
+    """A running IMU, made by `driver.open_imu`. `now_ns` is the host's clock, which all timestamps use.
 
     `read()` returns the samples since the last call without waiting. It makes a few short transfers, each within the
     timeout of i2c.py, and returns after a transfer that timed out. The chip is started step by step: a step that must
@@ -64,19 +64,23 @@ class Mpu6050:
     """
 
     def __init__(
-        self, device: Device, chip: Chip, settings: ImuSettings, now_ns: Callable[[], int] = time.monotonic_ns
+        self,
+        device: I2cDevice,
+        chip: Chip,
+        settings: ImuSettings,
+        now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.device, self.chip, self.settings = device, chip, settings
         self.counts = Counts()
-        self.identity: OpenedImu | None = None  # the findings of `imu.open`
+        self.identity: OpenedImu | None = None  # the findings of `driver.open_imu`
         self.clock = SampleClock(SECOND / settings.rate_hz)
         self._now_ns = now_ns
         chip_from_body = settings.body_from_chip().T
         self._accel = chip_from_body * accel_scale(settings.accel_range_g)
         self._gyro = chip_from_body * gyro_scale(settings.gyro_range_dps)
         self._watch = ImuWatch(settings, self.counts, now_ns())
-        self._recovery = Recovery(device.path)
-        self._steps: Iterator[int] | None = self._start()
+        self._recovery = BusRecovery(device.path)
+        self._steps: Iterator[int] | None = self._start_steps()
         self._closed = False
         self._start_reported = False  # the restart was reported, but not yet its end
         self._wait_until = 0
@@ -90,7 +94,7 @@ class Mpu6050:
     @property
     def delay_s(self) -> tuple[float, float]:
         """Return the delays [s] of the filter: (accelerometer, gyro)."""
-        band = self.chip.bands[self.settings.filter]
+        band = self.chip.filter_bands[self.settings.filter]
         return band.accel_delay_s, band.gyro_delay_s
 
     @property
@@ -99,17 +103,17 @@ class Mpu6050:
         return self.clock.rate_hz
 
     @property
-    def running(self) -> bool:
+    def is_running(self) -> bool:
         """Return True if the chip runs, False during a start or restart."""
         return self._steps is None
 
     @property
-    def silent(self) -> bool:
+    def is_silent(self) -> bool:
         """Return True after 0.5 s without data; the motors must then stop."""
         return self._watch.silent
 
     @property
-    def bus_stuck(self) -> bool:
+    def is_bus_stuck(self) -> bool:
         """Return True if the bus was stuck low at the last transfer."""
         return self._watch.bus_stuck
 
@@ -128,7 +132,7 @@ class Mpu6050:
 
     def events(self) -> list[ImuEvent]:
         """Return the events since the last call, in order."""
-        return self._watch.take()
+        return self._watch.pop_events()
 
     def free_bus(self) -> RecoveryOutcome | None:
         """Begin a recovery if the bus is stuck and data are missing. Return the outcome of the last recovery once.
@@ -136,7 +140,7 @@ class Mpu6050:
         The vehicle must be at rest. A second thread executes the recovery. `read` returns an empty list meanwhile, and
         afterwards starts the chip.
         """
-        if self.silent and self.bus_stuck:
+        if self.is_silent and self.is_bus_stuck:
             self._recovery.begin(self._now_ns())
         return self._recovery.pop_outcome()
 
@@ -167,7 +171,7 @@ class Mpu6050:
                 self._failures = 0
         except OSError as error:
             self._note_failure(now_ns, error)
-        is_kept, is_broken = self._watch.judge(now_ns, rows)
+        is_kept, is_broken = self._watch.check_rows(now_ns, rows)
         if is_broken and self._steps is None:
             self._restart(now_ns, quietly=self._watch.rounds > 1)
         return self._samples(rows, times, is_kept)
@@ -196,12 +200,12 @@ class Mpu6050:
     def _check_and_read(self, now_ns: int) -> Batch:
         """Return the new samples; once per second, check the registers of the chip first."""
         if now_ns >= self._check_at:
-            if not self._keeps_settings(now_ns):
+            if not self._has_settings(now_ns):
                 return EMPTY_BATCH
             self._check_at = now_ns + SECOND
-        return self._from_fifo(now_ns) if self.settings.mode == "fifo" else self._from_registers()
+        return self._read_fifo(now_ns) if self.settings.mode == "fifo" else self._read_registers()
 
-    def _from_fifo(self, now_ns: int) -> Batch:
+    def _read_fifo(self, now_ns: int) -> Batch:
         """Return at most `MAX_SAMPLES_PER_TRANSFER` samples from the FIFO; empty the FIFO if it is full or out of
         step."""
         before_ns = self._now_ns()
@@ -231,7 +235,7 @@ class Mpu6050:
         self._index += read_count
         return list(SAMPLE_LAYOUT.iter_unpack(data)), times
 
-    def _from_registers(self) -> Batch:
+    def _read_registers(self) -> Batch:
         """Return the newest sample if it is new, else an empty batch."""
         before_ns = self._now_ns()
         data = self.device.read(INT_STATUS, 1 + SAMPLE_BYTES)
@@ -251,15 +255,15 @@ class Mpu6050:
     def _registers(self) -> tuple[int, ...]:
         """Return the expected contents of SMPLRT_DIV and of the following registers."""
         s = self.settings
-        accel_filter = (s.filter,) if self.chip.own_accel_filter else ()
+        accel_filter = (s.filter,) if self.chip.has_own_accel_filter else ()
         return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *accel_filter)
 
-    def _keeps_settings(self, now_ns: int) -> bool:
+    def _has_settings(self, now_ns: int) -> bool:
         """Return True if the chip still has its settings; otherwise report the loss and restart the chip."""
         expected = bytes(self._registers())
         registers = self.device.read(SMPLRT_DIV, len(expected))
         control, power = self.device.read(USER_CTRL, 2)
-        if registers == expected and power == PLL_X and control & FIFO_ON == self._control:
+        if registers == expected and power == PLL_X and control & FIFO_ON == self._control_bits:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
         self._watch.record_event(now_ns, code, power=power, found=registers.hex(), expected=expected.hex())
@@ -268,10 +272,10 @@ class Mpu6050:
         return False
 
     @property
-    def _control(self) -> int:
+    def _control_bits(self) -> int:
         return FIFO_ON if self.settings.mode == "fifo" else 0
 
-    def _start(self, reopen: bool = False) -> Iterator[int]:
+    def _start_steps(self, reopen: bool = False) -> Iterator[int]:
         """Start the chip from any state; after each step, yield the time [ms] to wait before the next step."""
         if reopen:
             self.device.open()
@@ -298,8 +302,8 @@ class Mpu6050:
     def _clear_fifo(self) -> None:
         """Empty the FIFO and count samples from 0 again. FIFO_RESET is ignored while the FIFO is on."""
         self.device.write(USER_CTRL, FIFO_RESET)
-        if self._control:
-            self.device.write(USER_CTRL, self._control)
+        if self._control_bits:
+            self.device.write(USER_CTRL, self._control_bits)
         self.clock.restart()
         self._index = self._odd = self._residue = 0
 
@@ -320,16 +324,16 @@ class Mpu6050:
             self._check_at = now_ns + SECOND
             self._look_ns = now_ns
         except (OSError, BaqueanoError) as error:
-            self._steps = self._start(reopen=True)
+            self._steps = self._start_steps(reopen=True)
             self._wait_until = now_ns + AGAIN_MS * MILLISECOND
-            self._watch.trouble(now_ns, error)
+            self._watch.record_failure(now_ns, error)
         return False
 
     def _note_failure(self, now_ns: int, error: OSError) -> None:
         """Count a failed call; after `MAX_FAILURES` in a row, restart the chip."""
         self.counts.failures += 1
         self._failures += 1
-        self._watch.trouble(now_ns, error)
+        self._watch.record_failure(now_ns, error)
         if self._failures >= MAX_FAILURES:
             self._restart(now_ns)
 
@@ -339,14 +343,14 @@ class Mpu6050:
         `quietly` suppresses the event.
         """
         self.counts.restarts += 1
-        self._steps = self._start(reopen=True)
+        self._steps = self._start_steps(reopen=True)
         self._wait_until = now_ns
         if not quietly:
             self._start_reported = True
             self._watch.record_event(now_ns, "imu.restart")
 
 
-def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
+def find_chip(path: str, addresses: tuple[int, ...]) -> tuple[I2cDevice, int, tuple[str, ...]]:
     """Return the device that answers WHO_AM_I, its answer, and a sentence about the recovery of a stuck bus, if any.
 
     Raise RobotUnreachable if no device answers, even after a recovery.
@@ -355,7 +359,7 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
     device, stuck = _first_answer(path, addresses)
     if device is None and stuck:
         outcome = recover_bus(path)
-        if outcome.freed:
+        if outcome.is_free:
             device, stuck = _first_answer(path, addresses)
     if device is not None:
         return *device, () if outcome is None else (outcome.text,)
@@ -367,11 +371,11 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
     raise RobotUnreachable(fault("imu.no-answer", asked=addresses_text, path=path))
 
 
-def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
+def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[I2cDevice, int] | None, bool]:
     """Return (device, answer) of the first device that answers WHO_AM_I, or None; and True if the bus was stuck."""
     stuck = False
     for address in addresses:
-        device = Device(path, address)
+        device = I2cDevice(path, address)
         device.open()
         for _ in range(2):
             try:
@@ -382,7 +386,7 @@ def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, 
     return None, stuck
 
 
-def chip_at(device: Device, who_am_i: int) -> Chip:
+def chip_at(device: I2cDevice, who_am_i: int) -> Chip:
     """Return the chip with this answer in WHO_AM_I.
 
     Raise RobotUnreachable for 0x00 and 0xFF, which mean a bus without a chip.

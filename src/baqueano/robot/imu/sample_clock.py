@@ -18,9 +18,13 @@ import numpy as np
 PERIOD_TOLERANCE = 0.06  # Linux allows these chips 4 %; clones can be worse
 PERIOD_STD = 0.02  # relative prior standard deviation of P; after some readings it is of little weight
 BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
-FINE_NS = 2_000_000_000  # during this first time the buckets are short, because the estimate improves fastest
+SHORT_BUCKETS_UNTIL_NS = (
+    2_000_000_000  # during this first time the buckets are short, because the estimate improves fastest
+)
 MAX_BUCKETS = 25
-EACH_READING_NS = 1_000_000_000  # during this first time each reading updates the estimate, later each bucket
+EVERY_READING_UNTIL_NS = (
+    1_000_000_000  # during this first time each reading updates the estimate, later each bucket
+)
 MAX_SLEW = 0.1  # largest correction of an interval, in periods
 GRID_POINTS = 17  # number of periods at which the polygon is evaluated
 PERIOD_DRIFT = 0.001  # relative drift of the period between two counts of samples
@@ -71,14 +75,14 @@ class SampleClock:
             self._newest, self._phase = newest, (before_ns + after_ns - self.period_ns) / 2.0
             return
         self._shift_bounds(newest, before_ns, after_ns)
-        length = FIRST_BUCKETS_NS if before_ns - self._began < FINE_NS else BUCKET_NS
+        length = FIRST_BUCKETS_NS if before_ns - self._began < SHORT_BUCKETS_UNTIL_NS else BUCKET_NS
         closes = before_ns - self._bucket_ns > length
         if closes:
             self._bucket_ns = before_ns
             self._buckets.append(self._this.copy())
         else:
             self._store_bounds(newest, before_ns, after_ns)
-        if closes or before_ns - self._began < EACH_READING_NS:
+        if closes or before_ns - self._began < EVERY_READING_UNTIL_NS:
             self._solve()
 
     def stamps(self, first: int, count: int) -> list[int]:

@@ -77,7 +77,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
 
     Raise AnswerNo if the vehicle moved or the bus failed.
     """
-    own_accel_filter = imu.chip.own_accel_filter
+    own_accel_filter = imu.chip.has_own_accel_filter
     accel_bits = 0x00 if own_accel_filter else 0x10
     try:
         quiet = _mean(imu, 0x00, accel_bits, sleep)
@@ -126,7 +126,7 @@ def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
 
 def _codes(imu: Mpu6050) -> tuple[int, ...]:
     """Return the six codes of the factory: accel x y z, gyro x y z."""
-    if imu.chip.own_accel_filter:
+    if imu.chip.has_own_accel_filter:
         return (*imu.device.read(0x0D, 3), *imu.device.read(0x00, 3))
     x, y, z, low_bits = imu.device.read(0x0D, 4)
     accel = (x >> 5 << 2 | low_bits >> 4 & 3, y >> 5 << 2 | low_bits >> 2 & 3, z >> 5 << 2 | low_bits & 3)
@@ -135,14 +135,14 @@ def _codes(imu: Mpu6050) -> tuple[int, ...]:
 
 def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float], object]) -> np.ndarray:
     """Return the mean readings (6,) in g and °/s with these test bits set. Raise AnswerNo if the vehicle moves."""
-    accel_filter = (FILTER_SETTING,) if imu.chip.own_accel_filter else ()
+    accel_filter = (FILTER_SETTING,) if imu.chip.has_own_accel_filter else ()
     imu.device.write(SMPLRT_DIV, 0, FILTER_SETTING, gyro_bits, accel_bits, *accel_filter)
     sleep(SETTLE_S)
     rows = []
     for _reading in range(READING_COUNT):
         rows.append(np.frombuffer(imu.device.read(0x3B, 14), ">i2")[[0, 1, 2, 4, 5, 6]].astype(float))
         sleep(STEP_S)
-    accel_lsb = 16384.0 if imu.chip.own_accel_filter else 4096.0
+    accel_lsb = 16384.0 if imu.chip.has_own_accel_filter else 4096.0
     values = np.array(rows) / np.array([accel_lsb] * 3 + [GYRO_LSB_PER_DPS[0]] * 3)
     scatter = values.std(axis=0)
     if np.any(scatter > MAX_REST_SPREAD):

@@ -13,7 +13,7 @@ from baqueano.sensors.imu_filter import MPU6050_BANDS
 
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
 MODES = ("fifo", "burst")
-LETTERS = ("x", "y", "z")
+AXIS_LETTERS = ("x", "y", "z")
 BURST_BITS = 156  # bit times of 14 bytes on the bus
 
 
@@ -108,8 +108,10 @@ class ImuSettings:
         """Return the rotation (3, 3) from the chip's axes to the body's. Raise UsageError for impossible `axes`."""
         matrix = np.zeros((3, 3))
         for row, name in enumerate(self.axes[:3]):
-            if name.removeprefix("-") in LETTERS:
-                matrix[row, LETTERS.index(name.removeprefix("-"))] = -1.0 if name.startswith("-") else 1.0
+            if name.removeprefix("-") in AXIS_LETTERS:
+                matrix[row, AXIS_LETTERS.index(name.removeprefix("-"))] = (
+                    -1.0 if name.startswith("-") else 1.0
+                )
         if len(self.axes) != 3 or round(np.linalg.det(matrix)) != 1:
             raise UsageError(fault("imu.axes", axes=list(self.axes)))
         return matrix

@@ -28,7 +28,7 @@ AXES = (
     N_("gyro y"),
     N_("gyro z"),
 )
-NAMES = {
+ERROR_NAMES = {
     errno.EREMOTEIO: N_("no answer"),
     errno.ENXIO: N_("no answer"),
     errno.EIO: N_("interrupted"),
@@ -61,12 +61,12 @@ class ImuWatch:
         """Record an event with this code and these values."""
         self._events.append(ImuEvent(now_ns, note(code, Severity.WARNING, **figures)))
 
-    def take(self) -> list[ImuEvent]:
+    def pop_events(self) -> list[ImuEvent]:
         """Return the recorded events and clear them."""
         events, self._events = self._events, []
         return events
 
-    def trouble(self, now_ns: int, error: Exception) -> None:
+    def record_failure(self, now_ns: int, error: Exception) -> None:
         """Record a transfer that failed although it was repeated, and report a bus that is newly stuck."""
         self._error = error
         stuck = isinstance(error, OSError) and is_stuck_low(error)
@@ -74,7 +74,7 @@ class ImuWatch:
             self.record_event(now_ns, "imu.held")
         self.bus_stuck = stuck
 
-    def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
+    def check_rows(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
         """Return a mask of the rows to use, one bool per row, and True if the chip must be started again."""
         is_kept, is_broken = [], False
         for row in rows:
@@ -82,13 +82,13 @@ class ImuWatch:
             is_broken = is_broken or broken_now
             is_kept.append(not (is_same and self.frozen))
             if self._any_at_end or max(row) >= FULL_SCALE or min(row) <= -FULL_SCALE:
-                self._ends(now_ns, row)
+                self._count_saturation(now_ns, row)
         kept_count = sum(is_kept)
         self._counts.samples += kept_count
         self._counts.withheld += len(rows) - kept_count
-        return is_kept, self._listen(now_ns, kept_count > 0) or is_broken
+        return is_kept, self._update_silence(now_ns, kept_count > 0) or is_broken
 
-    def _listen(self, now_ns: int, has_answered: bool) -> bool:
+    def _update_silence(self, now_ns: int, has_answered: bool) -> bool:
         """Measure the time without good samples; return True if the chip must be started again.
 
         Of the time since the last call, at most 0.1 s is added.
@@ -131,7 +131,7 @@ class ImuWatch:
         self.record_event(now_ns, "imu.frozen", times=self._same)
         return True, True
 
-    def _ends(self, now_ns: int, row: Row) -> None:
+    def _count_saturation(self, now_ns: int, row: Row) -> None:
         """Count the rows with an axis at the end of its range, and report such an axis after 0.1 s.
 
         The temperature is not tested.
@@ -143,9 +143,9 @@ class ImuWatch:
         for axis in range(6):
             self._at_end[axis] = self._at_end[axis] + 1 if at_end[axis] else 0
             if self._at_end[axis] == self._rows:
-                self.record_event(now_ns, "imu.saturated", axis=AXES[axis], range=self._range(axis))
+                self.record_event(now_ns, "imu.saturated", axis=AXES[axis], range=self._range_text(axis))
 
-    def _range(self, axis: int) -> str:
+    def _range_text(self, axis: int) -> str:
         s = self._settings
         return f"±{s.accel_range_g} g" if axis < 3 else f"±{s.gyro_range_dps} °/s"
 
@@ -153,5 +153,5 @@ class ImuWatch:
 def error_reason(error: Exception | None) -> str:
     """Return the error as a short text in the current language."""
     if isinstance(error, OSError):
-        return f"{_(NAMES.get(error.errno or 0, N_('failed')))} ({error})"
+        return f"{_(ERROR_NAMES.get(error.errno or 0, N_('failed')))} ({error})"
     return str(error)

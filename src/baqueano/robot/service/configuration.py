@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
-from baqueano.worlds.applied import AppliedMotors, MotorCharacteristic
+from baqueano.robot.uno.frames import MAX_PWM_HZ, Config, Driver, Info
+from baqueano.worlds.applied_duty import AppliedMotors, MotorCharacteristic
 from baqueano.worlds.robot import Body
 
 if TYPE_CHECKING:
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
 
 
-def body_of(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
+def configure_body(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
     """Configure the Uno for a drive, read the settings of its motors, and return the `Body` of the vehicle.
     `wait` receives the times [s] to wait for answers.
     """
-    config = config_of(vehicle_file.robot, uno.info)
+    config = firmware_config(vehicle_file.robot, uno.info)
     uno.configure(config, wait)
     applied_ways = [
         MotorCharacteristic(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille)
-        for w in uno.settings(wait).ways
+        for w in uno.settings(wait).curves
     ]
     return Body(
         getattr(vehicle_file.vehicle.drivetrain, "mixing", "none"), vehicle_file.geometry.wheel_radius_m,
@@ -30,9 +30,9 @@ def body_of(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[float], obj
     )  # fmt: skip
 
 
-def config_of(hardware: "Hardware", info: Info | None) -> Config:
+def firmware_config(hardware: "Hardware", info: Info | None) -> Config:
     """Return the firmware's configuration that [robot] requires; `info` contains the bridge, which limits the PWM."""
-    fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
+    fastest = MAX_PWM_HZ[Driver(info.driver)] if info is not None else min(MAX_PWM_HZ.values())
     return Config(
         dead_man_ms=round(1e3 * hardware.dead_man_s),
         telemetry_ms=max(5, round(1e3 / hardware.telemetry_hz)),

@@ -8,13 +8,13 @@ from baqueano.robot.imu.settings import Counts
 from baqueano.robot.uno.statistics import Statistics
 
 LINE_COUNTS = ("sent", "unsent", "received", "lost", "late", "damaged", "resets")
-FIGURE_NAMES = {"received": "heard"}  # names in the events of a run, if they differ
+MESSAGE_KEYS = {"received": "heard"}  # names in the events of a run, if they differ
 HARMFUL_COUNTS = ("unsent", "lost", "late", "damaged", "resets")
-Line = tuple[str, Diagnostic]  # level, message
+EventLine = tuple[str, Diagnostic]  # level, message
 
 
 @dataclass
-class Lateness:
+class TickDelays:
     """The delays of the ticks [ms], and the number of missed ticks."""
 
     worst_ms: float = 0.0
@@ -23,23 +23,23 @@ class Lateness:
     ticks: int = 0
     now_ms: float = 0.0  # delay of the last tick
 
-    def line(self) -> Line:
+    def event_line(self) -> EventLine:
         """Return the delays as a line of the run, which is a warning if ticks were missed."""
         return _event_line(
             "drive.ticks", bool(self.missed), **{n: x for n, x in asdict(self).items() if n != "now_ms"}
         )
 
 
-def line_losses(previous: Statistics, current: Statistics, trouble: Diagnostic | None = None) -> Line:
+def line_losses(previous: Statistics, current: Statistics, trouble: Diagnostic | None = None) -> EventLine:
     """Return the losses on the serial line since `previous`; a warning for any loss, or for `trouble` of the Uno."""
     counts = current.since(previous, *LINE_COUNTS)
-    n = {FIGURE_NAMES.get(name, name): count for name, count in zip(LINE_COUNTS, counts, strict=True)}
+    n = {MESSAGE_KEYS.get(name, name): count for name, count in zip(LINE_COUNTS, counts, strict=True)}
     if trouble is not None:
         return _event_line("drive.line-in-trouble", True, **n, cause=trouble)
     return _event_line("drive.line", any(n[name] for name in HARMFUL_COUNTS), **n)
 
 
-def uno_losses(previous: Statistics, current: Statistics) -> Line:
+def uno_losses(previous: Statistics, current: Statistics) -> EventLine:
     """Return the Uno's counts since `previous`; a warning if it lost bytes, or frames were damaged or ignored."""
     frames, spoilt, ignored_frames, overrun = current.since(
         previous, "written", "spoilt", "ignored", "overrun"
@@ -50,13 +50,13 @@ def uno_losses(previous: Statistics, current: Statistics) -> Line:
     )  # fmt: skip
 
 
-def imu_losses(previous: Counts, current: Counts) -> Line:
+def imu_losses(previous: Counts, current: Counts) -> EventLine:
     """Return the IMU's counts of samples and faults since `previous`; a warning if there was a fault."""
     n = Counts(*(after - before for before, after in zip(astuple(previous), astuple(current), strict=True)))
     harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
     return _event_line("drive.imu", bool(harmed), **asdict(n))
 
 
-def _event_line(code: str, is_harmed: bool, **figures: Any) -> Line:
+def _event_line(code: str, is_harmed: bool, **figures: Any) -> EventLine:
     level = Severity.WARNING if is_harmed else Severity.INFO
     return str(level), note(code, level, **figures)

@@ -34,7 +34,7 @@ class ComputerHealth:
         self.temperature_c = float("nan")
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
-    def before(self, world: "Robot") -> Diagnostic | None:
+    def start_obstacle(self, world: "Robot") -> Diagnostic | None:
         """Return the reason why a drive is not allowed to begin, such as a full disk; None if it is allowed.
 
         The space in a folder that was removed is not known: the next drive makes the folder again, or reports it.
@@ -44,13 +44,13 @@ class ComputerHealth:
             free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
             return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
-        return self.during(world)
+        return self.stop_reason(world)
 
-    def during(self, world: "Robot") -> Diagnostic | None:
+    def stop_reason(self, world: "Robot") -> Diagnostic | None:
         """Return the reason why a drive must end, or None to continue."""
         now_ns = self._now_ns()
         if now_ns - self._looked_ns >= READ_PERIOD_S * 1e9:
-            self._looked_ns, self.temperature_c = now_ns, self._read()
+            self._looked_ns, self.temperature_c = now_ns, self._temperature_c()
         if world.tilt_rad > self.limits.max_tilt_rad:
             tilt_deg = float(np.degrees(world.tilt_rad))
             return stop(StopReason.TILT, tilt_deg=tilt_deg, max_tilt_rad=self.limits.max_tilt_rad)
@@ -69,7 +69,7 @@ class ComputerHealth:
             self._low_since_ns = now_ns
         return self._low_since_ns >= 0 and now_ns - self._low_since_ns >= MIN_LOW_S * 1e9
 
-    def _read(self) -> float:
+    def _temperature_c(self) -> float:
         try:
             return int(self._file.read_text(encoding="utf-8")) / 1000.0
         except (OSError, ValueError):

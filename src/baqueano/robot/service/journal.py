@@ -37,7 +37,7 @@ class Journal:
             ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
         )
         entry = {
-            "boot": _boot(),
+            "boot": _boot_id(),
             "kind": mission.kind,
             "run": run,
             "blocks": block_names,
@@ -70,7 +70,7 @@ class Journal:
             boot, texts = entry["boot"], [str(name) for name in entry["texts"]]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged by a power cut
             return None
-        if boot != _boot():
+        if boot != _boot_id():
             return None
         user_frames = [(name, int(line)) for name, line in TRACE_FRAME.findall(trace) if name in texts]
         file_name, line = user_frames[0] if user_frames else ("", 0)
@@ -78,7 +78,7 @@ class Journal:
         return stop(code, **values, file=file_name, line=line)
 
 
-def _boot() -> str:
+def _boot_id() -> str:
     """Return the id of the present boot of the computer; "" if the system does not provide it."""
     try:
         return BOOT_ID_FILE.read_text(encoding="ascii").strip()

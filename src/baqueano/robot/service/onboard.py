@@ -18,7 +18,7 @@ from baqueano.robot.uno.serial_port import open_uno
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
-LATE_MODULES = ("baqueano.robot.service.service", "baqueano.door.sockets")
+BACKGROUND_MODULES = ("baqueano.robot.service.service", "baqueano.door.sockets")
 
 
 def serve(
@@ -44,7 +44,9 @@ def serve(
             give_back()
         if uno.info is not None:
             log(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
-        loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in LATE_MODULES])
+        loading = threading.Thread(
+            target=lambda: [importlib.import_module(name) for name in BACKGROUND_MODULES]
+        )
         loading.start()
 
         def find_imu() -> Any:
@@ -68,7 +70,7 @@ def serve(
         open_things.callback(door.close)
         door.frames.begin(vehicle_file, "real")
         service = Service(
-            uno, imu, vehicle_file.robot, folder, operator, door.broadcast, door.frames, *_signs_of_life(systemd),
+            uno, imu, vehicle_file.robot, folder, operator, door.broadcast, door.frames, *_watchdog_functions(systemd),
             log=log,
             find_imu=find_imu if has_imu else None,
         )  # fmt: skip
@@ -79,7 +81,7 @@ def serve(
         systemd.close()
 
 
-def _signs_of_life(systemd: Any) -> tuple[Callable[[], object], Callable[[float], object]]:
+def _watchdog_functions(systemd: Any) -> tuple[Callable[[], object], Callable[[float], object]]:
     """Return a function that notifies systemd's watchdog, and a function that sets the watchdog's timeout [s].
 
     If a thread has ended, the watchdog is no longer notified, and systemd starts the service again.

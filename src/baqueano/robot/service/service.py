@@ -21,22 +21,22 @@ from typing import Any
 from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
-from baqueano.door.adjusting import Adjusting
 from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
+from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import Operator
-from baqueano.door.outcome import outcome_of
-from baqueano.door.states import DoorState, Machine
+from baqueano.door.outcome import mission_outcome
+from baqueano.door.states import DoorState, StateMachine
 from baqueano.drive.budget import PREPARE_S, within
 from baqueano.drive.mission import Mission, perform, unpack
-from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.observers import EventLine, Observer
 from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.loop import Blocks, Record
 from baqueano.messages import templates, text
 from baqueano.robot.imu.bus_recovery import RecoveryOutcome
-from baqueano.robot.service.configuration import body_of, config_of
-from baqueano.robot.service.drive_figures import Lateness, imu_losses, line_losses, uno_losses
+from baqueano.robot.service.configuration import configure_body, firmware_config
+from baqueano.robot.service.drive_figures import TickDelays, imu_losses, line_losses, uno_losses
 from baqueano.robot.service.health import ComputerHealth
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.link import Uno
@@ -66,8 +66,8 @@ class Service:
     operator: Operator = field(default_factory=Operator)
     broadcast: Broadcast = lambda message: None
     frames: Frames = field(default_factory=Frames)
-    healthy: Callable[[], object] = lambda: None  # notifies systemd's watchdog
-    patience: Callable[[float], object] = lambda seconds: None  # sets the timeout of systemd's watchdog
+    notify_watchdog: Callable[[], object] = lambda: None  # notifies systemd's watchdog
+    set_watchdog_timeout: Callable[[float], object] = lambda seconds: None  # of systemd
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], object] = time.sleep
     log: Callable[[str], object] = lambda line: None  # writes into the system's log
@@ -75,7 +75,7 @@ class Service:
 
     def __post_init__(self) -> None:
         templates()  # read from the disk now, not in a tick that stops the vehicle
-        self.machine, self.done = Machine(), threading.Event()
+        self.machine, self.done = StateMachine(), threading.Event()
         self.health = ComputerHealth(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._published_ns = 0
@@ -96,29 +96,29 @@ class Service:
     def run(self) -> None:
         """Run until `done` is set, or until SIGTERM if it runs in the main thread."""
         if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, lambda number, frame: self._leave())
+            signal.signal(signal.SIGTERM, lambda number, frame: self._close_hardware())
         while not self.done.is_set():
             self.idle()
-            next_mission = self.operator.next()
+            next_mission = self.operator.pop_mission()
             if next_mission is not None:
-                self.take(*next_mission)
+                self.execute_request(*next_mission)
             self.sleep(1.0 / IDLE_HZ)
         self.uno.disarm()
 
     def idle(self) -> None:
         """Check hardware, health and requests once while no mission is driven, and update the state."""
         self._find_imu()
-        for message in self._world.poll(self.now_ns()):
-            self._event("warning", message)
+        for message in self._world.pop_events(self.now_ns()):
+            self._send_event("warning", message)
         self._free_bus()
-        self._give_back()
-        machine, trouble = self.machine, self._not_ready()
+        self._restore_configuration()
+        machine, trouble = self.machine, self._start_obstacle()
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
             self.uno.stop()
-            self.operator.forget(stop_reason)
+            self.operator.discard_requests(stop_reason)
             self._clearing = False
             machine.transition("stop", stop_reason)
-        elif self._stop_is_over() and machine.state is DoorState.STOPPED:
+        elif self._is_stop_cleared() and machine.state is DoorState.STOPPED:
             machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
             self.journal.end()
         elif machine.state is DoorState.DISARMED and trouble is None:
@@ -127,10 +127,10 @@ class Service:
             if machine.state is DoorState.READY:
                 machine.transition("not ready")
             machine.reason = trouble
-        self.healthy()
+        self.notify_watchdog()
         self._publish()
 
-    def _stop_is_over(self) -> bool:
+    def _is_stop_cleared(self) -> bool:
         """Return True if the operator has cleared the stop and the Uno is no longer latched.
 
         After a request each call sends the Uno a frame that clears its latch, until telemetry shows that the latch is
@@ -144,10 +144,10 @@ class Service:
             self.uno.clear_stop()
         return latch_gone
 
-    def _give_back(self) -> None:
+    def _restore_configuration(self) -> None:
         """Send the configuration of the vehicle file to an Uno with another one, as after a mission or a reset."""
         info = self.uno.info
-        if info is not None and info.config != (own_config := config_of(self.hardware, info)):
+        if info is not None and info.config != (own_config := firmware_config(self.hardware, info)):
             self.uno.send_config(own_config)
 
     def _find_imu(self) -> None:
@@ -157,17 +157,17 @@ class Service:
         """
         if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
             return
-        self.patience(FIND_TIMEOUT_S)
+        self.set_watchdog_timeout(FIND_TIMEOUT_S)
         try:
             self.imu, previous_reason, self._no_imu = self.find_imu(), self._no_imu, None
             self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         except BaqueanoError as error:
             previous_reason, self._no_imu = self._no_imu, stop(StopReason.IMU_ABSENT, cause=error.diagnostic)
-        self.patience(HANG_TIMEOUT_S)
+        self.set_watchdog_timeout(HANG_TIMEOUT_S)
         self._find_ns = self.now_ns() + round(FIND_PERIOD_S * NANOSECONDS)
         if self._no_imu != previous_reason:
             diagnostic = self._no_imu or note("imu.found")
-            self._event("warning", diagnostic)
+            self._send_event("warning", diagnostic)
             self.log(text(diagnostic))
 
     def _free_bus(self) -> None:
@@ -178,49 +178,49 @@ class Service:
         if self.imu is None:
             return
         outcome = self.imu.free_bus()
-        if outcome is not None and (outcome.freed or outcome != self._bus):
+        if outcome is not None and (outcome.is_free or outcome != self._bus):
             self._bus = outcome
-            self._event("warning", outcome.message)
+            self._send_event("warning", outcome.message)
             self.log(outcome.text)
-        elif not self.imu.silent and self._bus is not None and not self._bus.freed:
+        elif not self.imu.is_silent and self._bus is not None and not self._bus.is_free:
             self._bus = None
 
-    def take(self, request: Mission | str, attended: bool, name: str = "") -> None:
+    def execute_request(self, request: Mission | str, attended: bool, name: str = "") -> None:
         """Execute a mission, given as an object or in JSON, and report the outcome under the name of the request.
 
         A faulty mission does not end the service.
         """
-        self.patience(PREPARE_TIMEOUT_S)
+        self.set_watchdog_timeout(PREPARE_TIMEOUT_S)
         try:
-            mission = Mission.of_json(request) if isinstance(request, str) else request
-            path = self._path(mission.kind)
+            mission = Mission.from_json(request) if isinstance(request, str) else request
+            path = self._new_run_path(mission.kind)
             by_hand = mission.kind in ("drive", "teach") and mission.route is None
             self.machine.transition("manual" if by_hand else "mission")
         except BaqueanoError as error:
-            self.patience(HANG_TIMEOUT_S)
-            self.operator.free()
+            self.set_watchdog_timeout(HANG_TIMEOUT_S)
+            self.operator.record_mission_end()
             reason, code = error.diagnostic, error.exit_code
             self.broadcast({"is": "done", "id": name, "run": None, "why": reason, "code": code})
             return
         self._run = path.name
         self._publish(at_once=True)  # the next state is published only after the preparation
         try:
-            reason, code = outcome_of(lambda: self._drive_with_journal(mission, attended, path))
+            reason, code = mission_outcome(lambda: self._drive_with_journal(mission, attended, path))
         finally:
             self.uno.disarm()
             self.journal.end()
             self.health.limits = self.hardware
-            self.patience(HANG_TIMEOUT_S)
-        regular_end = reason is None or code or self.operator.done
+            self.set_watchdog_timeout(HANG_TIMEOUT_S)
+        regular_end = reason is None or code or self.operator.is_end_requested
         late_stop = self.operator.stop_reason(
             attended=False
         )  # requested while the drive was prepared, or its run closed
         stop_reason = late_stop if regular_end else reason
         self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
-        self.operator.forget(stop_reason)
+        self.operator.discard_requests(stop_reason)
         self._run = self._mission = None
         self._publish(at_once=True)
-        self.operator.free()
+        self.operator.record_mission_end()
         run = path.name if path.exists() else None
         self.broadcast({"is": "done", "id": name, "run": run, "why": reason, "code": code})
 
@@ -236,28 +236,28 @@ class Service:
         """
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             vehicle_file = within(PREPARE_S, unpack, mission, Path(folder))
-            self.patience(PREPARE_TIMEOUT_S)
-            body = body_of(vehicle_file, self.uno, self.sleep)
-            world, lateness = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
+            self.set_watchdog_timeout(PREPARE_TIMEOUT_S)
+            body = configure_body(vehicle_file, self.uno, self.sleep)
+            world, lateness = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), TickDelays()
             self._mission, self._rate_hz = mission, vehicle_file.rate_hz
             self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # marks before the drive
             self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes
             watching = _ServiceObserver(self, world, lateness, attended, mission, vehicle_file)
             self._counts_before = None
-            observers = (watching, Adjusting(self.operator, self.broadcast, mission.blocks))
+            observers = (watching, ChangeObserver(self.operator, self.broadcast, mission.blocks))
             try:
                 perform(
                     mission, vehicle_file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
-                    ticking=self._ticks(world, vehicle_file.rate_hz, lateness), observers=observers,
+                    tick_times_ns=self._ticks(world, vehicle_file.rate_hz, lateness), observers=observers,
                 )  # fmt: skip
             except FileError as error:
                 if not watching.over:  # the drive has not begun
                     raise
-                self._event("error", error.diagnostic)
+                self._send_event("error", error.diagnostic)
             return watching.stopped
 
-    def _ticks(self, world: Robot, rate_hz: float, lateness: Lateness) -> Iterator[int]:
+    def _ticks(self, world: Robot, rate_hz: float, lateness: TickDelays) -> Iterator[int]:
         """Yield the times [ns] of a drive's ticks, from 0 on.
 
         Arm the Uno before the first tick. After each tick, notify the watchdog and publish the state.
@@ -270,18 +270,18 @@ class Service:
                 world.begin(due)
                 self._counts_before = None if self.imu is None else replace(self.imu.counts)
                 self.uno.arm()
-                self.patience(HANG_TIMEOUT_S)
+                self.set_watchdog_timeout(HANG_TIMEOUT_S)
             behind_ms = (self.now_ns() - due) / 1e6
             lateness.ticks, lateness.missed = lateness.ticks + 1, wall.missed
             lateness.now_ms, lateness.worst_ms = behind_ms, max(lateness.worst_ms, behind_ms)
             lateness.over_half += behind_ms > 500.0 / rate_hz
-            if self.operator.done:
+            if self.operator.is_end_requested:
                 raise KeyboardInterrupt
             yield due - start_ns
-            self.healthy()
+            self.notify_watchdog()
             self._publish(world)
 
-    def _event(self, level: str, content: Diagnostic | str) -> None:
+    def _send_event(self, level: str, content: Diagnostic | str) -> None:
         diagnostic = (
             content
             if isinstance(content, Diagnostic)
@@ -289,21 +289,21 @@ class Service:
         )
         self.broadcast({"is": "event", "level": level, "said": diagnostic})
 
-    def _not_ready(self) -> Diagnostic | None:
+    def _start_obstacle(self) -> Diagnostic | None:
         """Return the reason why a drive is not allowed to begin; None if it is allowed."""
         if self.uno.info is None:
             return stop(StopReason.UNO_ABSENT)
         if self._no_imu is not None:
             return self._no_imu
-        if self.imu is not None and self.imu.silent:
+        if self.imu is not None and self.imu.is_silent:
             return self._silence_reason()
-        return self._world.trouble(self.now_ns()) or self.health.before(self._world)
+        return self._world.stop_reason(self.now_ns()) or self.health.start_obstacle(self._world)
 
     def _silence_reason(self) -> Diagnostic:
         """Return the reason to stop because of a silent IMU, with the state of its bus."""
-        if not self.imu.bus_stuck:
+        if not self.imu.is_bus_stuck:
             return stop(StopReason.IMU_SILENT)
-        if self._bus is None or self._bus.freed:  # the last recovery freed the bus, which is now stuck again
+        if self._bus is None or self._bus.is_free:  # the last recovery freed it, but it is stuck again
             return stop(StopReason.IMU_BUS_HELD)
         return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.message)
 
@@ -326,7 +326,7 @@ class Service:
             }
         )  # fmt: skip
 
-    def _path(self, kind: str) -> Path:
+    def _new_run_path(self, kind: str) -> Path:
         """Return a new path for a run, named after date and time. Raise FileError if the folder cannot be used."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -341,7 +341,7 @@ class Service:
                 return path
         raise FileError(fault("service.hundred-runs", folder=self.folder))
 
-    def _leave(self) -> None:
+    def _close_hardware(self) -> None:
         self.operator.stop(stop(StopReason.SERVICE_ENDED))
         self.done.set()
 
@@ -353,7 +353,7 @@ class _ServiceObserver(Observer):
         self,
         service: Service,
         world: Robot,
-        lateness: Lateness,
+        lateness: TickDelays,
         attended: bool,
         mission: Mission,
         vehicle_file: VehicleFile,
@@ -371,7 +371,7 @@ class _ServiceObserver(Observer):
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
-        reason = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
+        reason = s.uno.standstill_reason() or world.stop_reason(t_ns) or s.health.stop_reason(world)
         return reason or s.operator.stop_reason(self._attended)
 
     def pop_mark_count(self) -> int:
@@ -383,18 +383,18 @@ class _ServiceObserver(Observer):
         s.frames.on_record(record, battery_v=self._world.battery_v, late_ms=self._lateness.now_ms)
 
     def on_disk_full(self, reason: Diagnostic) -> None:
-        self._service._event("error", reason)
+        self._service._send_event("error", reason)
 
-    def end(self, reason: Diagnostic | None) -> list[LastLine]:
-        self.over, self.stopped, s, current = True, reason, self._service, self._service.uno.statistics
-        last_lines: list[LastLine] = [
-            (CLOCK_SOURCE, *self._lateness.line()), (LINE_SOURCE, *line_losses(self._previous, current, s.uno.trouble)),
-            (UNO_SOURCE, *uno_losses(self._previous, current)),
+    def end(self, reason: Diagnostic | None) -> list[EventLine]:
+        self.over, self.stopped, s = True, reason, self._service
+        before, current = self._previous, s.uno.statistics
+        last_lines: list[EventLine] = [
+            (CLOCK_SOURCE, *self._lateness.event_line()),
+            (LINE_SOURCE, *line_losses(before, current, s.uno.trouble)), (UNO_SOURCE, *uno_losses(before, current)),
         ]  # fmt: skip
-        if s._counts_before is not None:
-            last_lines.append((IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts)))
+        last_lines += [(IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts))] if s._counts_before else []
         for _, level, message in last_lines:
-            s._event(level, message)
+            s._send_event(level, message)
         s.uno.disarm()  # closing the run can take longer than the dead-man time, because a card can stall
-        s.patience(CLOSE_TIMEOUT_S)
+        s.set_watchdog_timeout(CLOSE_TIMEOUT_S)
         return last_lines

@@ -138,7 +138,7 @@ def write_card(boot: Path, name: str, user: str, key: str, network: Network | No
 
     Raise UsageError for values that a Pi does not accept.
     """
-    _check(name, user, network)
+    _check_inputs(name, user, network)
     script = (files("baqueano.robot") / "files" / "firstrun.sh").read_text(encoding="utf-8")
     replacements = {
         "name": name, "user": user, "key": key, "connection": connection_file(network, name) if network else "",
@@ -186,7 +186,7 @@ def _escape(text: str) -> str:
     return "\\s" + text[1:] if text.startswith(" ") else text
 
 
-def _check(name: str, user: str, network: Network | None) -> None:
+def _check_inputs(name: str, user: str, network: Network | None) -> None:
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", name):
         raise UsageError(fault("card.name", name=name))
     if not re.fullmatch(r"[a-z][a-z0-9_-]{0,31}", user) or user == "root":

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import fault
-from baqueano.door.ssh import run, ssh, ssh_line
+from baqueano.door.ssh import run_command, ssh_command, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
@@ -42,7 +42,7 @@ def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> Renew
     calibration of a key that `vehicle_file` lacks.
     """
     path = f"{root.rstrip('/')}{VEHICLE}"
-    content, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
+    content, code = run_command(ssh_command(host, f"test ! -e {path} || cat {path}"))
     if code:
         raise RobotUnreachable(fault("setup.file-not-read", ssh_line(host), host=host, path=path))
     if not content:
@@ -66,7 +66,7 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
     """
-    old_leaves, new_leaves = _leaves(before), _leaves(after)
+    old_leaves, new_leaves = _flat_values(before), _flat_values(after)
     keys = [k for k in dict.fromkeys((*old_leaves, *new_leaves)) if not k.startswith(NON_VALUE_PREFIXES)]
     return [
         f"{key}: {_value_text(old_leaves, key)} → {_value_text(new_leaves, key)}"
@@ -78,7 +78,7 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
 def _with_calibration(
     host: str, vehicle_file: "VehicleFile", robot_data: "JsonObject"
 ) -> tuple["VehicleFile", list[str]]:
-    provenance, leaves = robot_data.get("provenance", {}), _leaves(robot_data)
+    provenance, leaves = robot_data.get("provenance", {}), _flat_values(robot_data)
     values: JsonObject = {}
     origins: JsonObject = {}
     lines: list[str] = []
@@ -139,11 +139,11 @@ def _value_text(leaves: "JsonObject", key: str) -> str:
     return _short_text(leaves[key]) if key in leaves else _("not there")
 
 
-def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
+def _flat_values(table: "JsonObject", path: str = "") -> "JsonObject":
     leaves: JsonObject = {}
     for name, value in table.items():
         key = f"{path}{name}"
-        leaves |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
+        leaves |= _flat_values(value, f"{key}.") if isinstance(value, dict) else {key: value}
     return leaves
 
 

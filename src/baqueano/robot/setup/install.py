@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import baqueano
 from baqueano.diagnostics import fault
-from baqueano.door.ssh import run, ssh, ssh_line
+from baqueano.door.ssh import run_command, ssh_command, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot.setup.deployed_vehicle_file import renew_file
@@ -71,7 +71,7 @@ def machine_at(host: str) -> TargetMachine:
 
     Raise RobotUnreachable if ssh fails. Raise UsageError for a 32-bit system, or a Python that is too old.
     """
-    output, code = run(ssh(host, PROBE_COMMAND))
+    output, code = run_command(ssh_command(host, PROBE_COMMAND))
     fields = output.decode(errors="replace").split()
     if code or not re.fullmatch(PROBE_ANSWER, " ".join(fields)):
         raise RobotUnreachable(fault("setup.no-answer", ssh_line(host), host=host))
@@ -198,7 +198,7 @@ def setup(
         for path in sorted(folder.iterdir()):
             tar.add(path, path.name)
     command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && tar -x -C {TARGET_FOLDER}"
-    if run(ssh(host, command), archive.getvalue())[1]:
+    if run_command(ssh_command(host, command), archive.getvalue())[1]:
         raise RobotUnreachable(fault("setup.packages-not-sent", host=host))
     arguments = [
         "--bundle",
@@ -213,26 +213,28 @@ def setup(
     try:
         _run_steps(host, ["plan" if is_dry_run else "do", *arguments], as_root=not is_dry_run)
     finally:
-        run(ssh(host, f"rm -rf {TARGET_FOLDER}"))
+        run_command(ssh_command(host, f"rm -rf {TARGET_FOLDER}"))
 
 
 def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
     """Undo the changes of `setup` at HOST. Raise RobotUnreachable if the steps cannot be sent, or fail."""
     text = steps_in_this_language()
     command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && cat >{TARGET_FOLDER}/steps.py"
-    if run(ssh(host, command), text.encode())[1]:
+    if run_command(ssh_command(host, command), text.encode())[1]:
         raise RobotUnreachable(fault("setup.nothing-sent", host=host))
     try:
         _run_steps(
             host, ["undo", "--bundle", TARGET_FOLDER, "--user", machine.user, "--root", root], as_root=True
         )
     finally:
-        run(ssh(host, f"rm -rf {TARGET_FOLDER}"))
+        run_command(ssh_command(host, f"rm -rf {TARGET_FOLDER}"))
 
 
 def _run_steps(host: str, arguments: list[str], as_root: bool) -> None:
     terminal = sys.stdin is not None and sys.stdin.isatty()
     sudo = ["sudo"] if terminal else ["sudo", "-n"]
     command = shlex.join([*(sudo if as_root else ()), "python3", f"{TARGET_FOLDER}/steps.py", *arguments])
-    if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), return_output=False)[1]:
+    if run_command(
+        ssh_command(host, command, *(["-t"] if terminal and as_root else [])), return_output=False
+    )[1]:
         raise RobotUnreachable(fault("setup.not-finished", host=host))

@@ -36,7 +36,7 @@ class Pi:
         self.run = run or command_output
         self.kept = self.path_on_target("etc/baqueano/setup.json")
         try:
-            self.noted: JsonObject = json.loads(text_of(self.kept) or "{}")
+            self.noted: JsonObject = json.loads(read_text(self.kept) or "{}")
         except ValueError as error:
             message = _(
                 "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle sudo mv "
@@ -49,7 +49,7 @@ class Pi:
         """Return the path `path` of the machine, below `root`."""
         return self.root / path.lstrip("/")
 
-    def note(self, name: str, value: object) -> None:
+    def record_state(self, name: str, value: object) -> None:
         """Record the former state `value` under `name`, unless it is recorded already.
 
         New entries of a list are appended to the recorded list. None deletes the record.
@@ -78,15 +78,15 @@ class Pi:
             else self.path_on_target("boot/firmware/config.txt")
         )
 
-    def groups(self, *names: str) -> dict[str, list[str]]:
+    def group_members(self, *names: str) -> dict[str, list[str]]:
         """Return the members of each group in `names`, without groups that do not exist on the machine."""
-        fields = [line.split(":") for line in text_of(self.path_on_target("etc/group")).splitlines()]
+        fields = [line.split(":") for line in read_text(self.path_on_target("etc/group")).splitlines()]
         members = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
         return {group: members[group] for group in names if group in members}
 
-    def account(self) -> list[str] | None:
+    def account_fields(self) -> list[str] | None:
         """Return the fields of the service's account in /etc/passwd; None if the account does not exist."""
-        lines = [line.split(":") for line in text_of(self.path_on_target("etc/passwd")).splitlines()]
+        lines = [line.split(":") for line in read_text(self.path_on_target("etc/passwd")).splitlines()]
         return next((fields for fields in lines if fields[0] == ACCOUNT and len(fields) == 7), None)
 
     @property
@@ -95,7 +95,7 @@ class Pi:
         return self.path_on_target("opt/baqueano")
 
 
-def text_of(path: Path) -> str:
+def read_text(path: Path) -> str:
     """Return the text of a file, "" if it does not exist."""
     return path.read_text(encoding="utf-8") if path.exists() else ""
 

@@ -21,7 +21,7 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, replace_entry, text_of, write_atomically
+from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, read_text, replace_entry, write_atomically
 
 DEVICES = ("dialout", "i2c", "gpio")  # groups of the devices that the service opens
 GROUPS = (*DEVICES, "input")  # "input": a game pad, for a user at the vehicle
@@ -44,9 +44,9 @@ MAX_CLOCK_ERROR_S = 60.0
 
 def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
     """Return all steps of a setup, in the order in which they are made."""
-    unit = text_of(pi.bundle / "baqueano.service")
-    unit = unit.replace("@user@", ACCOUNT).replace("@groups@", " ".join(pi.groups(*DEVICES)))
-    rules = text_of(pi.bundle / "60-baqueano.rules")
+    unit = read_text(pi.bundle / "baqueano.service")
+    unit = unit.replace("@user@", ACCOUNT).replace("@groups@", " ".join(pi.group_members(*DEVICES)))
+    rules = read_text(pi.bundle / "60-baqueano.rules")
     return [
         clock_step(pi, now_s),
         boot_block_step(pi),
@@ -84,14 +84,14 @@ def boot_block_step(pi: Pi) -> Step:
         return head + rest.partition(END + "\n")[2] if begin else text
 
     def do() -> None:
-        pi.note("boot", True)
+        pi.record_state("boot", True)
         text = without()
         write_atomically(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG_BLOCK)
 
     def undo() -> None:
         if "boot" in pi.noted and pi.config.exists():
             write_atomically(pi.config, without())
-            pi.note("boot", None)
+            pi.record_state("boot", None)
 
     if not pi.config.exists():
         return Step(_("config.txt is missing: this is not a Raspberry Pi"), lambda: True, lambda: None, undo)
@@ -104,7 +104,7 @@ def file_step(pi: Pi, path: str, text: str) -> Step:
     target, key = pi.path_on_target(path), f"file {path}"
 
     def do() -> None:
-        pi.note(key, {"before": target.read_text(encoding="utf-8") if target.exists() else None})
+        pi.record_state(key, {"before": target.read_text(encoding="utf-8") if target.exists() else None})
         target.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(target, text)
 
@@ -115,7 +115,7 @@ def file_step(pi: Pi, path: str, text: str) -> Step:
                 target.unlink(missing_ok=True)
             else:
                 write_atomically(target, before)
-            pi.note(key, None)
+            pi.record_state(key, None)
 
     return Step(f"/{path}", lambda: target.exists() and target.read_text(encoding="utf-8") == text, do, undo)
 
@@ -125,7 +125,7 @@ def link_step(pi: Pi, path: str, to: str) -> Step:
     link, key = pi.path_on_target(path), f"link {path}"
 
     def do() -> None:
-        pi.note(key, {"before": os.readlink(link) if link.is_symlink() else None})
+        pi.record_state(key, {"before": os.readlink(link) if link.is_symlink() else None})
         link.parent.mkdir(parents=True, exist_ok=True)
         link.unlink(missing_ok=True)
         link.symlink_to(to)
@@ -135,7 +135,7 @@ def link_step(pi: Pi, path: str, to: str) -> Step:
             link.unlink(missing_ok=True)
             if pi.noted[key]["before"] is not None:
                 link.symlink_to(pi.noted[key]["before"])
-            pi.note(key, None)
+            pi.record_state(key, None)
 
     return Step(f"/{path} → {to}", lambda: link.is_symlink() and os.readlink(link) == to, do, undo)
 
@@ -145,7 +145,7 @@ def account_step(pi: Pi) -> Step:
 
     Raise SystemExit if that name belongs to a user who can log in.
     """
-    if (entry := pi.account()) is not None and Path(entry[6]).name not in NO_LOGIN_SHELLS:
+    if (entry := pi.account_fields()) is not None and Path(entry[6]).name not in NO_LOGIN_SHELLS:
         sys.exit(
             _(
                 "on this vehicle {user} is the account of a person, but the service needs that name. Log "
@@ -155,39 +155,39 @@ def account_step(pi: Pi) -> Step:
         )
 
     def do() -> None:
-        pi.note("account", True)
+        pi.record_state("account", True)
         shell, home = "/usr/sbin/nologin", f"/{HOME}"
         words = ("--system", "--user-group", "--no-create-home", "--home-dir", home, "--shell", shell)
         pi.run("useradd", *words, ACCOUNT)
 
     def undo() -> None:
         if "account" in pi.noted:
-            if pi.account() is not None:
+            if pi.account_fields() is not None:
                 pi.run("userdel", ACCOUNT)
-            pi.note("account", None)
+            pi.record_state("account", None)
 
     name = _("{user}: the account of the service, without a login", user=ACCOUNT)
-    return Step(name, lambda: pi.account() is not None, do, undo)
+    return Step(name, lambda: pi.account_fields() is not None, do, undo)
 
 
 def groups_step(pi: Pi) -> Step:
     """Return the step that adds the user to the groups for the serial line, the bus, a game pad and the service."""
 
     def missing() -> list[str]:
-        members_of = {**pi.groups(*GROUPS), ACCOUNT: pi.groups(ACCOUNT).get(ACCOUNT, [])}
+        members_of = {**pi.group_members(*GROUPS), ACCOUNT: pi.group_members(ACCOUNT).get(ACCOUNT, [])}
         return [group for group, members in members_of.items() if pi.user not in members]
 
     def do() -> None:
-        pi.note("groups", missing())
+        pi.record_state("groups", missing())
         pi.run("usermod", "-aG", ",".join(missing()), pi.user)
 
     def undo() -> None:
         for group in pi.noted.get("groups", []):
             pi.run("gpasswd", "-d", pi.user, group)
-        pi.note("groups", None)
+        pi.record_state("groups", None)
 
     return Step(
-        _("{user} is in {groups}", user=pi.user, groups=", ".join([*pi.groups(*GROUPS), ACCOUNT])),
+        _("{user} is in {groups}", user=pi.user, groups=", ".join([*pi.group_members(*GROUPS), ACCOUNT])),
         lambda: not missing(),
         do,
         undo,
@@ -204,7 +204,7 @@ def environment_step(pi: Pi) -> Step:
     stamp, before = pi.venv / "bundle.txt", pi.venv.with_name("baqueano.before")
 
     def do() -> None:
-        pi.note("environment", True)
+        pi.record_state("environment", True)
         if stamp.exists():  # the present venv is complete
             shutil.rmtree(before, ignore_errors=True)
             os.rename(pi.venv, before)
@@ -245,7 +245,7 @@ def environment_step(pi: Pi) -> Step:
         if "environment" in pi.noted:
             shutil.rmtree(pi.venv, ignore_errors=True)
             shutil.rmtree(before, ignore_errors=True)
-            pi.note("environment", None)
+            pi.record_state("environment", None)
 
     same = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
     return Step(_("/opt/baqueano: a venv with {wheels} packages", wheels=len(wheels)), same, do, undo)
@@ -292,11 +292,11 @@ def home_step(pi: Pi) -> Step:
     place = pi.path_on_target(HOME)
 
     def is_done() -> bool:
-        entry = pi.account()
+        entry = pi.account_fields()
         return entry is not None and place.exists() and place.stat().st_uid == int(entry[2])
 
     def do() -> None:
-        pi.note("home", True)
+        pi.record_state("home", True)
         place.mkdir(parents=True, exist_ok=True)
         pi.run("chown", "-R", f"{ACCOUNT}:{ACCOUNT}", str(place))
         pi.run("chmod", "2775", str(place))
@@ -304,7 +304,7 @@ def home_step(pi: Pi) -> Step:
     def undo() -> None:
         if "home" in pi.noted:
             pi.run("chown", "-R", f"{pi.user}:", str(place))
-            pi.note("home", None)
+            pi.record_state("home", None)
 
     return Step(_("/{path}: it belongs to {user}", path=HOME, user=ACCOUNT), is_done, do, undo)
 
@@ -313,7 +313,7 @@ def service_step(pi: Pi) -> Step:
     """Return the step that starts the service now, and whenever the machine starts."""
 
     def do() -> None:
-        pi.note("service", True)
+        pi.record_state("service", True)
         pi.run("udevadm", "control", "--reload")
         pi.run("systemctl", "daemon-reload")
         pi.run("systemctl", "enable", "baqueano.service")
@@ -322,7 +322,7 @@ def service_step(pi: Pi) -> Step:
     def undo() -> None:
         if "service" in pi.noted:
             pi.run("systemctl", "disable", "--now", "baqueano.service")
-            pi.note("service", None)
+            pi.record_state("service", None)
 
     return Step(_("baqueano.service: enabled and started"), lambda: False, do, undo)
 

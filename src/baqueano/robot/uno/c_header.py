@@ -3,7 +3,7 @@
 from typing import Any, get_type_hints
 
 from baqueano.robot.uno import frames
-from baqueano.robot.uno.frames import KINDS, LAYOUTS, STRUCTS, Config, Frame, Settings
+from baqueano.robot.uno.frames import LAYOUT_OF_KIND, LAYOUTS, STRUCT_OF_LAYOUT, Config, Frame, Settings
 
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "h": "int16_t", "i": "int32_t"}
 
@@ -19,7 +19,7 @@ def c_struct(layout: type[Any]) -> list[str]:
     for field, hint in get_type_hints(layout, include_extras=True).items():
         code, *annotations = hint.__metadata__
         if not isinstance(code, str):
-            times = f"[{annotations[0].times}]" if annotations else ""
+            times = f"[{annotations[0].count}]" if annotations else ""
             lines.append(f"    {snake_case(code.__name__)}_t {field}{times};")
             continue
         lines.append(f"    {C_TYPES[code]} {field};")
@@ -28,7 +28,7 @@ def c_struct(layout: type[Any]) -> list[str]:
                 f"#define {name.upper()}_{field.upper()}_{bound} {value}"
                 for bound, value in zip(("LEAST", "MOST"), annotations[0], strict=True)
             ]
-    length = f"#define {name.upper()}_LENGTH {STRUCTS[layout].size}"
+    length = f"#define {name.upper()}_LENGTH {STRUCT_OF_LAYOUT[layout].size}"
     c_lines = ["typedef struct __attribute__((packed)) {", *lines, f"}} {name}_t;"] if lines else []
     return ["", *c_lines, length, *ranges]
 
@@ -44,14 +44,14 @@ def c_header() -> str:
         f"#define BAUD_RATE {frames.BAUD}UL",
         f"#define MAX_PAYLOAD {frames.MAX_PAYLOAD}",
         f"#define NO_AGE {frames.NO_AGE}",
-        f"#define SEAL_POLYNOMIAL 0x{frames.SEAL_POLYNOMIAL:04x}",
-        f"#define SEALED_KINDS 0x{sum(1 << kind for kind in frames.SEALED):02x} /* a bit for each */",
+        f"#define SEAL_POLYNOMIAL 0x{frames.CRC_POLYNOMIAL:04x}",
+        f"#define SEALED_KINDS 0x{sum(1 << kind for kind in frames.KINDS_WITH_CRC):02x} /* a bit for each */",
         *(
             f"#define VERSION_{part} {n}"
             for part, n in zip(("MAJOR", "MINOR", "PATCH"), frames.VERSION, strict=True)
         ),
     ]
-    for kind, layout in KINDS.items():
+    for kind, layout in LAYOUT_OF_KIND.items():
         now = "_NOW" if layout is Settings and kind & 0x80 else ""
         lines.append(f"#define KIND_{snake_case(layout.__name__).upper()}{now} 0x{kind:02x}")
     for group in (
@@ -66,7 +66,7 @@ def c_header() -> str:
         lines += ["", *(f"#define {names}_{member.name} {member.value}" for member in group)]
     lines += [
         "",
-        *(f"#define MOST_PWM_HZ_{driver.name} {most}" for driver, most in frames.MOST_PWM_HZ.items()),
+        *(f"#define MOST_PWM_HZ_{driver.name} {most}" for driver, most in frames.MAX_PWM_HZ.items()),
     ]
     for layout in LAYOUTS:
         lines += c_struct(layout)

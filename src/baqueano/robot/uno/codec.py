@@ -13,12 +13,12 @@ from typing import NamedTuple
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.robot.uno.frames import (
-    KIND_OF,
-    KINDS,
-    LENGTHS,
+    CRC_POLYNOMIAL,
+    KIND_OF_LAYOUT,
+    KINDS_WITH_CRC,
+    LAYOUT_OF_KIND,
     MAX_PAYLOAD,
-    SEAL_POLYNOMIAL,
-    SEALED,
+    PAYLOAD_LENGTHS,
     Frame,
     first_out_of_range,
     pack,
@@ -30,15 +30,15 @@ MAX_FRAME_BYTES = 1 + 2 + MAX_PAYLOAD + 2
 """Bytes of the longest frame between its two zeros."""
 
 
-def remainder(byte: int) -> int:
+def crc_of_byte(byte: int) -> int:
     """Return the CRC of one byte with the polynomial of the seal."""
     crc = byte << 8
     for _ in range(8):
-        crc = crc << 1 & 0xFFFF ^ (SEAL_POLYNOMIAL if crc & 0x8000 else 0)
+        crc = crc << 1 & 0xFFFF ^ (CRC_POLYNOMIAL if crc & 0x8000 else 0)
     return crc
 
 
-SEAL_TABLE = [remainder(byte) for byte in range(256)]
+CRC_TABLE = [crc_of_byte(byte) for byte in range(256)]
 
 
 class ReceivedFrame(NamedTuple):
@@ -48,12 +48,12 @@ class ReceivedFrame(NamedTuple):
     frame: Frame
 
 
-def stuff(body: bytes) -> bytes:
+def cobs_encode(body: bytes) -> bytes:
     """Return the COBS code of a body shorter than 254 bytes; the code does not contain zeros."""
     return b"".join(bytes([len(run) + 1]) + run for run in body.split(b"\0"))
 
 
-def unstuff(stuffed: bytes) -> bytes | None:
+def cobs_decode(stuffed: bytes) -> bytes | None:
     """Return the body that a COBS code encodes; None if the distances in the code are not consistent."""
     body, position = bytearray(), 0
     while position < len(stuffed):
@@ -67,20 +67,20 @@ def unstuff(stuffed: bytes) -> bytes | None:
     return bytes(body[:-1])
 
 
-def seal(body: bytes) -> int:
+def crc16(body: bytes) -> int:
     """Return the CRC-16 of a body (kind … payload), polynomial 0x8BB7; 0 if the body ends with its correct seal."""
     crc = 0
     for byte in body:
-        crc = (crc << 8 & 0xFFFF) ^ SEAL_TABLE[crc >> 8 ^ byte]
+        crc = (crc << 8 & 0xFFFF) ^ CRC_TABLE[crc >> 8 ^ byte]
     return crc
 
 
 def encode_frame(kind: int, seq: int, payload: bytes) -> bytes:
     """Return the bytes of a frame with this payload on the wire, with a zero at both ends."""
     body = bytes([kind, seq & 0xFF]) + payload
-    if kind in SEALED:
-        body += seal(body).to_bytes(2, "big")
-    return b"\0" + stuff(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
+    if kind in KINDS_WITH_CRC:
+        body += crc16(body).to_bytes(2, "big")
+    return b"\0" + cobs_encode(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
 
 
 def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
@@ -106,7 +106,7 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
                 most=high,
             )
         )
-    return encode_frame(KIND_OF[type(frame)] if kind is None else kind, seq, pack(frame))
+    return encode_frame(KIND_OF_LAYOUT[type(frame)] if kind is None else kind, seq, pack(frame))
 
 
 class Decoder:
@@ -131,15 +131,15 @@ class Decoder:
         return [frame for piece in pieces if piece and (frame := self._read(piece))]
 
     def _read(self, piece: bytes) -> ReceivedFrame | None:
-        body = unstuff(piece) if len(piece) <= MAX_FRAME_BYTES else None
+        body = cobs_decode(piece) if len(piece) <= MAX_FRAME_BYTES else None
         if body is None or len(body) < 4 or crc_hqx(body, CRC_START):
             self.bad_crc += 1
-        elif LENGTHS.get(kind := body[0]) != len(body) - 4:
+        elif PAYLOAD_LENGTHS.get(kind := body[0]) != len(body) - 4:
             self.bad_shape += 1
-        elif kind not in SEALED:
-            return ReceivedFrame(body[1], unpack(KINDS[kind], body[2:-2]))
-        elif seal(body[:-2]) == 0:
-            return ReceivedFrame(body[1], unpack(KINDS[kind], body[2:-4]))
+        elif kind not in KINDS_WITH_CRC:
+            return ReceivedFrame(body[1], unpack(LAYOUT_OF_KIND[kind], body[2:-2]))
+        elif crc16(body[:-2]) == 0:
+            return ReceivedFrame(body[1], unpack(LAYOUT_OF_KIND[kind], body[2:-4]))
         else:
             self.bad_crc += 1
         return None

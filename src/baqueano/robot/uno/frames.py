@@ -21,22 +21,22 @@ PROTOCOL = 1
 VERSION = (1, 0, 0)
 BAUD = 115_200
 MAX_PAYLOAD = 40
-SEAL_POLYNOMIAL = 0x8BB7
+CRC_POLYNOMIAL = 0x8BB7
 NO_AGE = 0xFFFF
 """`State.drive_age_ms` before the first DRIVE, or after 65 s."""
 
 
-class Within(NamedTuple):
-    """A range of integers, from `least` to `most`, both included."""
+class ValueRange(NamedTuple):
+    """A range of integers, from `low` to `high`, both included."""
 
-    least: int
-    most: int
+    low: int
+    high: int
 
 
-class Array(NamedTuple):
-    """A nested layout, repeated `times` times."""
+class Repetition(NamedTuple):
+    """A nested layout, repeated `count` times."""
 
-    times: int
+    count: int
 
 
 U8 = Annotated[int, "B"]
@@ -44,7 +44,7 @@ U16 = Annotated[int, "H"]
 U32 = Annotated[int, "I"]
 I16 = Annotated[int, "h"]
 I32 = Annotated[int, "i"]
-Duty = Annotated[int, "h", Within(-1000, 1000)]
+Duty = Annotated[int, "h", ValueRange(-1000, 1000)]
 
 
 class DriveFlag(IntFlag):
@@ -82,7 +82,7 @@ class ResetCause(IntFlag):
     WARM = 128
 
 
-def causes(bits: int) -> str:
+def reset_cause_names(bits: int) -> str:
     """Return the names of the causes in `bits`, separated by spaces; "" if no bit is set."""
     return " ".join(flag.name.lower().replace("_", "-") for flag in ResetCause if bits & flag and flag.name)
 
@@ -95,7 +95,7 @@ class Driver(IntEnum):
     L293D = 3
 
 
-MOST_PWM_HZ = {Driver.L298N: 20_000, Driver.TB6612: 25_000, Driver.L293D: 5_000}
+MAX_PWM_HZ = {Driver.L298N: 20_000, Driver.TB6612: 25_000, Driver.L293D: 5_000}
 
 
 class EncoderKind(IntEnum):
@@ -124,7 +124,7 @@ class Drive(NamedTuple):
     nonce: U8
     left_permille: Duty
     right_permille: Duty
-    flags: Annotated[int, "B", Within(0, 7)]
+    flags: Annotated[int, "B", ValueRange(0, 7)]
     ttl_10ms: U8 = 0
 
 
@@ -132,14 +132,14 @@ class Config(NamedTuple):
     """The configuration until the next reset; INFO answers it. If one value is out of range, all are refused.
 
     1000 as `slew_permille_per_ms` does not limit the duty; 0 as `least_battery_mv` does not check the battery. `pwm_hz`
-    must also be at most MOST_PWM_HZ of the bridge.
+    must also be at most MAX_PWM_HZ of the bridge.
     """
 
-    dead_man_ms: Annotated[int, "H", Within(50, 1000)] = 300
-    telemetry_ms: Annotated[int, "B", Within(5, 250)] = 10
-    slew_permille_per_ms: Annotated[int, "H", Within(1, 1000)] = 40
-    pwm_hz: Annotated[int, "H", Within(50, 25_000)] = 5000
-    least_battery_mv: Annotated[int, "H", Within(0, 20_000)] = 0
+    dead_man_ms: Annotated[int, "H", ValueRange(50, 1000)] = 300
+    telemetry_ms: Annotated[int, "B", ValueRange(5, 250)] = 10
+    slew_permille_per_ms: Annotated[int, "H", ValueRange(1, 1000)] = 40
+    pwm_hz: Annotated[int, "H", ValueRange(50, 25_000)] = 5000
+    least_battery_mv: Annotated[int, "H", ValueRange(0, 20_000)] = 0
 
 
 class Ping(NamedTuple):
@@ -156,35 +156,35 @@ class AskInfo(NamedTuple):
     """A request for the identity of the firmware; INFO answers it."""
 
 
-class Way(NamedTuple):
+class WheelCurve(NamedTuple):
     """The characteristic of a wheel in one direction; all values are in permille.
 
     duty = dead_zone + slope·|request| / 1000. While the wheel starts, for `Settings.kick_ms`, the duty is at least
     `kick_permille`.
     """
 
-    dead_zone_permille: Annotated[int, "H", Within(0, 700)] = 0
-    slope_permille: Annotated[int, "H", Within(100, 3000)] = 1000
-    kick_permille: Annotated[int, "H", Within(0, 1000)] = 0
+    dead_zone_permille: Annotated[int, "H", ValueRange(0, 700)] = 0
+    slope_permille: Annotated[int, "H", ValueRange(100, 3000)] = 1000
+    kick_permille: Annotated[int, "H", ValueRange(0, 1000)] = 0
 
 
 class Settings(NamedTuple):
     """The settings of one vehicle, stored in EEPROM. The Uno accepts them only while disarmed.
 
     The answer is a SETTINGS frame. `battery_permille` is the battery voltage divided by the voltage at A0
-    (3000: a divider 20 kΩ / 10 kΩ). The order of `ways` is left forwards, left backwards, right forwards, right
-    backwards. While the request is not zero, dither adds ± `dither_permille` to it, and the sign changes each
+    (3000: a divider 20 kΩ / 10 kΩ). The order of `curves` is left forwards, left backwards, right forwards,
+    right backwards. While the request is not zero, dither adds ± `dither_permille` to it, and the sign changes each
     `dither_ms`.
     """
 
-    wiring: Annotated[int, "B", Within(0, 127)] = 0
-    driver: Annotated[int, "B", Within(1, 3)] = Driver.L298N
-    encoders: Annotated[int, "B", Within(0, 2)] = EncoderKind.NONE
-    kick_ms: Annotated[int, "B", Within(0, 100)] = 0
-    dither_permille: Annotated[int, "B", Within(0, 250)] = 0
-    dither_ms: Annotated[int, "B", Within(1, 50)] = 5
-    battery_permille: Annotated[int, "H", Within(1000, 11_000)] = 3000
-    ways: Annotated[tuple[Way, ...], Way, Array(4)] = (Way(),) * 4
+    wiring: Annotated[int, "B", ValueRange(0, 127)] = 0
+    driver: Annotated[int, "B", ValueRange(1, 3)] = Driver.L298N
+    encoders: Annotated[int, "B", ValueRange(0, 2)] = EncoderKind.NONE
+    kick_ms: Annotated[int, "B", ValueRange(0, 100)] = 0
+    dither_permille: Annotated[int, "B", ValueRange(0, 250)] = 0
+    dither_ms: Annotated[int, "B", ValueRange(1, 50)] = 5
+    battery_permille: Annotated[int, "H", ValueRange(1000, 11_000)] = 3000
+    curves: Annotated[tuple[WheelCurve, ...], WheelCurve, Repetition(4)] = (WheelCurve(),) * 4
 
 
 class AskSettings(NamedTuple):
@@ -244,7 +244,7 @@ class Info(NamedTuple):
 
 Frame = Drive | Config | Ping | Stop | AskInfo | Settings | AskSettings | State | Pong | Info
 
-KINDS: dict[int, type[Frame]] = {
+LAYOUT_OF_KIND: dict[int, type[Frame]] = {
     0x01: Drive,
     0x02: Config,
     0x03: Ping,
@@ -260,17 +260,21 @@ KINDS: dict[int, type[Frame]] = {
 
 
 class Field(NamedTuple):
-    """A field of a flattened layout; `within` is the range of its integer type, or a narrower range."""
+    """A field of a flattened layout; `value_range` is the range of its integer type, or a narrower range."""
 
     path: str
     code: str
-    within: Within
+    value_range: ValueRange
 
 
-def width(code: str) -> Within:
+def integer_range(code: str) -> ValueRange:
     """Return the range of an integer that is encoded with this format code of `struct`."""
     bits = 8 * struct.calcsize(code)
-    return Within(-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else Within(0, (1 << bits) - 1)
+    return (
+        ValueRange(-(1 << bits - 1), (1 << bits - 1) - 1)
+        if code.islower()
+        else ValueRange(0, (1 << bits) - 1)
+    )
 
 
 def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
@@ -279,22 +283,29 @@ def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
     for name, hint in get_type_hints(layout, include_extras=True).items():
         code, *annotations = hint.__metadata__
         if isinstance(code, str):
-            layout_fields.append(Field(path + name, code, annotations[0] if annotations else width(code)))
+            layout_fields.append(
+                Field(path + name, code, annotations[0] if annotations else integer_range(code))
+            )
         elif annotations:
-            for index in range(annotations[0].times):
+            for index in range(annotations[0].count):
                 layout_fields += fields(code, f"{path}{name}[{index}].")
         else:
             layout_fields += fields(code, f"{path}{name}.")
     return layout_fields
 
 
-LAYOUTS: tuple[type[Any], ...] = (Way, *dict.fromkeys(KINDS.values()))
-FIELDS = {layout: fields(layout) for layout in LAYOUTS}
-STRUCTS = {layout: struct.Struct("<" + "".join(f.code for f in rows)) for layout, rows in FIELDS.items()}
-KIND_OF = {layout: kind for kind, layout in reversed(KINDS.items())}
-NESTED = {Settings, Info}
-SEALED = {0x01, 0x02, 0x06}
-LENGTHS = {kind: STRUCTS[layout].size + 2 * (kind in SEALED) for kind, layout in KINDS.items()}
+LAYOUTS: tuple[type[Any], ...] = (WheelCurve, *dict.fromkeys(LAYOUT_OF_KIND.values()))
+FIELDS_OF_LAYOUT = {layout: fields(layout) for layout in LAYOUTS}
+STRUCT_OF_LAYOUT = {
+    layout: struct.Struct("<" + "".join(f.code for f in rows)) for layout, rows in FIELDS_OF_LAYOUT.items()
+}
+KIND_OF_LAYOUT = {layout: kind for kind, layout in reversed(LAYOUT_OF_KIND.items())}
+NESTED_LAYOUTS = {Settings, Info}
+KINDS_WITH_CRC = {0x01, 0x02, 0x06}
+PAYLOAD_LENGTHS = {
+    kind: STRUCT_OF_LAYOUT[layout].size + 2 * (kind in KINDS_WITH_CRC)
+    for kind, layout in LAYOUT_OF_KIND.items()
+}
 
 
 def flat_values(frame: tuple[Any, ...]) -> list[int]:
@@ -316,7 +327,7 @@ def unflatten(layout: type[Any], numbers: list[int]) -> Any:
         if isinstance(code, str):
             values.append(numbers.pop(0))
         elif annotations:
-            values.append(tuple(unflatten(code, numbers) for _ in range(annotations[0].times)))
+            values.append(tuple(unflatten(code, numbers) for _ in range(annotations[0].count)))
         else:
             values.append(unflatten(code, numbers))
     return layout(*values)
@@ -324,19 +335,21 @@ def unflatten(layout: type[Any], numbers: list[int]) -> Any:
 
 def pack(frame: Frame) -> bytes:
     """Return the payload of a frame. Raise struct.error if a value does not fit its integer type."""
-    return STRUCTS[type(frame)].pack(*(flat_values(frame) if type(frame) in NESTED else frame))
+    return STRUCT_OF_LAYOUT[type(frame)].pack(
+        *(flat_values(frame) if type(frame) in NESTED_LAYOUTS else frame)
+    )
 
 
 def unpack(layout: type[Frame], payload: bytes) -> Frame:
     """Return the frame of a payload, which must have the length of the layout."""
-    numbers = STRUCTS[layout].unpack(payload)
-    return unflatten(layout, list(numbers)) if layout in NESTED else layout(*numbers)
+    numbers = STRUCT_OF_LAYOUT[layout].unpack(payload)
+    return unflatten(layout, list(numbers)) if layout in NESTED_LAYOUTS else layout(*numbers)
 
 
-def first_out_of_range(frame: Frame) -> tuple[str, int, Within] | None:
+def first_out_of_range(frame: Frame) -> tuple[str, int, ValueRange] | None:
     """Return the first value out of its range as (name, value, range); None if all values are in range."""
-    values: list[Any] = flat_values(frame) if type(frame) in NESTED else list(frame)
-    for field, value in zip(FIELDS[type(frame)], values, strict=True):
-        if not field.within.least <= value <= field.within.most:
-            return field.path, value, field.within
+    values: list[Any] = flat_values(frame) if type(frame) in NESTED_LAYOUTS else list(frame)
+    for field, value in zip(FIELDS_OF_LAYOUT[type(frame)], values, strict=True):
+        if not field.value_range.low <= value <= field.value_range.high:
+            return field.path, value, field.value_range
     return None

@@ -34,7 +34,7 @@ from baqueano.robot.uno.frames import (
     State,
     StateFlag,
     Stop,
-    causes,
+    reset_cause_names,
 )  # fmt: skip
 from baqueano.robot.uno.standstill import Standstill
 from baqueano.robot.uno.statistics import Statistics
@@ -48,7 +48,7 @@ SILENCE_US = 500_000  # during this time fewer than 128 frames are sent
 ARM_DELAY_S = 0.01  # the Uno receives a frame within this time; later telemetry shows it
 ARMING_TIMEOUT_S = 0.2  # time for which arming is repeated before `trouble` is set
 MAX_COMMANDS_AHEAD = 64  # most commands on their way; the firmware regards a command 128 ahead as old
-LASTING_STOPS = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept while telemetry reports them
+LATCHED_STOPS = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept while telemetry reports them
 Reply = TypeVar("Reply")
 
 
@@ -64,7 +64,7 @@ class Port(Protocol):
         ...
 
 
-class EarlierFrame(NamedTuple):
+class PreviousTelemetry(NamedTuple):
     """The last telemetry, with its times, for the comparison with the next telemetry."""
 
     state: State
@@ -96,7 +96,7 @@ class Uno:
         self._telemetry: deque[Telemetry] = deque(maxlen=MAX_TELEMETRY)
         self._replies: dict[type, Any] = {}
         self._pings: dict[int, int] = {}
-        self._previous: EarlierFrame | None = None
+        self._previous: PreviousTelemetry | None = None
         self._nonce: int | None = None  # nonce in the last frame of the firmware
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged_count = False, False, 0
@@ -106,7 +106,7 @@ class Uno:
 
     def drive(self, left: float, right: float) -> None:
         """Send duties in [-1, 1] once, if the Uno is armed. After a standstill of the computer, disarm it instead."""
-        self.stood_still()
+        self.standstill_reason()
         self._standstill.record_command()
         if self.info is None or not self._armed:
             self.statistics.unsent += 1
@@ -125,7 +125,7 @@ class Uno:
         """
         with self._lock:
             self._armed, self._confirmed, self.trouble = True, False, None
-            self._standstill.forget()
+            self._standstill.reset()
             self._armed_ns, self._unarmed_ns = self._now_ns(), None
             self._drive_seq = self._drive_seq if self._previous is None else self._previous.state.drive_seq
         self.drive(0.0, 0.0)
@@ -153,20 +153,20 @@ class Uno:
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
 
     def _clear_trouble(self) -> None:
-        self._standstill.forget()
-        if not self._is_lasting:
+        self._standstill.reset()
+        if not self._is_latched:
             self.trouble = None
 
     @property
-    def _is_lasting(self) -> bool:
-        return self.trouble is not None and self.trouble.code in LASTING_STOPS
+    def _is_latched(self) -> bool:
+        return self.trouble is not None and self.trouble.code in LATCHED_STOPS
 
     def receive(self) -> list[Telemetry]:
         """Return the telemetry that has arrived since the last call, in order."""
         self.pump()
         return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
 
-    def stood_still(self) -> Diagnostic | None:
+    def standstill_reason(self) -> Diagnostic | None:
         """Disarm after a standstill of the computer, and return the reason to stop; None without a standstill."""
         config = Config() if self.info is None else self.info.config
         if self._armed and (reason := self._standstill.check(config.dead_man_ms)):
@@ -256,7 +256,7 @@ class Uno:
         """Return the settings that the Uno stores in its EEPROM. Errors as in `request`."""
         return self.request(AskSettings(), Settings, wait)
 
-    def keep(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
+    def store_settings(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
         """Write `settings` into the EEPROM of the Uno, which must be disarmed. Errors as in `request`."""
         self.request(settings, Settings, wait, lambda reply: reply == settings)
 
@@ -334,7 +334,7 @@ class Uno:
         self.statistics.resets += 1
         self.clock, self._previous, self._seq_received = UnoClock(), None, -1
         if self._armed:
-            self.trouble = stop(StopReason.UNO_RESET, cause=causes(cause) or "cause unknown")
+            self.trouble = stop(StopReason.UNO_RESET, cause=reset_cause_names(cause) or "cause unknown")
         self._armed = self._confirmed = False
 
     def _on_state(self, state: State, now_ns: int) -> None:
@@ -346,7 +346,7 @@ class Uno:
         if previous is not None:
             t_ns = max(t_ns, previous.t_ns + 1)
             self._count_errors(previous.state, state)
-        self._previous = EarlierFrame(state, t_us, t_ns)
+        self._previous = PreviousTelemetry(state, t_us, t_ns)
         self._update_trouble(state, t_ns)
         self._telemetry.append(
             Telemetry(
@@ -381,7 +381,7 @@ class Uno:
             self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
             if t_ns - self._unarmed_ns > ARMING_TIMEOUT_S * 1e9:
                 self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_TIMEOUT_S)
-        elif not self._armed and self._is_lasting:
+        elif not self._armed and self._is_latched:
             self.trouble = None
 
 
@@ -390,7 +390,7 @@ def permille(duty: float) -> int:
     return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
 
 
-def mean_duty(state: State, previous: EarlierFrame | None, t_us: int) -> tuple[float, float]:
+def mean_duty(state: State, previous: PreviousTelemetry | None, t_us: int) -> tuple[float, float]:
     """Return the mean duty (left, right) since the previous telemetry, or the present duty if `previous` is None."""
     if previous is None or t_us <= previous.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille

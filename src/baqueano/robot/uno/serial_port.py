@@ -1,8 +1,8 @@
 """Provide a serial line for the link: found by its stable name, non-blocking, reopened after a disconnection.
 
 Opening the line resets an Uno by its signal DTR, so the line is opened once and kept open. Then the boot-loader waits a
-second or two, and the firmware sends INFO without a request. A service that starts opens the line first (`open_early`)
-and loads the rest of its code during that time. For that reason this module does not import numpy.
+second or two, and the firmware sends INFO without a request. A service that starts opens the line first
+(`reset_uno_early`) and loads the rest of its code during that time. For that reason this module does not import numpy.
 """
 
 import errno
@@ -93,7 +93,7 @@ class SerialPort:
             time.sleep(seconds)
 
 
-def open_early(path: Path) -> Callable[[], object]:
+def reset_uno_early(path: Path) -> Callable[[], object]:
     """Open the line that a vehicle file names, which resets its Uno, and return the function that closes it.
 
     Open the line again before you call that function. Otherwise the close drops DTR, and the next opening
@@ -127,12 +127,14 @@ def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     try:
         line.open()
     except OSError as error:
-        raise RobotUnreachable(_refusal(path, error)) from error
+        raise RobotUnreachable(_open_error(path, error)) from error
     uno, end_event = Uno(line), threading.Event()
-    listener = threading.Thread(target=listen, args=(line, uno, end_event), name="uno", daemon=True)
+    listener = threading.Thread(
+        target=read_continuously, args=(line, uno, end_event), name="uno", daemon=True
+    )
     listener.start()
     try:
-        introduce(uno, path)
+        firmware_info(uno, path)
         yield uno
     finally:
         uno.disarm()
@@ -141,7 +143,7 @@ def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
         line.close()
 
 
-def listen(port: SerialPort, uno: "Uno", done: threading.Event) -> None:
+def read_continuously(port: SerialPort, uno: "Uno", done: threading.Event) -> None:
     """Read the line until `done` is set, and open it again after each disconnection."""
     while not done.is_set():
         if port.is_open:
@@ -155,7 +157,7 @@ def listen(port: SerialPort, uno: "Uno", done: threading.Event) -> None:
             uno.on_reopen()
 
 
-def introduce(uno: "Uno", path: str) -> Info:
+def firmware_info(uno: "Uno", path: str) -> Info:
     """Return the firmware's INFO.
 
     Raise RobotUnreachable if INFO does not arrive within BOOT_TIMEOUT_S, or for another protocol.
@@ -190,7 +192,7 @@ def find_port(port: str) -> str:
     return ports[0]
 
 
-def _refusal(path: str, error: OSError) -> Diagnostic:
+def _open_error(path: str, error: OSError) -> Diagnostic:
     if error.errno in (errno.EACCES, errno.EPERM):
         user = os.environ.get("USER", "you")
         return fault("uno.port-not-allowed", f"sudo usermod -aG dialout {user}", user=user, path=path)

@@ -3,7 +3,7 @@
     name            firmware                            values
     bridge          Settings.driver                     l298n, tb6612, l293d
     left-motor …    one bit of Settings.wiring each     straight, reversed or swapped; high, low over the tape
-    dead-zone …     Settings.ways, by wheel and direction   shares of full duty: 0.11 is 110 ‰
+    dead-zone …     Settings.curves                     shares of full duty, by wheel and direction: 0.11 is 110 ‰
 
 frames.py defines the ranges, which the firmware also checks.
 """
@@ -18,7 +18,14 @@ from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.robot.uno.frames import FIELDS, Driver, EncoderKind, Settings, Way, Wiring
+from baqueano.robot.uno.frames import (
+    FIELDS_OF_LAYOUT,
+    Driver,
+    EncoderKind,
+    Settings,
+    WheelCurve,
+    Wiring,
+)
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -43,8 +50,12 @@ NUMBER_OPTIONS = {  # field, and the number of encoded units in one unit of the 
     "dither": ("dither_permille", 1000),
     "dither-ms": ("dither_ms", 1),
 }
-WAY_OPTIONS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick": "kick_permille"}
-WAY_NAMES = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
+CURVE_OPTIONS = {
+    "dead-zone": "dead_zone_permille",
+    "slope": "slope_permille",
+    "kick": "kick_permille",
+}
+WHEEL_DIRECTIONS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
 TELEMETRY_TIMEOUT_S = 0.5  # an Uno sends telemetry within this time
 POLL_PERIOD_S = 0.1
 Wait = Callable[[float], object]
@@ -71,15 +82,15 @@ class StoredSettings:
         for name, (field, unit) in NUMBER_OPTIONS.items():
             whole[name] = getattr(s, field) / unit
         ways = [
-            {"wheel": wheel} | {name: getattr(way, field) / 1000 for name, field in WAY_OPTIONS.items()}
-            for wheel, way in zip(WAY_NAMES, s.ways, strict=True)
+            {"wheel": wheel} | {name: getattr(way, field) / 1000 for name, field in CURVE_OPTIONS.items()}
+            for wheel, way in zip(WHEEL_DIRECTIONS, s.curves, strict=True)
         ]
         return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *ways)]
 
     @classmethod
-    def of(cls, rows: list["TableRow"]) -> "StoredSettings":
+    def from_rows(cls, rows: list["TableRow"]) -> "StoredSettings":
         """Return the settings from rows in JSON, the inverse of `rows`."""
-        return cls(apply_changes(Settings(), _as_text(rows)))
+        return cls(apply_changes(Settings(), _option_texts(rows)))
 
     def table(self) -> str:
         """Return the settings as a table of text, with the names of the options."""
@@ -95,30 +106,33 @@ class StoredSettings:
             lines.append(f"{name:15} {text} {unit_texts.get(name, '')}".rstrip())
         lines.append(f"{'':15} dead-zone  slope   kick")
         for way in ways:
-            zone, slope, kick = (way[name.replace("-", "_")] for name in WAY_OPTIONS)
+            zone, slope, kick = (way[name.replace("-", "_")] for name in CURVE_OPTIONS)
             lines.append(f"{way['wheel']:15} {number(zone):9.3f}  {number(slope):5.3f}  {number(kick):5.3f}")
         origin = _("initial value of the firmware") if self.verdict == "DEFAULT" else _("stored in the Uno")
         return "\n".join([*lines, f"{_(self.verdict)}: {origin}"])
 
 
-def _as_text(rows: list["TableRow"]) -> dict[str, list[str]]:
+def _option_texts(rows: list["TableRow"]) -> dict[str, list[str]]:
     """Return the texts to type for each option, from the `rows` of a StoredSettings."""
     row, *ways = rows
     texts = {
         name: [str(row[name.replace("-", "_")])] for name in (*NAMED_OPTIONS, *PLUG_FLAGS, *NUMBER_OPTIONS)
     }
-    for name in WAY_OPTIONS:
+    for name in CURVE_OPTIONS:
         texts[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
     return texts
 
 
-def typed_text(settings: Settings) -> str:
+def settings_command(settings: Settings) -> str:
     """Return the command line that stores `settings` in an Uno, independent of its former settings.
 
-    >>> typed_text(Settings(driver=Driver.TB6612))
+    >>> settings_command(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
     """
-    default, texts = _as_text(StoredSettings(Settings()).rows()), _as_text(StoredSettings(settings).rows())
+    default, texts = (
+        _option_texts(StoredSettings(Settings()).rows()),
+        _option_texts(StoredSettings(settings).rows()),
+    )
     arguments = [f"--{name}={text}" for name in texts for text in texts[name] if text not in default[name]]
     return " ".join(["baqueano robot settings --defaults", *arguments])
 
@@ -126,8 +140,8 @@ def typed_text(settings: Settings) -> str:
 def apply_changes(settings: Settings, changes: Mapping[str, Sequence[str]]) -> Settings:
     """Return `settings` with the changes typed for each option. Raise UsageError for an invalid word or number.
 
-    >>> apply_changes(Settings(), {"bridge": ["tb6612"], "dead-zone": ["all=0.1", "left-forwards=0.12"]}).ways[0]
-    Way(dead_zone_permille=120, slope_permille=1000, kick_permille=0)
+    >>> apply_changes(Settings(), {"bridge": ["tb6612"], "dead-zone": ["left-forwards=0.12"]}).curves[0]
+    WheelCurve(dead_zone_permille=120, slope_permille=1000, kick_permille=0)
     """
     for name, texts in changes.items():
         for text in texts:
@@ -148,14 +162,14 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
         field, unit = NUMBER_OPTIONS[name]
         return settings._replace(**{field: _checked_number(name, text, text, Settings, field, unit)})
     wheel, equals, number_text = text.partition("=")
-    if not equals or wheel not in (*WAY_NAMES, "all"):
-        raise UsageError(fault("settings.way", option=name, found=text, known=WAY_NAMES))
-    number = _checked_number(name, text, number_text, Way, WAY_OPTIONS[name], 1000)
+    if not equals or wheel not in (*WHEEL_DIRECTIONS, "all"):
+        raise UsageError(fault("settings.way", option=name, found=text, known=WHEEL_DIRECTIONS))
+    number = _checked_number(name, text, number_text, WheelCurve, CURVE_OPTIONS[name], 1000)
     ways = [
-        way._replace(**{WAY_OPTIONS[name]: number}) if wheel in (way_name, "all") else way
-        for way_name, way in zip(WAY_NAMES, settings.ways, strict=True)
+        way._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (way_name, "all") else way
+        for way_name, way in zip(WHEEL_DIRECTIONS, settings.curves, strict=True)
     ]
-    return settings._replace(ways=tuple(ways))
+    return settings._replace(curves=tuple(ways))
 
 
 def _checked_word(name: str, text: str, known_words: list[str]) -> str:
@@ -166,7 +180,7 @@ def _checked_word(name: str, text: str, known_words: list[str]) -> str:
 
 def _checked_number(name: str, text: str, number_text: str, layout: type, field: str, unit: int) -> int:
     """Return a typed number in encoded units. Raise UsageError if it is outside the range of the firmware."""
-    (low, high), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
+    (low, high), *_rest = (f.value_range for f in FIELDS_OF_LAYOUT[layout] if f.path == field)
     try:
         value = float(number_text)
     except ValueError:
@@ -189,7 +203,7 @@ def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.
         _check_at_rest(uno, wait)
         uno.disarm()
         wait(0.05)
-        uno.keep(settings, wait)
+        uno.store_settings(settings, wait)
     return StoredSettings(uno.settings(wait))
 
 
@@ -202,7 +216,7 @@ def _check_at_rest(uno: "Uno", wait: Wait) -> None:
         raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
 
 
-def watch(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
+def show_counts(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
     """Pass battery, encoder counts and marks to `notify` whenever counts or marks change, for `seconds` [s]."""
     previous = None
     for _look in range(round(seconds / POLL_PERIOD_S)):

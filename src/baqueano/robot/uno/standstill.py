@@ -31,7 +31,7 @@ class Standstill:
         self._last_ns = -1
         self.reason: Diagnostic | None = None
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Clear the reason and the time of the last command, because no drive is under way."""
         self._last_ns, self.reason = -1, None
 

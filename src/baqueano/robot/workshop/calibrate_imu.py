@@ -39,7 +39,7 @@ MIN_UPRIGHT_COS = np.cos(np.radians(25.0))
 MIN_LIFT = np.sin(np.radians(8.0))  # more than the slope of any floor
 MAX_OBLIQUE_TAN = np.tan(np.radians(30.0))  # limit between a lift of the front and a lift of a corner
 MIN_TURN_RAD = np.radians(90.0)
-LETTERS = ("x", "y", "z")
+AXIS_LETTERS = ("x", "y", "z")
 Notify = Callable[[str], object]
 
 
@@ -110,7 +110,7 @@ def _is_steady(accel: np.ndarray, gyro: np.ndarray, factor: float = 1.0) -> bool
 
 
 @dataclass(frozen=True)
-class MountedImu:
+class ImuCalibration:
     """The result of `calibrate`.
 
     Biases (a_x, a_y) [m/s²] and ω [rad/s] are the sensor's means at rest; `slope_rad` is the slope of the floor.
@@ -131,7 +131,7 @@ class MountedImu:
         return [asdict(self)]
 
     @classmethod
-    def of(cls, row: "TableRow") -> "MountedImu":
+    def from_row(cls, row: "TableRow") -> "ImuCalibration":
         """Return the result from a row in JSON, the inverse of `rows`."""
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
@@ -163,7 +163,7 @@ class MountedImu:
         return values
 
 
-def calibrate(reader: ImuReader, notify: Notify) -> MountedImu:
+def calibrate(reader: ImuReader, notify: Notify) -> ImuCalibration:
     """Guide the operator through rest, lift and turn, and return axes and biases. The IMU must use its chip's axes.
     Raise AnswerNo if a step is not executed within a minute, or if the axes cannot be determined.
     """
@@ -187,19 +187,19 @@ def calibrate(reader: ImuReader, notify: Notify) -> MountedImu:
     notify(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
     turned_before = reader.turned
     reader.wait_for_force(
-        N_("the turn"), lambda accel: _is_turned(reader, turned_before, up) and not is_tilted(accel)
+        N_("the turn"), lambda accel: _is_turned_left(reader, turned_before, up) and not is_tilted(accel)
     )
     second_force, gyro_2 = reader.wait_for_rest(REST_S, N_("after the turn"))
     gyro = float(0.5 * up @ (gyro_1 + gyro_2))
     turn = float(up @ (reader.turned - turned_before))
     bias, slope_xy = biases((axes @ first_force)[:2], (axes @ second_force)[:2], turn)
     oblique = float(np.arccos(np.clip(axes[2] @ first_force / np.linalg.norm(first_force), -1.0, 1.0)))
-    return MountedImu(
+    return ImuCalibration(
         axis_names(axes), bias, gyro, float(np.linalg.norm(slope_xy) / STANDARD_GRAVITY), lift, turn, oblique
     )
 
 
-def _is_turned(reader: ImuReader, turned_before: np.ndarray, up: np.ndarray) -> bool:
+def _is_turned_left(reader: ImuReader, turned_before: np.ndarray, up: np.ndarray) -> bool:
     """Return True if the vehicle was turned to the left. Raise AnswerNo if it was turned to the right.  (3)
 
     Return False for a turn of at most 90° in either direction.
@@ -254,7 +254,7 @@ def biases(first_xy: np.ndarray, second_xy: np.ndarray, turn_rad: float) -> tupl
 def axis_names(axes: np.ndarray) -> tuple[str, str, str]:
     """Return the rows of `axes` as names for [robot] imu_axes."""
     forward, left, up = (
-        ("-" if row.sum() < 0 else "") + LETTERS[int(np.argmax(np.abs(row)))] for row in axes
+        ("-" if row.sum() < 0 else "") + AXIS_LETTERS[int(np.argmax(np.abs(row)))] for row in axes
     )
     return forward, left, up
 

@@ -16,19 +16,20 @@ slowest lag of these vehicles (0.17 s, mechanical).
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import degrees
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.controllers.hand import Hand
-from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, HeadingHold, place_poles
+from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, HeadingHold, pole_placement_gains
+from baqueano.controllers.manual import ManualController
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.robot.uno import settings as uno_settings
-from baqueano.robot.uno.frames import Settings, Way, Wiring
+from baqueano.robot.uno.frames import Settings, WheelCurve, Wiring
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.drivetrain import mix
 
@@ -47,7 +48,7 @@ STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
 MAX_DIFFERENCE = 0.05  # with a smaller difference of the wheels, any controller can keep straight
 HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): slowest lag, and dead time of motors and wire
 MAX_TRIES = 3  # attempts to restore the former settings
-WAY_NAMES = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
+WHEEL_DIRECTIONS = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
 TURN_SIGNS = (-1.0, 1.0)  # turn by a wheel that runs forwards: the left wheel turns the vehicle right
 Notify = Callable[[str], object]
 
@@ -61,8 +62,11 @@ class Sweep(NamedTuple):
     rms: float  # residual of the fit (3), in duty
 
 
+Sweeps = tuple[Sweep, ...]
+
+
 @dataclass(frozen=True)
-class Motors:
+class MotorCalibration:
     """The result of `calibrate`, which is stored in the Uno.
 
     `left_over` (2,) is the remaining relative difference of the wheels, forwards and backwards. `held_deg` (2,) is the
@@ -70,7 +74,7 @@ class Motors:
     """
 
     settings: Settings
-    sweeps: tuple[Sweep, ...]
+    sweeps: Sweeps
     before: tuple[float, float]
     left_over: tuple[float, float]
     turned_dps: tuple[float, float]
@@ -87,39 +91,33 @@ class Motors:
             "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
             "wheels_differ": self.left_over, "turned_dps": self.turned_dps, "held_deg": self.held_deg,
         }  # fmt: skip
-        ways = zip(WAY_NAMES, self.sweeps, self.settings.ways, strict=True)
+        ways = zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
         return [row, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
 
     @classmethod
-    def of(cls, rows: list["TableRow"]) -> "Motors":
+    def from_rows(cls, rows: list["TableRow"]) -> "MotorCalibration":
         """Return the result from rows in JSON, the inverse of `rows`, with only the settings that `table` uses."""
         whole, *wheels = rows
-        ways = tuple(Way(*(row[name] for name in Way._fields)) for row in wheels)
+        ways = tuple(WheelCurve(*(row[name] for name in WheelCurve._fields)) for row in wheels)
         sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
         names = ("wheels_differ_before", "wheels_differ", "turned_dps", "held_deg")
         pairs = (tuple(whole[name]) for name in names)
-        return cls(Settings(wiring=whole["wiring"], ways=ways), sweeps, *pairs)
+        return cls(Settings(wiring=whole["wiring"], curves=ways), sweeps, *pairs)
 
     def table(self) -> str:
         """Return wiring, dead zones, slopes and straight drives as text."""
-        name_width = max(15, *(len(_(name)) for name in WAY_NAMES))
+        name_width = max(15, *(len(_(name)) for name in WHEEL_DIRECTIONS))
         lines = [
             wiring_text(self.settings.wiring),
             f"{'':{name_width}}  {_('starts'):>8}  {_('dead zone'):>11}  {_('slope'):>9}  {_('fit')}",
         ]
-        for name, s, way in zip(WAY_NAMES, self.sweeps, self.settings.ways, strict=True):
+        for name, s, way in zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True):
             lines.append(
                 f"{_(name):{name_width}}  {number(s.started):8.0%}  {number(way.dead_zone_permille / 10):9.1f} %  "
                 f"{number(way.slope_permille / 1000):9.2f}  ± {number(s.rms):.1%}"
             )
-        ways = zip(
-            (_("forwards"), _("backwards")),
-            self.before,
-            self.left_over,
-            self.turned_dps,
-            self.held_deg,
-            strict=True,
-        )
+        names = _("forwards"), _("backwards")
+        ways = zip(names, self.before, self.left_over, self.turned_dps, self.held_deg, strict=True)
         for name, b, e, w, h in ways:
             lines.append(
                 _(
@@ -150,33 +148,33 @@ def wiring_text(wiring: int) -> str:
     return _("wiring: {names}", names=", ".join(map(_, names)) or _("as in the guide"))
 
 
-def calibrate(rig: "FloorTests", notify: Notify = lambda text: None) -> Motors:
+def calibrate(floor: "FloorTests", notify: Notify = lambda text: None) -> MotorCalibration:
     """Find and store the settings of both motors; keep other settings. The vehicle turns, and drives to and fro 0.5 m.
 
     Raise AnswerNo if a motor does not turn the vehicle, or if the measurements do not allow a result. After any error
     the former settings are stored again, even in an Uno that is stopped; `notify` reports if the Uno accepted them.
     """
-    previous = rig.uno.settings(rig.wait)
+    previous, curves = floor.uno.settings(floor.wait), (WheelCurve(),) * 4
     motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
-    neutral = previous._replace(wiring=previous.wiring & ~motors, ways=(Way(),) * 4, dither_permille=0)
-    rig.uno.arm()
+    neutral = previous._replace(wiring=previous.wiring & ~motors, curves=curves, dither_permille=0)
+    floor.uno.arm()
     try:
-        rig.upright()
-        rig.store(neutral)
-        wiring = _wiring(rig, notify)
+        floor.check_upright()
+        floor.store(neutral)
+        wiring = _wiring(floor, notify)
         neutral = neutral._replace(wiring=neutral.wiring | wiring)
-        rig.store(neutral)
-        sweeps = _sweeps(rig, notify)
-        settings = neutral._replace(ways=ways_of(sweeps), dither_permille=previous.dither_permille)
-        return _equalise(rig, settings, sweeps, notify)
+        floor.store(neutral)
+        sweeps = _sweeps(floor, notify)
+        settings = neutral._replace(curves=wheel_curves(sweeps), dither_permille=previous.dither_permille)
+        return _equalise(floor, settings, sweeps, notify)
     except BaseException:
-        _restore_settings(rig, previous, notify)
+        _restore_settings(floor, previous, notify)
         raise
     finally:
-        rig.uno.disarm()
+        floor.uno.disarm()
 
 
-def _restore_settings(rig: "FloorTests", previous: Settings, notify: Notify) -> None:
+def _restore_settings(floor: "FloorTests", previous: Settings, notify: Notify) -> None:
     """Store the former settings again. Ctrl-C ends the attempts.
 
     An Uno that is still armed, because a command was lost, refuses the settings. Each attempt therefore disarms it
@@ -184,10 +182,10 @@ def _restore_settings(rig: "FloorTests", previous: Settings, notify: Notify) -> 
     """
     try:
         for remaining in reversed(range(MAX_TRIES)):
-            rig.uno.disarm()
-            rig.wait(0.05)
+            floor.uno.disarm()
+            floor.wait(0.05)
             try:
-                rig.uno.keep(previous, rig.wait)
+                floor.uno.store_settings(previous, floor.wait)
                 break
             except RobotUnreachable:
                 if not remaining:
@@ -199,7 +197,7 @@ def _restore_settings(rig: "FloorTests", previous: Settings, notify: Notify) -> 
                 "the Uno did not accept its former settings, and keeps those of an unfinished calibration. "
                 "The motors may run in the wrong direction. When the Uno responds again, calibrate it "
                 "again, or type its former settings: {as_typed}",
-                as_typed=uno_settings.typed_text(previous),
+                as_typed=uno_settings.settings_command(previous),
             )
         )
 
@@ -208,21 +206,21 @@ def _wheel_duties(wheel: int, duty: float, other_duty: float = 0.0) -> tuple[flo
     return (duty, other_duty) if wheel == 0 else (other_duty, duty)
 
 
-def _ramp(rig: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
+def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
     """Increase the duty of one motor until the vehicle turns; return that duty and the sign of the turn.  (1) Raise
     AnswerNo if the vehicle does not turn."""
-    bias = rig.rest(0.3).gyro[:, 2].mean()
+    bias = floor.samples_at_rest(0.3).gyro[:, 2].mean()
     levels: list[float] = []
 
     def duties(t_s: float) -> tuple[float, float]:
         levels.append(min(1.0, RAMP_PER_S * t_s))
         return _wheel_duties(wheel, direction * levels[-1])
 
-    samples = rig.follow(
+    samples = floor.follow_duties(
         duties, 1.0 / RAMP_PER_S + 0.5, lambda sample: abs(sample.gyro[2] - bias) > MIN_TURN_RAD_S
     )
     turn = samples.gyro[-1, 2] - bias
-    rig.hold(0.0, 0.0, PAUSE_S)
+    floor.hold_duties(0.0, 0.0, PAUSE_S)
     if abs(turn) <= MIN_TURN_RAD_S:
         raise AnswerNo(
             fault(
@@ -234,17 +232,17 @@ def _ramp(rig: "FloorTests", wheel: int, direction: float) -> tuple[float, float
     return levels[-1], float(np.sign(turn))
 
 
-def _wiring(rig: "FloorTests", notify: Notify) -> Wiring:
+def _wiring(floor: "FloorTests", notify: Notify) -> Wiring:
     """Return the flags of motor plugs that are reversed or swapped.  (1), (2)
 
     Raise AnswerNo if a motor does not turn the vehicle, or if the push is too weak.
     """
     notify(_("finding which motor is which: the vehicle will turn to both sides, then move forward and back"))
-    (left, turn_l), (right, turn_r) = _ramp(rig, 0, 1.0), _ramp(rig, 1, 1.0)
+    (left, turn_l), (right, turn_r) = _ramp(floor, 0, 1.0), _ramp(floor, 1, 1.0)
     # signs of commands that run both wheels in one direction, if the motors are not swapped
     signs = -turn_l, turn_r
     duties = [min(1.0, duty + EXTRA_DUTY) * sign for duty, sign in zip((left, right), signs, strict=True)]
-    push_m_s = _push(rig, duties) - _push(rig, [-d for d in duties])
+    push_m_s = _forward_speed_change(floor, duties) - _forward_speed_change(floor, [-d for d in duties])
     if abs(push_m_s) < PUSHED_M_S:
         raise AnswerNo(
             fault(
@@ -266,38 +264,39 @@ def _wiring(rig: "FloorTests", notify: Notify) -> Wiring:
     return wiring
 
 
-def _push(rig: "FloorTests", duties: list[float]) -> float:
+def _forward_speed_change(floor: "FloorTests", duties: list[float]) -> float:
     """Run both motors with `duties`; return the integral of the forward acceleration [m/s] without its bias.  (2)"""
-    bias = rig.rest(0.3).accel[:, 0].mean()
-    samples = rig.hold(duties[0], duties[1], PUSH_S)
-    rig.hold(0.0, 0.0, PAUSE_S)
+    bias = floor.samples_at_rest(0.3).accel[:, 0].mean()
+    samples = floor.hold_duties(duties[0], duties[1], PUSH_S)
+    floor.hold_duties(0.0, 0.0, PAUSE_S)
     return float(np.mean(samples.accel[:, 0] - bias) * PUSH_S)
 
 
-def _sweeps(rig: "FloorTests", notify: Notify) -> tuple[Sweep, ...]:
+def _sweeps(floor: "FloorTests", notify: Notify) -> Sweeps:
     """Return the sweeps of both wheels in both directions.  (3)"""
-    start_duties = [_ramp(rig, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
+    start_duties = [_ramp(floor, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
     sweeps = []
-    for index, name in enumerate(WAY_NAMES):
+    for index, name in enumerate(WHEEL_DIRECTIONS):
         wheel, direction = divmod(index, 2)
         sign = 1.0 - 2.0 * direction
         other_duty = min(1.0, start_duties[2 * (1 - wheel) + 1 - direction] + EXTRA_DUTY)  # the other way
-        sweeps.append(_sweep(rig, wheel, sign, start_duties[index], other_duty, name))
+        sweeps.append(_sweep(floor, wheel, sign, start_duties[index], other_duty, name))
         notify(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=sweeps[-1].dead_zone))
     return tuple(sweeps)
 
 
 def _sweep(
-    rig: "FloorTests", wheel: int, sign: float, start_duty: float, other_duty: float, name: str
+    floor: "FloorTests", wheel: int, sign: float, start_duty: float, other_duty: float, name: str
 ) -> Sweep:
-    bias = rig.rest(0.3).gyro[:, 2].mean()
+    bias = floor.samples_at_rest(0.3).gyro[:, 2].mean()
     turn = sign * TURN_SIGNS[wheel]
     duties = [*np.linspace(min(1.0, start_duty + 0.4), max(0.02, start_duty - 0.1), LEVEL_COUNT), 0.0]
     turn_rates = []
     for duty in duties:
-        samples = rig.hold(*_wheel_duties(wheel, sign * float(duty), -sign * other_duty), SETTLE_S + MEAN_S)
-        turn_rates.append(turn * float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias)))
-    rig.hold(0.0, 0.0, PAUSE_S)
+        wheel_duties = _wheel_duties(wheel, sign * float(duty), -sign * other_duty)
+        samples = floor.hold_duties(*wheel_duties, SETTLE_S + MEAN_S).after(SETTLE_S)
+        turn_rates.append(turn * float(np.mean(samples.gyro[:, 2] - bias)))
+    floor.hold_duties(0.0, 0.0, PAUSE_S)
     return fit_sweep(start_duty, np.array(duties[:-1]), np.array(turn_rates[:-1]) - turn_rates[-1], name)
 
 
@@ -329,53 +328,51 @@ def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) 
     return Sweep(started, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)
 
 
-def ways_of(sweeps: tuple[Sweep, ...]) -> tuple[Way, ...]:
+def wheel_curves(sweeps: Sweeps) -> tuple[WheelCurve, ...]:
     """Return the settings of each wheel and direction, in the order of the sweeps.  (4)"""
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
-    return tuple(Way(round(1000 * s.dead_zone), _clipped_slope(1000.0 * reach / s.gain)) for s in sweeps)
+    return tuple(WheelCurve(round(1000 * s.dead_zone), _clipped_slope(1e3 * reach / s.gain)) for s in sweeps)
 
 
 def _clipped_slope(permille: float) -> int:
     return int(np.clip(round(permille), 100, 3000))
 
 
-def _equalise(rig: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...], notify: Notify) -> Motors:
+def _equalise(floor: "FloorTests", settings: Settings, sweeps: Sweeps, notify: Notify) -> MotorCalibration:
     """Drive straight, correct the slopes, drive straight again, and return the result.  (5), (6)"""
     notify(_("straight ahead: half a metre forward and back, three times"))
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
-    rig.store(settings)
-    differences = tuple(_difference(rig, sign, reach)[0] for sign in (1.0, -1.0))
-    new_ways = list(settings.ways)
-    for index, way in enumerate(new_ways):
+    floor.store(settings)
+    differences = tuple(_wheel_difference(floor, sign, reach)[0] for sign in (1.0, -1.0))
+    curves = list(settings.curves)
+    for index, curve in enumerate(curves):
         wheel, direction = divmod(index, 2)
         factor = 1.0 - TURN_SIGNS[wheel] * 0.5 * differences[direction]
-        new_ways[index] = way._replace(slope_permille=_clipped_slope(way.slope_permille * factor))
-    settings = settings._replace(ways=tuple(new_ways))
-    rig.store(settings)
-    (forwards, turn_f), (backwards, turn_b) = (_difference(rig, sign, reach) for sign in (1.0, -1.0))
-    error_f, error_b = (_heading_error(rig, sign, reach) for sign in (1.0, -1.0))
-    return Motors(
+        curves[index] = curve._replace(slope_permille=_clipped_slope(curve.slope_permille * factor))
+    settings = settings._replace(curves=tuple(curves))
+    floor.store(settings)
+    (forwards, turn_f), (backwards, turn_b) = (_wheel_difference(floor, sign, reach) for sign in (1.0, -1.0))
+    error_f, error_b = (_heading_error(floor, sign, reach) for sign in (1.0, -1.0))
+    return MotorCalibration(
         settings, sweeps, (differences[0], differences[1]), (forwards, backwards),
-        (float(np.degrees(turn_f)), float(np.degrees(turn_b))),
-        (float(np.degrees(error_f)), float(np.degrees(error_b))),
+        (degrees(turn_f), degrees(turn_b)), (degrees(error_f), degrees(error_b)),
     )  # fmt: skip
 
 
-def _difference(rig: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
+def _wheel_difference(floor: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
     """Return ε of (5), positive if the right wheel is faster, and the turn [rad/s]."""
-    bias = rig.rest(0.3).gyro[:, 2].mean()
-    request = sign * STRAIGHT_REQUEST
-    samples: ImuSamples = rig.hold(request, request, STRAIGHT_S)
-    turn = float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias))
-    rig.hold(0.0, 0.0, PAUSE_S)
+    bias, request = floor.samples_at_rest(0.3).gyro[:, 2].mean(), sign * STRAIGHT_REQUEST
+    samples: ImuSamples = floor.hold_duties(request, request, STRAIGHT_S).after(SETTLE_S)
+    turn = float(np.mean(samples.gyro[:, 2] - bias))
+    floor.hold_duties(0.0, 0.0, PAUSE_S)
     return turn / (request * reach), turn
 
 
-def _heading_error(rig: "FloorTests", sign: float, reach: float) -> float:
+def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
     """Return the heading error [rad] after a straight drive with the heading held.  (6)"""
-    bias = rig.rest(0.3).gyro[:, 2].mean()
-    straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
-    law = HeadingHold(straight, place_poles(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, MAX_SPEED_SHARE)
+    bias = floor.samples_at_rest(0.3).gyro[:, 2].mean()
+    hand = ManualController(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
+    law = HeadingHold(hand, pole_placement_gains(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, MAX_SPEED_SHARE)
     state, psi, r, imu_ns = law.init(), 0.0, 0.0, -1
 
     def duties(t_s: float) -> tuple[float, float]:
@@ -391,10 +388,9 @@ def _heading_error(rig: "FloorTests", sign: float, reach: float) -> float:
     def integrate_gyro(sample: "Sample") -> bool:
         nonlocal psi, r, imu_ns
         r = float(sample.gyro[2] - bias)
-        psi += r * seconds(sample.t_ns, imu_ns) if imu_ns >= 0 else 0.0
-        imu_ns = sample.t_ns
+        psi, imu_ns = psi + (r * seconds(sample.t_ns, imu_ns) if imu_ns >= 0 else 0.0), sample.t_ns
         return False
 
-    rig.follow(duties, STRAIGHT_S, integrate_gyro)
-    rig.hold(0.0, 0.0, PAUSE_S)
+    floor.follow_duties(duties, STRAIGHT_S, integrate_gyro)
+    floor.hold_duties(0.0, 0.0, PAUSE_S)
     return psi

@@ -9,8 +9,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, TypeVar
 
 from baqueano.diagnostics import fault
-from baqueano.door.remote_session import answer_of, interrupt_on_hangup
-from baqueano.door.ssh import ssh, ssh_line
+from baqueano.door.remote_session import command_output, interrupt_on_hangup
+from baqueano.door.ssh import ssh_command, ssh_line
 from baqueano.door.states import DoorState
 from baqueano.errors import (
     INTERRUPTED,
@@ -108,7 +108,9 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     Raise the error that was raised at HOST, KeyboardInterrupt if the command was interrupted, or RobotUnreachable
     without a connection.
     """
-    output, code = answer_of(ssh(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"])))
+    output, code = command_output(
+        ssh_command(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"]))
+    )
     try:
         rows = printable_json(json.loads(output)["rows"])
         if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):

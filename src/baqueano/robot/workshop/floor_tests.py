@@ -50,14 +50,14 @@ class FloorTests:
     wait: Callable[[float], object] = time.sleep
     now_ns: Callable[[], int] = time.monotonic_ns
 
-    def hold(self, left: float, right: float, seconds: float) -> ImuSamples:
+    def hold_duties(self, left: float, right: float, seconds: float) -> ImuSamples:
         """Send these duties every 10 ms for this time, and return the IMU's samples.
 
         Raise SafetyStop if the link or the IMU fails.
         """
-        return self.follow(lambda t_s: (left, right), seconds)
+        return self.follow_duties(lambda t_s: (left, right), seconds)
 
-    def follow(
+    def follow_duties(
         self, duties: Callable[[float], tuple[float, float]], seconds: float,
         until: Callable[["Sample"], bool] = lambda sample: False,
     ) -> ImuSamples:  # fmt: skip
@@ -83,23 +83,23 @@ class FloorTests:
             np.array([s.gyro for s in samples]).reshape(-1, 3),
         )
 
-    def rest(self, seconds: float) -> ImuSamples:
+    def samples_at_rest(self, seconds: float) -> ImuSamples:
         """Return the IMU's samples at rest, with the motors at zero.
 
         Raise AnswerNo if the vehicle moves in each of ten attempts.
         """
         scatter = 0.0
         for _ in range(10):
-            self.hold(0.0, 0.0, 0.3)
-            samples = self.hold(0.0, 0.0, seconds)
+            self.hold_duties(0.0, 0.0, 0.3)
+            samples = self.hold_duties(0.0, 0.0, seconds)
             if samples.is_still:
                 return samples
             scatter = float(samples.gyro.std(axis=0).max())
         raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
 
-    def upright(self) -> None:
+    def check_upright(self) -> None:
         """Raise AnswerNo if the IMU's up axis deviates from the vertical by more than 26°, or if the vehicle moves."""
-        accel = self.rest(0.3).accel.mean(axis=0)
+        accel = self.samples_at_rest(0.3).accel.mean(axis=0)
         if accel[2] < MIN_TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
             raise AnswerNo(fault("floor.gravity", "baqueano robot calibrate imu", x=x, y=y, z=z))
@@ -108,7 +108,7 @@ class FloorTests:
         """Disarm, write `settings` into the Uno's EEPROM, and arm again."""
         self.uno.disarm()
         self.wait(0.05)
-        self.uno.keep(settings, self.wait)
+        self.uno.store_settings(settings, self.wait)
         self.uno.arm()
 
     def _check(self, uno_ns: int, imu_ns: int) -> None:

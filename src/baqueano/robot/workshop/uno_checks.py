@@ -39,7 +39,7 @@ def check_uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterat
             before = copy(link.statistics)  # excludes a first frame that was received without its beginning
             send_commands(link, seconds, time.sleep)
             yield from check_answers(link, least_battery_v, before)
-            yield memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older
+            yield check_memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older
     except BaqueanoError as error:
         yield Check(N_("serial line"), "bad", _("an Uno with our firmware was not found"), str(error))
 
@@ -55,7 +55,7 @@ def check_answers(
     link: "Uno", least_battery_v: float, previous: "Statistics", wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
     """Yield the checks of a link, with the losses since the statistics `previous`."""
-    from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
+    from baqueano.robot.uno.frames import PROTOCOL, VERSION, WheelCurve
 
     info, telemetry = link.info, link.receive()
     if info is None:
@@ -80,8 +80,8 @@ def check_answers(
         _("Type: baqueano robot flash"),
     )
     yield from check_link(link, previous)
-    yield at_uno(link.statistics, previous, info)
-    yield start(info)
+    yield check_received_frames(link.statistics, previous, info)
+    yield check_last_start(info)
     ppm = 1e6 * link.clock.skew
     yield Check(
         N_("Uno's clock"),
@@ -90,8 +90,8 @@ def check_answers(
         _("This error is too large for a resonator: does the board run at 16 MHz?"),
     )
     if telemetry:
-        yield battery(telemetry[-1].battery_v, least_battery_v)
-    calibrated = any(way != Way() for way in link.settings(wait).ways)
+        yield check_battery(telemetry[-1].battery_v, least_battery_v)
+    calibrated = any(way != WheelCurve() for way in link.settings(wait).curves)
     yield Check(
         N_("motors"),
         "ok" if calibrated else "warn",
@@ -116,7 +116,7 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
     lost_frames, damaged_frames, came = link.statistics.since(previous, "lost", "damaged", "received")
     yield Check(
         N_("frames"),
-        of_share((lost_frames + damaged_frames) / max(1, came + lost_frames)),
+        loss_verdict((lost_frames + damaged_frames) / max(1, came + lost_frames)),
         _(
             "{came} received, {lost} lost, {damaged} damaged",
             came=came,
@@ -127,13 +127,13 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
     )
 
 
-def at_uno(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
+def check_received_frames(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
     """Return the check of the frames sent to the Uno, from the counts of the Uno; `info` is its INFO."""
     frames, spoilt, ignored_frames, overrun = now.since(previous, "written", "spoilt", "ignored", "overrun")
     share = spoilt / max(1, frames)
     return Check(
         N_("frames to the Uno"),
-        "warn" if (ignored_frames or overrun) and share < LOSS_BAD else of_share(share),
+        "warn" if (ignored_frames or overrun) and share < LOSS_BAD else loss_verdict(share),
         _(
             "{written} sent, {spoilt} damaged ({share:.1f} %), {ignored} ignored, {overrun} bytes lost in "
             "its receiver; earlier, since its start, {earlier} damaged",
@@ -150,9 +150,9 @@ def at_uno(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
     )
 
 
-def start(info: "Info") -> Check:
+def check_last_start(info: "Info") -> Check:
     """Return the check of the cause of the Uno's last start; a brown-out at power-up is not a fault."""
-    from baqueano.robot.uno.frames import ResetCause, causes
+    from baqueano.robot.uno.frames import ResetCause, reset_cause_names
 
     cause = info.reset_cause
     hung, brown_out = cause & (ResetCause.WATCHDOG | ResetCause.HUNG), cause & ResetCause.BROWN_OUT
@@ -162,7 +162,8 @@ def start(info: "Info") -> Check:
         _(
             "number {boots}, by {causes}",
             boots=info.boots,
-            causes=" ".join(map(_, causes(cause).split())) or _("a cause that its boot-loader hides"),
+            causes=" ".join(map(_, reset_cause_names(cause).split()))
+            or _("a cause that its boot-loader hides"),
         ),
         _("Its firmware hung. Type: baqueano robot flash")
         if hung
@@ -172,7 +173,7 @@ def start(info: "Info") -> Check:
     )
 
 
-def memory(info: "Info") -> Check:
+def check_memory(info: "Info") -> Check:
     """Return the check of the RAM that the Uno's stack has never used. Too large a stack overwrites variables."""
     free = info.least_free_ram
     return Check(
@@ -183,12 +184,12 @@ def memory(info: "Info") -> Check:
     )
 
 
-def of_share(lost: float) -> str:
+def loss_verdict(lost: float) -> str:
     """Return the verdict on a share of lost frames, 0 to 1."""
     return "ok" if lost < LOSS_WARN else "warn" if lost < LOSS_BAD else "bad"
 
 
-def battery(volts: float, least_v: float) -> Check:
+def check_battery(volts: float, least_v: float) -> Check:
     """Return the check of the voltage of the motors' battery. The verdict is "unknown" if `least_v` is 0."""
     if least_v <= 0.0:
         return Check(

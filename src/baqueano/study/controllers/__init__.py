@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 
 from baqueano.study.controllers import drawing as drawing  # it adds `.plot()` and the card
 from baqueano.study.controllers.drives import Contestant, contestant, drive_robot
-from baqueano.study.controllers.result import JUDGED_BY, Controllers
+from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.sweep.result import SweepResult
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import OwnBlock
@@ -39,14 +39,14 @@ def controllers(
     for kind in (*kinds, *user_blocks):
         contestants.append(contestant(kind, starts, backend))
     work = partial(drive_robot, contestants=tuple(contestants), backend=backend)
-    drives_of_robots = spread_over(work, range(first, first + seeds), processes, advance)
+    drives_of_robots = run_in_processes(work, range(first, first + seeds), processes, advance)
     robots = sorted(drives_of_robots, key=lambda robot: robot.seed)
     drives = [robot for robot in robots if robot.drives]
     results = {
         figure: SweepResult(
             tuple(d for robot in drives for d in robot.drives[figure]), 0, contestants[0].label
         )
-        for figure in JUDGED_BY
+        for figure in EVALUATIONS
     }
     return Controllers(
         results, tuple(contestants), len(robots), tuple(robot.seed for robot in robots if not robot.drives)

@@ -5,17 +5,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.optional import of
+from baqueano.contracts.optional import attribute
 from baqueano.diagnostics import Verdict
-from baqueano.drive import repeat, stop_of
-from baqueano.estimators import StateOfWorld
+from baqueano.drive import repeat, stop_reason_of
+from baqueano.estimators import TrueState
 from baqueano.geometry import pose_error
 from baqueano.guides.shapes import rectangle, sinuous_circle
 from baqueano.identify import identify
 from baqueano.study.counterpart import LoopWorld
-from baqueano.study.driving import FREE, experiments, guess
+from baqueano.study.driving import FREE, initial_file, simulate_experiments
 from baqueano.study.truth import draw_robots
-from baqueano.sweep.figures import figures_of
+from baqueano.sweep.figures import drive_figures
 from baqueano.sweep.result import SweepCell, SweepDrive
 from baqueano.tune import tune
 from baqueano.vehicle_file import VehicleFile, load
@@ -54,7 +54,7 @@ def contestant(kind: "OwnBlock", start_count: int, backend: str) -> Contestant:
     if not isinstance(kind, str):
         return Contestant(label, kind, {}, ())
     vehicle_file = load("small").with_values({"controller.kind": kind})
-    if kind != "pd" and of(vehicle_file.controller(), "as_written"):
+    if kind != "pd" and attribute(vehicle_file.controller(), "as_written"):
         return Contestant(label, kind, {}, ())
     route = SHAPES["sinuous"]()
     tune_result = tune(
@@ -66,14 +66,14 @@ def contestant(kind: "OwnBlock", start_count: int, backend: str) -> Contestant:
         backend=backend,
     )
     return Contestant(
-        label, kind, tune_result.values, tuple(gain.name for gain in tune_result.gains if gain.limit)
+        label, kind, tune_result.values, tuple(gain.name for gain in tune_result.gains if gain.bound_side)
     )
 
 
 def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
     """Return the drives of one robot by all controllers."""
     robot, seeds = draw_robots(1, seed), range(seed, seed + 1)
-    fit = identify(experiments(robot, seeds)[0], guess(), FREE)
+    fit = identify(simulate_experiments(robot, seeds)[0], initial_file(), FREE)
     if fit.verdict == Verdict.REFUSED:
         return DrivenRobot(seed, {})
     vehicle_file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
@@ -81,7 +81,7 @@ def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) ->
         block = vehicle_file.controller(rival.kind, **rival.gains)
         cell = SweepCell(rival.label, "", rival.label, "repeat")
         for name, make in SHAPES.items():
-            route, label = from_origin(make()), f"robot {seed}, {name}"
+            route, label = relative_to_start(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):
                 world = LoopWorld(robot, seed + 1, vehicle_file.rate_hz)
                 run = _drive(vehicle_file, route, block, world, pose_known, backend)
@@ -91,7 +91,7 @@ def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) ->
     return drives
 
 
-def from_origin(route: "Route") -> "Route":
+def relative_to_start(route: "Route") -> "Route":
     """Return the route relative to its first pose, because a robot of the truth begins at the origin."""
     eta = np.array([pose_error(eta, route.eta[0]) for eta in route.eta])
     eta[:, 2] = route.eta[:, 2] - route.eta[0, 2]  # the heading is unwrapped
@@ -101,11 +101,11 @@ def from_origin(route: "Route") -> "Route":
 def _drive(
     vehicle_file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
 ) -> "Run":  # fmt: skip
-    estimator = StateOfWorld(lambda: world.motion) if pose_known else None
+    estimator = TrueState(lambda: world.motion) if pose_known else None
     return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
 def _figures_of(run: "Run", cell: SweepCell, label: str) -> SweepDrive:
-    figures, pieces = figures_of(run)
-    reason = stop_of(run)
+    figures, pieces = drive_figures(run)
+    reason = stop_reason_of(run)
     return SweepDrive(cell, label, figures, pieces, "" if reason is None else reason.code)

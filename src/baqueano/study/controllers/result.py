@@ -14,7 +14,7 @@ from baqueano.messages.language import translate as _
 from baqueano.study.controllers.drives import Contestant
 from baqueano.sweep.result import SweepResult
 
-JUDGED_BY = (N_("pose"), N_("estimate"), N_("truth"))
+EVALUATIONS = (N_("pose"), N_("estimate"), N_("truth"))
 FIGURE = "across_rms_m"
 MAX_RATIO_TO_PAPER = 1.0 / 3.0  # of the paper's PD: the limit for the best controller if the pose is known
 

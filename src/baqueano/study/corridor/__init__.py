@@ -10,9 +10,9 @@ from dataclasses import replace
 
 from baqueano.messages.language import translate as _
 from baqueano.study.corridor.drives import CorridorDrive, drive_batch
-from baqueano.study.corridor.recorded import ends_of_recordings
-from baqueano.study.corridor.result import AT_S, Corridors, Instant, gather
-from baqueano.sweep.workers import spread_over
+from baqueano.study.corridor.recorded import recording_instants
+from baqueano.study.corridor.result import INSTANTS_S, Corridors, Instant, corridors_of
+from baqueano.sweep.workers import run_in_processes
 
 VEHICLES_AT_ONCE = 10  # vehicles that are simulated together
 
@@ -31,7 +31,7 @@ def corridor(
         (range(k, min(k + VEHICLES_AT_ONCE, first + vehicles)), backend)
         for k in range(first, first + vehicles, VEHICLES_AT_ONCE)
     ]
-    results = spread_over(
+    results = run_in_processes(
         drive_batch, jobs, processes, lambda jobs_done: advance(jobs_done * VEHICLES_AT_ONCE)
     )
     drives = sorted((d for batch_drives, _ in results for d in batch_drives), key=lambda d: d.seed)
@@ -42,15 +42,15 @@ def with_recordings(
     corridors: Corridors, backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> Corridors:
     """Return the corridors of the vehicles with the corridors of windows of recordings added."""
-    ends, notes = ends_of_recordings(backend, progress)
-    windows = gather(ends, 0, ())
+    ends, notes = recording_instants(backend, progress)
+    windows = corridors_of(ends, 0, ())
     lost_cases = corridors.lost | windows.lost
     return replace(corridors, windows=windows.instants, lost=lost_cases, notes=(*corridors.notes, *notes))
 
 
 def evaluate_corridors(drives: list[CorridorDrive], refused_seeds: list[int]) -> Corridors:
-    """Return the corridors of drives, at the times AT_S and at the end of each lap."""
-    labelled_instants = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
+    """Return the corridors of drives, at the times INSTANTS_S and at the end of each lap."""
+    labelled_instants = [(f"{t:g} s", _instant(d, t)) for t in INSTANTS_S for d in drives if d.t_s[-1] >= t]
     laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
     labelled_instants += [
         (_("lap {k}", k=k), _instant(d, k * d.lap_s))
@@ -58,7 +58,7 @@ def evaluate_corridors(drives: list[CorridorDrive], refused_seeds: list[int]) ->
         for d in drives
         if d.t_s[-1] >= k * d.lap_s
     ]
-    return gather(labelled_instants, len(drives), refused_seeds)
+    return corridors_of(labelled_instants, len(drives), refused_seeds)
 
 
 def _instant(drive: CorridorDrive, t_s: float) -> Instant:

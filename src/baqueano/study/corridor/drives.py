@@ -9,7 +9,7 @@ from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.corridor.vehicles import identify_vehicles, switched_on_anew, vehicles
+from baqueano.study.corridor.vehicles import identify_vehicles, switch_on_again, vehicles
 from baqueano.study.driving import SHAPES, Loop
 from baqueano.study.truth import Robots, TruthWorld
 
@@ -39,12 +39,12 @@ def drive_batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]
         [seeds[k] for k in usable],
         [vehicle_file for vehicle_file in files if vehicle_file is not None],
     )
-    restarted_robots = switched_on_anew(robots.subset(usable), names, vehicle_files)
+    restarted_robots = switch_on_again(robots.subset(usable), names, vehicle_files)
     loops = [Loop(vehicle_file, False, backend) for vehicle_file in vehicle_files]
-    return follow(loops, restarted_robots, names), [s for s in seeds if s not in names]
+    return simulate_drives(loops, restarted_robots, names), [s for s in seeds if s not in names]
 
 
-def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[CorridorDrive]:
+def simulate_drives(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[CorridorDrive]:
     """Simulate the drive of each vehicle along the route of its seed, and return its errors and covariances."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     shapes = [list(SHAPES)[seed % len(SHAPES)] for seed in seeds]
@@ -59,7 +59,7 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
         TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])),
         np.zeros((n, 3)),
     )
-    sample_rows = [instants(route, rest_ticks, len(t_ns), rate_hz) for route in routes]
+    sample_rows = [recorded_ticks(route, rest_ticks, len(t_ns), rate_hz) for route in routes]
     errors: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
     for k, t in enumerate(t_ns):
         z, previous_u, u = world.tick(u, 1.0 / rate_hz), u, np.zeros((n, 3))
@@ -81,7 +81,7 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
     ]
 
 
-def instants(route: Route, rest_ticks: int, tick_count: int, rate_hz: float) -> set[int]:
+def recorded_ticks(route: Route, rest_ticks: int, tick_count: int, rate_hz: float) -> set[int]:
     """Return the ticks to record: one every RECORD_INTERVAL_S after the rest, and the ends of the laps."""
     laps = np.arange(1, tick_count) * float(route.t_s[-1]) * rate_hz
     ends = rest_ticks + np.rint(laps[laps < tick_count - rest_ticks]).astype(int)

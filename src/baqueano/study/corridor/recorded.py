@@ -23,8 +23,8 @@ from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolation import interpolate_poses
 from baqueano.study.corridor.result import Instant
 from baqueano.study.estimation.errors import WINDOWS_S
-from baqueano.study.estimation.judging import fit_subject
-from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, missing
+from baqueano.study.estimation.evaluation import fit_subject
+from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, missing_files
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
     from baqueano.signals import Tick
     from baqueano.vehicle_file import VehicleFile
 
-SCALE = "sensors.imu.gyro_scale"
+GYRO_SCALE_PATH = "sensors.imu.gyro_scale"
 SENSOR_SETS = {"calibrated": IMU, "raw": IMU, "odometer": BOTH}
 CASES = ("cpm", "dart")
 SCALE_STD = {"calibrated": 0.01, "raw": 0.03, "odometer": 0.01}  # deviation of the scale of the gyro
 MAX_TICKS = 1_000_000
 
 
-def ends_of_recordings(
+def recording_instants(
     backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> tuple[list[tuple[str, Instant]], list[str]]:
     """Return (name, instant) at the end of each window, such as "10 s, raw", and a note on each skipped recording."""
     out, notes = [], []
     for case in CASES:
-        if files := missing(case):
+        if files := missing_files(case):
             notes.append(
                 _(
                     "{case} is excluded: {files} is missing; set BAQUEANO_DATA to its folder",
@@ -64,12 +64,14 @@ def ends_of_recordings(
                     notes.append(_("{name}, {name2}: its fit is refused", name=subject.name, name2=name))
                     continue
                 for window_s in WINDOWS_S:
-                    ends = windows(vehicle_file, subject.test_run, window_s, backend)
+                    ends = window_instants(vehicle_file, subject.test_run, window_s, backend)
                     out += [(f"{window_s:g} s, {name}", instant) for instant in ends]
     return out, notes
 
 
-def windows(vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
+def window_instants(
+    vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto"
+) -> list[Instant]:
     """Return error and covariance of the filter of `vehicle_file` at the end of each window with known poses at both
     ends."""
     ekf, truth = vehicle_file.estimator(), run.truth
@@ -116,7 +118,7 @@ def _rows(ticks: Any, a: int, b: int) -> Any:
 
 def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
     """Return the initial file of the fit, with the sensor scales of the set `name` ("raw": the scale 1)."""
-    values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": SCALE_STD[name]}
+    values: JsonObject = {GYRO_SCALE_PATH: 1.0, f"{GYRO_SCALE_PATH}_std": SCALE_STD[name]}
     if name != "raw":
         scales = {
             figure.name: figure.value for figure in calibrate(subject.fit_run, subject.vehicle_file).numbers

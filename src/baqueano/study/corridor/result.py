@@ -23,7 +23,7 @@ from baqueano.messages.language import translate as _
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-AT_S = (10.0, 20.0, 40.0, 60.0)
+INSTANTS_S = (10.0, 20.0, 40.0, 60.0)
 COVERAGE, MAX_WIDENING = (0.90, 0.98), 1.3
 RECORDING_COVERAGE = (
     0.85,
@@ -141,7 +141,7 @@ def has_heading(instant: Instant) -> bool:
     return bool(instant.cov[2, 2] <= MAX_HEADING_STD_RAD**2)
 
 
-def gather(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
+def corridors_of(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
     """Return the corridors of named instants; the names keep the order of their first occurrence."""
     names = list(dict.fromkeys(name for name, _ in named))
     instants = {

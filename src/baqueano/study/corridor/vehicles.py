@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.study.driving import FREE, experiments, guess, merge_robots
+from baqueano.study.driving import FREE, initial_file, merge_robots, simulate_experiments
 from baqueano.study.truth import Robots, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
@@ -25,27 +25,30 @@ PAUSE_S = 600.0  # from the experiment to the drive
 
 def vehicles(seeds: Sequence[int]) -> Robots:
     """Return the vehicles during the experiment, with random gyro scales and unequal wheel radii."""
-    robots, draws = merge_robots([draw_robots(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
+    robots, draws = (
+        merge_robots([draw_robots(1, seed) for seed in seeds]),
+        [_random_generator(seed) for seed in seeds],
+    )
     scale = np.array([1.0 + draw.uniform(-SCALE_TOLERANCE, SCALE_TOLERANCE) for draw in draws])
     side = np.array([draw.choice([-0.5, 0.5]) * WHEEL_DIFFERENCE for draw in draws])
     imu = robots.imu.with_parameters(gyro_scale=scale, walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)))
     return robots.with_parameters(imu=imu, wheel=1.0 + np.stack([-side, side], axis=1))
 
 
-def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
+def switch_on_again(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
     """Return the vehicles with the gyro bias after they are switched on again, PAUSE_S after the experiment."""
     bias = robots.imu.bias.copy()
     for k, (seed, vehicle_file) in enumerate(zip(seeds, files, strict=True)):
         std = np.hypot(vehicle_file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
-        bias[k, 2] += std * _draw(seed + 1_000_000).standard_normal()
+        bias[k, 2] += std * _random_generator(seed + 1_000_000).standard_normal()
     return robots.with_parameters(imu=robots.imu.with_parameters(bias=bias))
 
 
 def identify_vehicles(robots: Robots, seeds: Sequence[int], backend: str) -> list[VehicleFile | None]:
     """Return the file of each vehicle after `identify --update`; None if the fit is refused."""
     vehicle_files: list[VehicleFile | None] = []
-    for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
-        fit = identify(run, guess(), FREE, options=FitOptions(backend=backend))
+    for run in simulate_experiments(robots, range(seeds[0], seeds[-1] + 1)):
+        fit = identify(run, initial_file(), FREE, options=FitOptions(backend=backend))
         is_refused = fit.verdict == Verdict.REFUSED
         vehicle_files.append(
             None if is_refused else measure_noise(fit, run, backend=backend).updated_file(fit.vehicle_file)
@@ -53,5 +56,5 @@ def identify_vehicles(robots: Robots, seeds: Sequence[int], backend: str) -> lis
     return vehicle_files
 
 
-def _draw(seed: int) -> np.random.Generator:
+def _random_generator(seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, 60])

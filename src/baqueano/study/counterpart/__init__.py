@@ -1,6 +1,6 @@
 """Vehicles of the independent truth in the form of the package: vehicle files, true parameters, and runs."""
 
-from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_numbers, car_values, with_car_numbers
+from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_unknowns, car_values, with_car_unknowns
 from baqueano.study.counterpart.recorded import (
     GroupDrive,
     drive_group,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from baqueano.study.counterpart.columns import BIASES, NO_COLUMN, add, column
+from baqueano.study.counterpart.columns import BIASES, NO_COLUMN, add_change, column
 from baqueano.study.truth import Cars
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -16,18 +16,18 @@ FREE_CAR = ("+model.drivetrain.delay_s", "+model.drivetrain.lag_s", "+model.quad
 SPEED, TEST_THROTTLE = "speed", 0.35  # a straight drive at this throttle
 
 
-PER_KG: dict[str, tuple[str, int]] = {  # path → field of Cars, column
+FIELDS_PER_MASS: dict[str, tuple[str, int]] = {  # path → field of Cars, column
     "model.throttle_gain": ("stall_n", NO_COLUMN),
     "model.linear_drag": ("rolling", NO_COLUMN),
     "model.quadratic_drag": ("air", NO_COLUMN),
     "model.coulomb_m_s2": ("dry_n", NO_COLUMN),
 }
-OF_CAR: dict[str, tuple[str, int]] = {
+CAR_FIELDS: dict[str, tuple[str, int]] = {
     "model.steering_gain": ("servo_rad", NO_COLUMN),
     "model.steering_offset_rad": ("servo_offset_rad", NO_COLUMN),
     "model.drivetrain.dead_zone_forward[0]": ("zone", 0),
 }
-BEYOND: dict[str, tuple[str, int]] = {  # parameters that are not in a file under that name
+FIELDS_OUTSIDE_FILE: dict[str, tuple[str, int]] = {  # parameters that are not in a file under that name
     "tyre_n_rad[0]": ("tyre_n_rad", 0),
     "tyre_n_rad[1]": ("tyre_n_rad", 1),
     **{name: (name, NO_COLUMN) for name in ("lag_s", "delay_s", "servo_lag_s")},
@@ -36,32 +36,36 @@ BEYOND: dict[str, tuple[str, int]] = {  # parameters that are not in a file unde
 
 def car_values(cars: Cars) -> dict[str, np.ndarray]:
     """Return path → true value (n,) of the parameters that have one, and the steady speed at TEST_THROTTLE."""
-    values = {path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in PER_KG.items()}
-    values |= {path: column(getattr(cars, name), k) for path, (name, k) in OF_CAR.items()}
+    values = {
+        path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in FIELDS_PER_MASS.items()
+    }
+    values |= {path: column(getattr(cars, name), k) for path, (name, k) in CAR_FIELDS.items()}
     zone = values["model.drivetrain.dead_zone_forward[0]"]
-    return values | {SPEED: speed_at(np.stack([*(values[path] for path in PER_KG), zone]))}
+    return values | {SPEED: speed_at(np.stack([*(values[path] for path in FIELDS_PER_MASS), zone]))}
 
 
-def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
-    """Return path → value (n,) of all unknowns of a run: parameters of the file, parameters of BEYOND, and biases."""
-    out = car_values(cars) | {path: column(getattr(cars, name), k) for path, (name, k) in BEYOND.items()}
+def car_unknowns(cars: Cars) -> dict[str, np.ndarray]:
+    """Return path → value (n,) of all unknowns of a run: parameters, FIELDS_OUTSIDE_FILE, and biases."""
+    out = car_values(cars) | {
+        path: column(getattr(cars, name), k) for path, (name, k) in FIELDS_OUTSIDE_FILE.items()
+    }
     del out[SPEED]
     return out | {path: column(getattr(cars.imu, name), k) for path, (name, k) in BIASES.items()}
 
 
-def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
-    """Return the cars with the given `values` (n,) of some entries of `car_numbers`, as its inverse."""
-    current = car_numbers(cars)
+def with_car_unknowns(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
+    """Return the cars with the given `values` (n,) of some entries of `car_unknowns`, as its inverse."""
+    current = car_unknowns(cars)
     car_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}
     for path, new in values.items():
         change = new - current[path]
         if path in BIASES:
-            add(imu_changes, cars.imu, BIASES[path], change)
-        elif path in PER_KG:
-            add(car_changes, cars, PER_KG[path], change * cars.mass_kg)
+            add_change(imu_changes, cars.imu, BIASES[path], change)
+        elif path in FIELDS_PER_MASS:
+            add_change(car_changes, cars, FIELDS_PER_MASS[path], change * cars.mass_kg)
         else:
-            add(car_changes, cars, (OF_CAR | BEYOND)[path], change)
+            add_change(car_changes, cars, (CAR_FIELDS | FIELDS_OUTSIDE_FILE)[path], change)
     return cars.with_parameters(imu=cars.imu.with_parameters(**imu_changes), **car_changes)
 
 

@@ -15,7 +15,9 @@ def column(values: np.ndarray, k: int) -> np.ndarray:
     return (values if k == NO_COLUMN else values[:, k]).copy()
 
 
-def add(changed: dict[str, np.ndarray], owner: object, entry: tuple[str, int], change: np.ndarray) -> None:
+def add_change(
+    changed: dict[str, np.ndarray], owner: object, entry: tuple[str, int], change: np.ndarray
+) -> None:
     """Add `change` (n,) to the field and column `entry` of `owner`. `changed` collects the changed fields by name."""
     name, k = entry
     changed.setdefault(name, getattr(owner, name).copy())

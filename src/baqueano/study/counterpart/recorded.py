@@ -17,11 +17,11 @@ class GroupDrive(NamedTuple):
     """The drives of n vehicles over N ticks."""
 
     t_ns: np.ndarray  # (N,)
-    z: np.ndarray  # (N, n, 3) readings of the IMU
-    quiet: np.ndarray  # (N, n, 3) without noise
+    readings: np.ndarray  # (N, n, 3) readings of the IMU
+    noiseless: np.ndarray  # (N, n, 3) without noise
     truth: np.ndarray  # (N, n, 9) η, ν, ν̇
-    rolled: np.ndarray  # (N, n) speed of the rolling wheels
-    wandered: np.ndarray  # (n, 3) drift of the biases, mean of all ticks
+    rolling_speed: np.ndarray  # (N, n) speed of the rolling wheels
+    bias_drift: np.ndarray  # (n, 3) drift of the biases, mean of all ticks
 
 
 def drive_group(
@@ -34,7 +34,7 @@ def drive_group(
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         z[k] = world.tick(u[k], float(dt_s))
         truth[k] = np.concatenate(world.truth, axis=1)
-        noiseless[k], wheel_travel[k] = world.quiet, world.rolling_speed
+        noiseless[k], wheel_travel[k] = world.noiseless_readings, world.rolling_speed
         drift += world.bias_drift / len(u)
     return GroupDrive(t_ns, z, noiseless, truth, wheel_travel, drift)
 
@@ -45,8 +45,8 @@ def readings_without_noise(
     """Return the readings (N, n, 3) of IMUs without noise, integrated in steps of `step_s`."""
     world, noiseless = world_of(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
-        world.go(u[k], float(dt_s))
-        noiseless[k] = world.quiet
+        world.move(u[k], float(dt_s))
+        noiseless[k] = world.noiseless_readings
     return noiseless
 
 
@@ -55,10 +55,12 @@ def run_of_vehicle(
 ) -> Run:
     """Return the run of vehicle `k` under u (N, m); with an odometer if the file has one."""
     t_ns, truth = group_drive.t_ns, group_drive.truth[:, k]
-    channels = {"imu": Channel(t_ns, t_ns, group_drive.z[:, k])}
+    channels = {"imu": Channel(t_ns, t_ns, group_drive.readings[:, k])}
     if "odometer" in vehicle_file.sensors._fields:
         noise = np.random.default_rng([seed, 22]).standard_normal((len(t_ns), 1))
-        channels["odometer"] = Channel(t_ns, t_ns, group_drive.rolled[:, k, None] + ODOMETER_M_S * noise)
+        channels["odometer"] = Channel(
+            t_ns, t_ns, group_drive.rolling_speed[:, k, None] + ODOMETER_M_S * noise
+        )
     metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
     log = TruthLog(t_ns, *np.split(truth, 3, axis=1))
     return Run(

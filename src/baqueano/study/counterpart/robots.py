@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from baqueano.study.counterpart.columns import BIASES, NO_COLUMN, add, column
+from baqueano.study.counterpart.columns import BIASES, NO_COLUMN, add_change, column
 from baqueano.study.truth import Robots
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -23,8 +23,8 @@ FREE_ROBOT = (
     "+sensors.imu.lever_arm_m",
     "+sensors.imu.heading_rad",
 )
-T = "model.actuator_matrix"
-OF_ROBOT: dict[str, tuple[str, int]] = {  # path → field of Robots, column
+ACTUATOR_MATRIX_PATH = "model.actuator_matrix"
+ROBOT_FIELDS: dict[str, tuple[str, int]] = {  # path → field of Robots, column
     **{f"model.friction.linear[{k}]": ("viscous", k) for k in range(3)},
     **{f"model.friction.quadratic[{k}]": ("quadratic", k) for k in range(3)},
     **{f"model.friction.coulomb[{k}]": ("dry", k) for k in (0, 2)},
@@ -34,25 +34,25 @@ OF_ROBOT: dict[str, tuple[str, int]] = {  # path → field of Robots, column
     "model.drivetrain.delay_s": ("delay_s", NO_COLUMN),
     "model.centre_of_mass_x_m": ("ahead_m", NO_COLUMN),
 }
-OF_IMU: dict[str, tuple[str, int]] = {
+IMU_FIELDS: dict[str, tuple[str, int]] = {
     **{f"sensors.imu.lever_arm_m[{k}]": ("place_m", k) for k in range(2)},
     "sensors.imu.heading_rad": ("turn_rad", NO_COLUMN),
     **BIASES,
 }
-ENTRIES = ("00", "02", "10", "12", "20", "22")
+MATRIX_ENTRIES = ("00", "02", "10", "12", "20", "22")
 
 
 def robot_values(robots: Robots) -> dict[str, np.ndarray]:
     """Return the true value (n,) of each parameter that a fit of `robot_file` can estimate."""
-    out = {path: column(getattr(robots, name), k) for path, (name, k) in OF_ROBOT.items()}
-    out |= {path: column(getattr(robots.imu, name), k) for path, (name, k) in OF_IMU.items()}
+    out = {path: column(getattr(robots, name), k) for path, (name, k) in ROBOT_FIELDS.items()}
+    out |= {path: column(getattr(robots.imu, name), k) for path, (name, k) in IMU_FIELDS.items()}
     force = robots.gain * robots.stall_n[:, None]
     X, Y = force * np.cos(robots.toe_rad), force * np.sin(robots.toe_rad)
     N = X * robots.arm_m
     for i, pushes in enumerate((X, Y, N)):  # (1); the left wheel turns the robot in the other direction
         left_push = -pushes[:, 0] if i == 2 else pushes[:, 0]
-        out[f"{T}[{i},0]"] = left_push + pushes[:, 1]
-        out[f"{T}[{i},2]"] = pushes[:, 1] - left_push
+        out[f"{ACTUATOR_MATRIX_PATH}[{i},0]"] = left_push + pushes[:, 1]
+        out[f"{ACTUATOR_MATRIX_PATH}[{i},2]"] = pushes[:, 1] - left_push
     return out
 
 
@@ -63,12 +63,12 @@ def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
     imu_changes: dict[str, np.ndarray] = {}
     current = robot_values(robots)
     for path in values:
-        if path in OF_ROBOT:
-            add(robot_changes, robots, OF_ROBOT[path], new[path] - current[path])
-        elif path in OF_IMU:
-            add(imu_changes, robots.imu, OF_IMU[path], new[path] - current[path])
-    if any(path.startswith(T) for path in values):
-        t = {entry: new[f"{T}[{entry[0]},{entry[1]}]"] for entry in ENTRIES}
+        if path in ROBOT_FIELDS:
+            add_change(robot_changes, robots, ROBOT_FIELDS[path], new[path] - current[path])
+        elif path in IMU_FIELDS:
+            add_change(imu_changes, robots.imu, IMU_FIELDS[path], new[path] - current[path])
+    if any(path.startswith(ACTUATOR_MATRIX_PATH) for path in values):
+        t = {entry: new[f"{ACTUATOR_MATRIX_PATH}[{entry[0]},{entry[1]}]"] for entry in MATRIX_ENTRIES}
         X, Y = (0.5 * np.stack([t[f"{i}0"] - t[f"{i}2"], t[f"{i}0"] + t[f"{i}2"]], axis=1) for i in (0, 1))
         N = 0.5 * np.stack([t["22"] - t["20"], t["22"] + t["20"]], axis=1)
         robot_changes |= {
@@ -82,7 +82,7 @@ def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
 def robot_file(robot: Robots) -> VehicleFile:
     """Return the file of one robot with its true values."""
     value = {path: float(v[0]) for path, v in robot_values(robot).items()}
-    matrix = [[value.get(f"{T}[{i},{j}]", 0.0) for j in range(3)] for i in range(3)]
+    matrix = [[value.get(f"{ACTUATOR_MATRIX_PATH}[{i},{j}]", 0.0) for j in range(3)] for i in range(3)]
     arrays = {
         "model.friction.coulomb": [
             value["model.friction.coulomb[0]"],
@@ -90,13 +90,14 @@ def robot_file(robot: Robots) -> VehicleFile:
             value["model.friction.coulomb[2]"],
         ]
     }
-    for path in OF_ROBOT | OF_IMU:
+    for path in ROBOT_FIELDS | IMU_FIELDS:
         name, _, entry = path.partition("[")
         if entry and name not in arrays:
             arrays[name] = [v for k, v in value.items() if k.startswith(f"{name}[")]
     scalar_values = {path: v for path, v in value.items() if "[" not in path}
     exact = {
-        "model.mass_kg": float(robot.mass_kg[0]), "model.inertia_kg_m2": float(robot.inertia_kg_m2[0]), T: matrix,
+        "model.mass_kg": float(robot.mass_kg[0]), "model.inertia_kg_m2": float(robot.inertia_kg_m2[0]),
+        ACTUATOR_MATRIX_PATH: matrix,
         "model.drivetrain.gain": [1.0, 1.0], "sensors.imu.tilt_rad": robot.imu.tilt_rad[0].tolist(),
         "model.process_noise_std": robot.floor[0].tolist(), "sensors.imu.gyro_noise_std": float(robot.imu.noise[0, 2]),
         "sensors.imu.accel_noise_std": robot.imu.noise[0, :2].tolist(),

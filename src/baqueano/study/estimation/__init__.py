@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 
 from baqueano.messages.language import translate as _
 from baqueano.study.estimation import simulated as independent
-from baqueano.study.estimation.judging import evaluate
+from baqueano.study.estimation.evaluation import evaluate
 from baqueano.study.estimation.result import EstimationStudy
-from baqueano.study.estimation.subjects import SETUPS, SUBJECTS, missing
-from baqueano.study.recordings import check_present
+from baqueano.study.estimation.subjects import SENSOR_SETS, SUBJECTS, missing_files
+from baqueano.study.recordings import check_cpm_present
 
 SIMULATED = "simulated"
 CASES = (*SUBJECTS, SIMULATED)
@@ -25,7 +25,7 @@ def estimation(
     estimator, else the file's. Raise FileError with the names of the files if nothing can be evaluated."""
     outcomes_of_cases, left_out = [], []
     for name in (name for name in cases if name in SUBJECTS):
-        if files := missing(name):
+        if files := missing_files(name):
             left_out.append(
                 _(
                     "{name} is excluded: {files} is missing; set BAQUEANO_DATA to its folder",
@@ -35,7 +35,7 @@ def estimation(
             )
             continue
         for subject in SUBJECTS[name][0]():
-            for sensors in SETUPS:
+            for sensors in SENSOR_SETS:
                 progress(
                     _(
                         "{name}, {sensors}: fitting {duration_s:.0f} s, testing on others",
@@ -47,14 +47,14 @@ def estimation(
                 outcomes_of_cases += evaluate(subject, sensors, kinds, backend)
     if not (seeds and SIMULATED in cases):
         if not outcomes_of_cases:
-            check_present()
+            check_cpm_present()
         return EstimationStudy(tuple(outcomes_of_cases), notes=tuple(left_out))
     progress(_("simulating, fitting and testing {seeds} vehicles", seeds=seeds))
     outcomes = independent.simulate_outcomes(seeds, kinds, backend, processes)
-    rows, vehicle_rows = independent.rows(outcomes), independent.each_vehicle(outcomes)
+    rows, vehicle_rows = independent.rows(outcomes), independent.vehicle_rows(outcomes)
     return EstimationStudy(
         tuple(outcomes_of_cases),
         tuple(rows),
         tuple(vehicle_rows),
-        (*left_out, independent.sentence(outcomes)),
+        (*left_out, independent.count_sentence(outcomes)),
     )

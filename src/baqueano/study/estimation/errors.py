@@ -30,7 +30,7 @@ QUANTITIES = (SPEED, WHOLE_RUN, N_("position, 10 s [m rms]"), N_("position, 20 s
 class BlockSums(NamedTuple):
     """Sums of squared errors over B blocks, of the estimate and of its reference."""
 
-    ours: np.ndarray  # (B,)
+    estimate: np.ndarray  # (B,)
     reference: np.ndarray  # (B,)
     samples: np.ndarray  # (B,) number of samples
 
@@ -38,12 +38,12 @@ class BlockSums(NamedTuple):
     def rms(self) -> tuple[float, float]:
         """Return the rms errors of the estimate and of the reference."""
         n = max(float(np.sum(self.samples)), 1.0)
-        return float(np.sqrt(np.sum(self.ours) / n)), float(np.sqrt(np.sum(self.reference) / n))
+        return float(np.sqrt(np.sum(self.estimate) / n)), float(np.sqrt(np.sum(self.reference) / n))
 
     @property
     def ratio(self) -> tuple[float, float, float]:
         """Return the ratio of the rms errors and its 95 % interval, which is NaN for few blocks.  (1)"""
-        return ratio_of_blocks(self.ours, self.reference)
+        return ratio_of_blocks(self.estimate, self.reference)
 
 
 def merge(block_sums: Sequence[BlockSums]) -> BlockSums:

@@ -52,9 +52,9 @@ def dead_reckoning(vehicle_file: "VehicleFile", run: "Run", nu: np.ndarray, star
     arm_m = float(vehicle_file.data["model"].get("rear_axle_m", np.nan))
     lateral = arm_m * r if np.isfinite(arm_m) else nu[:, 1]
     dt_s = np.diff(run.t_s)
-    psi = start[2] + np.concatenate([[0.0], np.cumsum(_middle(r) * dt_s)])
-    displacement = np.stack([_middle(v), _middle(lateral)], axis=1) * dt_s[:, None]
-    cos, sin = np.cos(_middle(psi)), np.sin(_middle(psi))
+    psi = start[2] + np.concatenate([[0.0], np.cumsum(_midpoints(r) * dt_s)])
+    displacement = np.stack([_midpoints(v), _midpoints(lateral)], axis=1) * dt_s[:, None]
+    cos, sin = np.cos(_midpoints(psi)), np.sin(_midpoints(psi))
     steps = np.stack(
         [
             cos * displacement[:, 0] - sin * displacement[:, 1],
@@ -73,5 +73,5 @@ def _readings(run: "Run", sensor: str, entry: int) -> np.ndarray:
     return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), channel.z[finite, entry])
 
 
-def _middle(x: np.ndarray) -> np.ndarray:
+def _midpoints(x: np.ndarray) -> np.ndarray:
     return 0.5 * (x[1:] + x[:-1])

@@ -22,7 +22,7 @@ from baqueano.study.estimation.subjects import BOTH
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.study.estimation.judging import JudgedEstimate
+    from baqueano.study.estimation.evaluation import EstimateEvaluation
 
 REFUSED = Verdict.REFUSED
 MAX_SINGLE_RATIO = 1.10
@@ -42,7 +42,7 @@ REFERENCE_NAMES = {
 class EstimationStudy:
     """The evaluated recordings, and the evaluated robots and cars of the independent truth."""
 
-    estimates: tuple["JudgedEstimate", ...]
+    estimates: tuple["EstimateEvaluation", ...]
     simulated: tuple["JsonObject", ...] = ()  # rows: the fraction of vehicles that are not worse
     vehicles: tuple["JsonObject", ...] = ()  # rows: one for each vehicle, only for machine use
     notes: tuple[str, ...] = ()  # sentences on what was not evaluated
@@ -56,7 +56,7 @@ class EstimationStudy:
         case_rows = [
             row | ({"ok": None} if estimate.fit == REFUSED else {})
             for estimate in self.estimates
-            for row in (*_of_one(estimate), *_of_consistency(estimate))
+            for row in (*_evaluation_rows(estimate), *_consistency_rows(estimate))
         ]
         return [*case_rows, *self.pooled_ratios(), *self.simulated]
 
@@ -81,7 +81,7 @@ class EstimationStudy:
                         row(
                             _("all, {sensors}", sensors=sensors),
                             estimator,
-                            _("{quantity}, {name} ratio", quantity=_short(quantity), name=_(name)),
+                            _("{quantity}, {name} ratio", quantity=_short_name(quantity), name=_(name)),
                             value,
                             bar,
                         )
@@ -106,8 +106,8 @@ class EstimationStudy:
                     "{recording}, {estimator}: {quantity} is {times}",
                     recording=r["recording"],
                     estimator=r["estimator"],
-                    quantity=_short(r["quantity"]),
-                    times=_times(r),
+                    quantity=_short_name(r["quantity"]),
+                    times=_ratio_text(r),
                 )
                 for r in misses
             ),
@@ -195,7 +195,7 @@ def row(recording: str, estimator: str, quantity: str, value: float, bar: float)
     }  # fmt: skip
 
 
-def _of_one(estimate: "JudgedEstimate") -> list["TableRow"]:
+def _evaluation_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
     out = []
     for quantity, errors in estimate.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
@@ -205,7 +205,7 @@ def _of_one(estimate: "JudgedEstimate") -> list["TableRow"]:
     return out
 
 
-def _of_consistency(estimate: "JudgedEstimate") -> list["TableRow"]:
+def _consistency_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
     """Return rows with NEES and NIS compared with 1, and the lag-1 autocorrelation of each innovation with 0."""
     consistency, out = estimate.consistency, []
     figures = {
@@ -228,10 +228,10 @@ def _of_consistency(estimate: "JudgedEstimate") -> list["TableRow"]:
     return out
 
 
-def _short(quantity: str) -> str:
+def _short_name(quantity: str) -> str:
     return _(quantity).partition(" [")[0]
 
 
-def _times(row: "TableRow") -> str:
+def _ratio_text(row: "TableRow") -> str:
     ratio = row.get("ratio", row["value"])
     return f"{number(ratio):.2f}" if ratio == row["value"] else _("{ratio:.2f} × the reference", ratio=ratio)

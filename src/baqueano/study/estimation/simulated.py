@@ -24,21 +24,21 @@ from baqueano.messages.language import translate as _
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, run_of_vehicle
 from baqueano.study.estimation.errors import QUANTITIES
-from baqueano.study.estimation.judging import JudgedEstimate, evaluate
-from baqueano.study.estimation.subjects import SETUPS, Subject
+from baqueano.study.estimation.evaluation import EstimateEvaluation, evaluate
+from baqueano.study.estimation.subjects import SENSOR_SETS, Subject
 from baqueano.study.faults.subject import VEHICLES, subject
 from baqueano.study.faults.subject import FaultSubject as Driven
 from baqueano.study.truth import Cars, Robots
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import parse
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-SECONDS = 40.0
+DURATION_S = 40.0
 SHARE, ALONE = 0.95, 1.10
-TOGETHER = 8  # vehicles that are simulated together
-OTHER = 10_000  # added to a seed, for the signal and the noise of the evaluation run
+BATCH_SIZE = 8  # vehicles that are simulated together
+TEST_SEED_OFFSET = 10_000  # added to a seed, for the signal and the noise of the evaluation run
 FULL_LOCK = {"command.limit": [0.6, 0.8]}
 ODOMETER = '\n[sensors.odometer]\nkind = "odometer"\nrate_hz = 100.0\nnoise_std = 0.02\n'
 
@@ -56,12 +56,12 @@ class SimulatedOutcome(NamedTuple):
     """The evaluation of one simulated vehicle."""
 
     seed: int
-    lacking: str
-    estimates: tuple[JudgedEstimate, ...]  # each set of sensors, each estimator
-    failed: str  # the error that prevented an evaluation, or ""
+    unmodelled_effect: str
+    estimates: tuple[EstimateEvaluation, ...]  # each set of sensors, each estimator
+    error: str  # the error that prevented an evaluation, or ""
 
 
-def slip(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+def with_slip(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     """Return the vehicle with wheels that slip; a car also has soft tyres."""
     if isinstance(q, Robots):
         return q.with_parameters(
@@ -73,32 +73,38 @@ def slip(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     )
 
 
-def backlash(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+def with_backlash(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     """Return the vehicle with gears that have 1 to 5 mm of play."""
     return q.with_parameters(
         transmission=q.transmission.with_parameters(play_m=draw.uniform(0.001, 0.005, 1))
     )
 
 
-def slope(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+def with_slope(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     """Return the vehicle on a floor that rises by 2 to 6° in a random direction."""
     rise, way = np.radians(draw.uniform(2.0, 6.0, 1)), draw.uniform(-np.pi, np.pi, 1)
     return q.with_parameters(slope_rad=rise, slope_heading_rad=way)
 
 
-def second_lag(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
+def with_second_lag(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     """Return the vehicle with motors of the second order."""
     return q.with_parameters(
         transmission=q.transmission.with_parameters(second_lag_s=draw.uniform(0.04, 0.12, 1))
     )
 
 
-LACKING = {N_("slip"): slip, N_("backlash"): backlash, N_("slope"): slope, N_("second lag"): second_lag}
+UNMODELLED_EFFECTS = {
+    N_("slip"): with_slip,
+    N_("backlash"): with_backlash,
+    N_("slope"): with_slope,
+    N_("second lag"): with_second_lag,
+}
 
 
-def lacking(seed: int) -> tuple[str, str]:
+def unmodelled_effect(seed: int) -> tuple[str, str]:
     """Return the effect that the model of that seed does not include, and its kind of vehicle."""
-    return list(LACKING)[seed % len(LACKING)], VEHICLES[seed // len(LACKING) % len(VEHICLES)]
+    cycle, effect = divmod(seed, len(UNMODELLED_EFFECTS))
+    return list(UNMODELLED_EFFECTS)[effect], VEHICLES[cycle % len(VEHICLES)]
 
 
 def simulate_outcomes(
@@ -111,25 +117,27 @@ def simulate_outcomes(
     """Return the evaluations of vehicles with seeds 0 … `seeds` − 1."""
     jobs = []
     for vehicle in VEHICLES:
-        some = [seed for seed in range(seeds) if lacking(seed)[1] == vehicle]
+        some = [seed for seed in range(seeds) if unmodelled_effect(seed)[1] == vehicle]
         jobs += [
-            EstimationJob(vehicle, tuple(some[k : k + TOGETHER]), tuple(kinds), backend)
-            for k in range(0, len(some), TOGETHER)
+            EstimationJob(vehicle, tuple(some[k : k + BATCH_SIZE]), tuple(kinds), backend)
+            for k in range(0, len(some), BATCH_SIZE)
         ]
-    return [outcome for batch in spread_over(work, jobs, processes, advance) for outcome in batch]
+    return [
+        outcome for batch in run_in_processes(evaluate_job, jobs, processes, advance) for outcome in batch
+    ]
 
 
-def work(job: EstimationJob) -> list[SimulatedOutcome]:
+def evaluate_job(job: EstimationJob) -> list[SimulatedOutcome]:
     """Return the evaluations of the vehicles of a job."""
     out = []
     for seed, test_subject in zip(job.seeds, _subjects(job), strict=True):
         estimates, failure = [], ""
-        for sensors in SETUPS:
+        for sensors in SENSOR_SETS:
             try:
                 estimates += evaluate(test_subject, sensors, job.kinds, job.backend)
             except BaqueanoError as error:
                 failure = f"{test_subject.name}, {sensors}: {error}"
-        out.append(SimulatedOutcome(seed, lacking(seed)[0], tuple(estimates), failure))
+        out.append(SimulatedOutcome(seed, unmodelled_effect(seed)[0], tuple(estimates), failure))
     return out
 
 
@@ -137,13 +145,16 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return the share of vehicles that are not worse: a row per set of sensors, estimator, effect and quantity."""
     out = []
     named_estimates = [
-        (outcome.lacking, j) for outcome in outcomes for j in outcome.estimates if j.fit != Verdict.REFUSED
+        (outcome.unmodelled_effect, j)
+        for outcome in outcomes
+        for j in outcome.estimates
+        if j.fit != Verdict.REFUSED
     ]
     for sensors, estimator in dict.fromkeys((j.sensors, j.estimator) for _name, j in named_estimates):
         estimator_rows = [
             (name, j) for name, j in named_estimates if (j.sensors, j.estimator) == (sensors, estimator)
         ]
-        for name in (*LACKING, N_("all")):
+        for name in (*UNMODELLED_EFFECTS, N_("all")):
             some = [j for lack, j in estimator_rows if name in (lack, "all")]
             for quantity in QUANTITIES if some else ():
                 ratios = np.array([j.errors[quantity].ratio[0] for j in some])
@@ -158,7 +169,7 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     return out
 
 
-def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
+def vehicle_rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
     out = []
     for j in (j for outcome in outcomes for j in outcome.estimates):
@@ -171,10 +182,10 @@ def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     return out
 
 
-def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
+def count_sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
     """Return a sentence with the numbers of vehicles, refused fits and failures."""
     refusals = sum(j.fit == Verdict.REFUSED for outcome in outcomes for j in outcome.estimates)
-    failures = [outcome.failed for outcome in outcomes if outcome.failed]
+    failures = [outcome.error for outcome in outcomes if outcome.error]
     details = f": {'; '.join(failures[:2])}" if failures else ""
     return _(
         "{vehicles} simulated vehicles, {refused} fits refused, {failed} failed{why}.",
@@ -191,10 +202,14 @@ def _subjects(job: EstimationJob) -> list[Subject]:
     for seed in job.seeds:
         of = subject(job.vehicle, seed)
         of = of._replace(vehicle_file=_file(of, seed))
-        signals += [of._replace(seed=run_seed).signal(SECONDS) for run_seed in (seed, seed + OTHER)]
-        vehicles += 2 * [LACKING[lacking(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))]
+        signals += [
+            of._replace(seed=run_seed).signal(DURATION_S) for run_seed in (seed, seed + TEST_SEED_OFFSET)
+        ]
+        vehicles += 2 * [
+            UNMODELLED_EFFECTS[unmodelled_effect(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))
+        ]
         files.append(of.vehicle_file)
-    seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + OTHER)]
+    seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + TEST_SEED_OFFSET)]
     group = vehicles[0].merge(vehicles[1:])
     drive = drive_group(
         group, np.stack(signals, axis=1), seeds, tick_times(len(signals[0]), files[0].rate_hz)
@@ -206,7 +221,9 @@ def _subjects(job: EstimationJob) -> list[Subject]:
             for j in (2 * k, 2 * k + 1)
         )
         first = replace(first, truth=None)  # a real fit does not have a truth
-        out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", vehicle_file, first, second, free))
+        out.append(
+            Subject(f"{unmodelled_effect(seed)[0]}, {job.vehicle} {seed}", vehicle_file, first, second, free)
+        )
     return out
 
 
@@ -214,4 +231,8 @@ def _file(driven: Driven, seed: int) -> Any:
     """Return the subject's file with an odometer; a car with slipping tyres has its full steering range."""
     if "odometer" not in driven.vehicle_file.sensors._fields:
         return parse(driven.vehicle_file.text + ODOMETER, driven.vehicle_file.name)
-    return driven.vehicle_file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else driven.vehicle_file
+    return (
+        driven.vehicle_file.with_values(FULL_LOCK)
+        if unmodelled_effect(seed)[0] == "slip"
+        else driven.vehicle_file
+    )

@@ -15,15 +15,15 @@ from typing import NamedTuple
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run, import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recordings import missing_of
+from baqueano.study.recordings import missing_paths
 from baqueano.vehicle_file import VehicleFile, load, parse
 
 IMU, BOTH = "imu", "imu + odometer"
-SETUPS = {IMU: ("imu",), BOTH: ("imu", "odometer")}
+SENSOR_SETS = {IMU: ("imu",), BOTH: ("imu", "odometer")}
 FREE_DRIVING = "dart_jetracer/free_driving_*.csv.gz"
 BAG = "dart_jetracer/4_sept_random_driving_slow.bag"
 CPM = ("cpm_mucar/run_a_vehicle.csv.gz", "cpm_mucar/run_b_vehicle.csv.gz")
-RECORDED = Path(__file__).parent.parent / "recorded"
+RECORDED_FOLDER = Path(__file__).parent.parent / "recorded"
 
 
 class Subject(NamedTuple):
@@ -38,7 +38,7 @@ class Subject(NamedTuple):
 
 def cpm() -> list[Subject]:
     """Return the two CPM subjects: one is fitted to run a and evaluated on run b, the other one vice versa."""
-    return _both_ways(
+    return _cross_validation_subjects(
         "cpm", load("car"), {"a": import_run("cpm_run_a").run, "b": import_run("cpm_run_b").run}
     )
 
@@ -49,7 +49,9 @@ def dart() -> list[Subject]:
     runs = [
         imported_run.run for imported_run in import_runs("dart_jetracer_vicon", [str(folder / FREE_DRIVING)])
     ]
-    return _both_ways("dart", load(RECORDED / "jetracer.toml"), dict(zip("12", runs, strict=True)))
+    return _cross_validation_subjects(
+        "dart", load(RECORDED_FOLDER / "jetracer.toml"), dict(zip("12", runs, strict=True))
+    )
 
 
 def dart_bag() -> list[Subject]:
@@ -65,9 +67,9 @@ SUBJECTS: dict[str, tuple[Callable[[], list[Subject]], tuple[str, ...]]] = {
 }
 
 
-def missing(name: str) -> list[str]:
+def missing_files(name: str) -> list[str]:
     """Return the files of the recordings `name` that are missing."""
-    return missing_of(SUBJECTS[name][1])
+    return missing_paths(SUBJECTS[name][1])
 
 
 def with_sensors(vehicle_file: VehicleFile, names: tuple[str, ...]) -> VehicleFile:
@@ -79,7 +81,7 @@ def with_sensors(vehicle_file: VehicleFile, names: tuple[str, ...]) -> VehicleFi
     return parse(text, vehicle_file.name).with_values({"estimator.use": list(names)})
 
 
-def _both_ways(name: str, vehicle_file: VehicleFile, runs: dict[str, Run]) -> list[Subject]:
+def _cross_validation_subjects(name: str, vehicle_file: VehicleFile, runs: dict[str, Run]) -> list[Subject]:
     (a, first), (b, second) = runs.items()
     return [
         Subject(f"{name} {a} → {b}", vehicle_file, first, second),

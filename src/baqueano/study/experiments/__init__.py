@@ -17,9 +17,9 @@ from typing import Any
 
 from baqueano.identify.design.room import room_of
 from baqueano.messages.language import translate as _
-from baqueano.study.experiments.drives import outcome, plans, vehicles_around
+from baqueano.study.experiments.drives import plan_signals, signal_outcome, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, merge, rows_of
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import load
 
 ROOMS = (("small", "2x2", 7), ("small", "3x3", 6), ("car", "4x4", 7))  # file, room, vehicles
@@ -33,7 +33,7 @@ def experiments(
     rows, every = [], {}
     for name, size, count in ROOMS:
         progress(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
-        draws = of_file(name, size, count, seed, duration_s, processes, backend)
+        draws = errors_around_file(name, size, count, seed, duration_s, processes, backend)
         rows += rows_of(name, size, draws)
         for signal, part in draws.items():
             every.setdefault(signal, []).append(part)
@@ -41,15 +41,15 @@ def experiments(
     return Experiments((*rows, *rows_of("all", "", whole)), duration_s)
 
 
-def of_file(
+def errors_around_file(
     name: str, size: str, count: int, seed: int, duration_s: float, processes: int, backend: str
 ) -> dict[str, SignalErrors]:
     """Return signal → errors and margins on `count` vehicles around the file."""
     vehicle_file = load(name)
     room, vehicles = room_of(vehicle_file, size), vehicles_around(vehicle_file, count, seed)
-    signal_plans = plans(vehicle_file, room, count, seed, duration_s, backend)
-    work = partial(outcome, vehicles=vehicles, name=name, room=room, seed=seed)
-    draws = dict(spread_over(work, list(signal_plans.items()), processes))
+    signal_plans = plan_signals(vehicle_file, room, count, seed, duration_s, backend)
+    work = partial(signal_outcome, vehicles=vehicles, name=name, room=room, seed=seed)
+    draws = dict(run_in_processes(work, list(signal_plans.items()), processes))
     if len(draws) < len(signal_plans):
         raise KeyboardInterrupt
     return {signal: draws[signal] for signal in signal_plans}

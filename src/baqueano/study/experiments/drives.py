@@ -12,7 +12,12 @@ from baqueano.identify.design.signals import KINDS, excitation
 from baqueano.identify.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, SignalErrors
-from baqueano.study.identification.bound import bound_of, numbers, perturbed_copies, substitute
+from baqueano.study.identification.bound import (
+    cramer_rao_bound,
+    free_values,
+    perturbed_copies,
+    with_free_values,
+)
 from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -28,7 +33,7 @@ class PlannedDrive(NamedTuple):
     seconds: float  # planning time, the longest
 
 
-def plans(
+def plan_signals(
     vehicle_file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
 ) -> dict[str, PlannedDrive]:
     """Return signal → commands of all vehicles; the designed commands are the same for all vehicles."""
@@ -59,14 +64,16 @@ def vehicles_around(vehicle_file: VehicleFile, count: int, seed: int) -> Robots 
         )
     q = q.with_parameters(floor=np.tile(vehicle_file.vehicle.process_noise_std, (count, 1)))
     draw = np.random.default_rng([seed, 71])
-    paths = [path for path in possible_vehicles(vehicle_file, vehicle_count=2).paths if path in numbers(q)]
+    paths = [
+        path for path in possible_vehicles(vehicle_file, vehicle_count=2).paths if path in free_values(q)
+    ]
     unit = draw.uniform(-SPREAD, SPREAD, (len(paths), count))
-    return substitute(
+    return with_free_values(
         q, {path: float(vehicle_file.value(path)) * (1.0 + x) for path, x in zip(paths, unit, strict=True)}
     )
 
 
-def outcome(
+def signal_outcome(
     job: tuple[str, PlannedDrive], vehicles: Robots | Cars, name: str, room: Room, seed: int
 ) -> tuple[str, SignalErrors]:
     """Return the name of a signal, and its errors and margins on the vehicles."""
@@ -77,7 +84,7 @@ def outcome(
     quiet = np.split(
         ideal_readings(group, np.repeat(plan.u, many, axis=1), vehicle_file.rate_hz), len(each), axis=1
     )
-    paths = [path for path in unknowns(vehicle_file).names if path in numbers(vehicles)]
+    paths = [path for path in unknowns(vehicle_file).names if path in free_values(vehicles)]
     errors = [_error(readings, q, paths) for readings, q in zip(quiet, each, strict=True)]
     repeats = vehicles.subset(np.repeat(np.arange(len(each)), DRIVES).tolist())
     seeds = [seed + 1000 + k for k in range(len(each) * DRIVES)]
@@ -95,18 +102,18 @@ def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np
     for now in u:
         world.tick(now, 1.0 / rate_hz)
         wheel_travel = [world.rolling_speed[:, None]] if isinstance(vehicles, Cars) else []
-        out.append(np.concatenate([world.quiet, *wheel_travel], axis=1))
+        out.append(np.concatenate([world.noiseless_readings, *wheel_travel], axis=1))
     return np.stack(out)
 
 
 def _error(quiet: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:
     """Return the mean error (1) of one vehicle from the readings (N, 2p, m) of its perturbed copies."""
-    value = {path: abs(float(x[0])) for path, x in numbers(vehicle).items()}
-    bound = bound_of(quiet, vehicle, {path: _size(path, value) for path in value})
+    value = {path: abs(float(x[0])) for path, x in free_values(vehicle).items()}
+    bound = cramer_rao_bound(quiet, vehicle, {path: _parameter_scale(path, value) for path in value})
     return mean_error(np.array([bound[path] / value[path] for path in paths]))
 
 
-def _size(path: str, value: dict[str, float]) -> float:
+def _parameter_scale(path: str, value: dict[str, float]) -> float:
     """Return the prior standard deviation of a parameter: NUISANCE_STD for a bias, else the magnitude of its value.
     If the value is 0, return the largest magnitude in its field, or 1.
     """

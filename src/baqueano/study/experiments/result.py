@@ -12,7 +12,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 
 DESIGNED, BASELINE = "designed", "random_steps"
-RATIO = 1.5
+MIN_RATIO = 1.5
 
 
 class ExperimentRow(NamedTuple):
@@ -35,25 +35,25 @@ class ExperimentRow(NamedTuple):
 class Experiments:
     """The table of `study experiments`, with its verdict."""
 
-    each: tuple[ExperimentRow, ...]
+    signal_rows: tuple[ExperimentRow, ...]
     duration_s: float
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each requirement that is missed."""
-        out, by_vehicle = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
-        if by_vehicle["all"].ratio < RATIO:
+        out, by_vehicle = [], {row.vehicle: row for row in self.signal_rows if row.signal == DESIGNED}
+        if by_vehicle["all"].ratio < MIN_RATIO:
             out.append(
                 _(
                     "the designed signal is {ratio:.2f} times better than random steps; expected "
                     "{wanted:g} times",
                     ratio=by_vehicle["all"].ratio,
-                    wanted=RATIO,
+                    wanted=MIN_RATIO,
                 )
             )
         if above := by_vehicle["all"].above_best:
             out.append(_("for {above} vehicles another signal gives more information", above=above))
-        exits = sum(row.left for row in self.each if row.vehicle != "all")
+        exits = sum(row.left for row in self.signal_rows if row.vehicle != "all")
         if exits:
             out.append(_("in {left} drives the body left the room", left=exits))
         if by_vehicle["all"].seconds > self.duration_s / 6.0:
@@ -73,7 +73,7 @@ class Experiments:
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row per file and signal."""
-        return [row._asdict() for row in self.each]
+        return [row._asdict() for row in self.signal_rows]
 
     def table(self) -> str:
         """Return the rows and reasons as a text table."""
@@ -82,7 +82,7 @@ class Experiments:
             f"{_('above best'):>12}"
         )
         lines = [f"{head}{_('outside'):>10}{_('nearest'):>9}{_('made in'):>9}"]
-        for r in self.each:
+        for r in self.signal_rows:
             lines.append(
                 f"{_(r.vehicle):14}{r.room:6}{_(r.signal):14}{number(100.0 * r.mean_error):>9.4f} "
                 f"%{number(r.ratio):>7.2f}×{r.above_best:>6} / {r.vehicles:<2}{r.left:>6} / "
@@ -101,11 +101,11 @@ class SignalErrors(NamedTuple):
 
 def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[ExperimentRow]:
     """Return a row for each signal on the vehicles of one file and room."""
-    base = _geometric(draws[BASELINE].errors)
+    base = _geometric_mean(draws[BASELINE].errors)
     rows = []
     for signal, drive in draws.items():
         rival_errors = np.min([d.errors for s, d in draws.items() if s != signal], axis=0)
-        error = _geometric(drive.errors)
+        error = _geometric_mean(drive.errors)
         rows.append(
             ExperimentRow(
                 vehicle, size, signal, error, base / error, int(np.sum(drive.errors > rival_errors)), len(drive.errors),
@@ -121,5 +121,5 @@ def merge(parts: list[SignalErrors]) -> SignalErrors:
     return SignalErrors(errors, margins, max(part.seconds for part in parts))
 
 
-def _geometric(x: np.ndarray) -> float:
+def _geometric_mean(x: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(x))))

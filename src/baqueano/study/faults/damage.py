@@ -17,11 +17,11 @@ from baqueano.vehicle_file import VehicleFile
 Damage = Callable[[Run, VehicleFile, np.random.Generator], Run | None]
 
 
-def _with(run: Run, z: np.ndarray, name: str = "imu") -> Run:
+def _with_readings(run: Run, z: np.ndarray, name: str = "imu") -> Run:
     return replace(run, sensors={**run.sensors, name: run.sensors[name]._replace(z=z)})
 
 
-def _z(run: Run) -> np.ndarray:
+def _imu_readings(run: Run) -> np.ndarray:
     return run.sensors["imu"].z.copy()
 
 
@@ -30,18 +30,18 @@ def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> R
     for name, channel in run.sensors.items():
         std = np.sqrt(np.diagonal(getattr(vehicle_file.sensors, name).cov))
         hit = rng.random(channel.z.shape) < 0.1
-        run = _with(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * std, name)
+        run = _with_readings(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * std, name)
     return run
 
 
 def gyro_in_degrees(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged gyro to degrees per second."""
-    return _with(run, _z(run) * [1.0, 1.0, 180.0 / np.pi])
+    return _with_readings(run, _imu_readings(run) * [1.0, 1.0, 180.0 / np.pi])
 
 
 def accelerometer_in_g(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged accelerometers to multiples of 9.80665 m/s²."""
-    return _with(run, _z(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
+    return _with_readings(run, _imu_readings(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
 
 
 def time_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -71,9 +71,9 @@ def _command_scale(run: Run, vehicle_file: VehicleFile) -> np.ndarray:
 
 def clip_imu(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Clip each channel of the IMU at 50 to 80 % of its largest reading."""
-    z = _z(run)
+    z = _imu_readings(run)
     end = rng.uniform(0.5, 0.8) * np.max(np.abs(z), axis=0)
-    return _with(run, np.clip(z, -end, end))
+    return _with_readings(run, np.clip(z, -end, end))
 
 
 def late_sensor(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -136,63 +136,63 @@ def bursts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run
 
 def hold_samples(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat each IMU sample for 3 to 8 readings, as if the IMU measured more slowly than it is read."""
-    z, hold_count = _z(run), int(rng.integers(3, 9))
-    return _with(run, z[np.arange(len(z)) // hold_count * hold_count])
+    z, hold_count = _imu_readings(run), int(rng.integers(3, 9))
+    return _with_readings(run, z[np.arange(len(z)) // hold_count * hold_count])
 
 
 def stuck(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat one sample of the IMU for 5 to 20 % of the run."""
-    z = _z(run)
+    z = _imu_readings(run)
     length = int(rng.uniform(0.05, 0.2) * len(z))
     first_row = int(rng.integers(0, len(z) - length))
     z[first_row : first_row + length] = z[first_row]
-    return _with(run, z)
+    return _with_readings(run, z)
 
 
 def zeros(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set 5 to 30 % of the IMU samples to zero."""
-    z = _z(run)
+    z = _imu_readings(run)
     z[rng.random(len(z)) < rng.uniform(0.05, 0.3)] = 0.0
-    return _with(run, z)
+    return _with_readings(run, z)
 
 
 def not_numbers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set 1 to 20 % of the IMU's readings to NaN."""
-    z = _z(run)
+    z = _imu_readings(run)
     z[rng.random(z.shape) < rng.uniform(0.01, 0.2)] = np.nan
-    return _with(run, z)
+    return _with_readings(run, z)
 
 
 def axes_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Swap a_x and a_y in the log."""
-    return _with(run, _z(run)[:, [1, 0, 2]])
+    return _with_readings(run, _imu_readings(run)[:, [1, 0, 2]])
 
 
 def axis_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Invert the sign of one of a_x, a_y, ω_z."""
     sign = np.ones(3)
     sign[rng.integers(0, 3)] = -1.0
-    return _with(run, _z(run) * sign)
+    return _with_readings(run, _imu_readings(run) * sign)
 
 
 def gyro_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Invert the sign of ω_z."""
-    return _with(run, _z(run) * [1.0, 1.0, -1.0])
+    return _with_readings(run, _imu_readings(run) * [1.0, 1.0, -1.0])
 
 
 def gravity_on_an_axis(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace a_x or a_y by gravity and noise, as if the IMU were mounted upright."""
-    z, axis = _z(run), int(rng.integers(0, 2))
+    z, axis = _imu_readings(run), int(rng.integers(0, 2))
     std = float(np.sqrt(vehicle_file.sensors.imu.cov[axis, axis]))
     z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + std * rng.standard_normal(len(z))
-    return _with(run, z)
+    return _with_readings(run, z)
 
 
 def dead_channel(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set one of a_x, a_y, ω_z to 0 in the whole run."""
-    z = _z(run)
+    z = _imu_readings(run)
     z[:, rng.integers(0, 3)] = 0.0
-    return _with(run, z)
+    return _with_readings(run, z)
 
 
 def motors_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run | None:

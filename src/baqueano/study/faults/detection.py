@@ -32,8 +32,8 @@ from baqueano.study.faults.logging import LOGGING
 from baqueano.study.faults.structures import STRUCTURES, FaultPlan
 from baqueano.study.faults.subject import VEHICLES, FaultSubject, subject
 from baqueano.study.faults.undamaged import undamaged_run
-from baqueano.study.wrong import wrong
-from baqueano.sweep.workers import spread_over
+from baqueano.study.wrong_estimates import wrong_mask
+from baqueano.sweep.workers import run_in_processes
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -68,11 +68,11 @@ class FaultOutcome(NamedTuple):
     job: FaultJob
     verdict: str  # ERROR: the fit did not start, and the message gave the reason; CRASH: the program failed
     wrong: bool
-    off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
-    clean: float
+    error_rms: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
+    undamaged_error_rms: float
     reasons: tuple[str, ...]  # codes
-    left: float = np.nan  # error of the clean run without the readings that the damaged run lost
-    lost: float = np.nan  # the lost part of the readings
+    reduced_error_rms: float = np.nan  # error of the clean run without the readings that the damaged run lost
+    lost_share: float = np.nan  # the lost part of the readings
 
 
 class FaultInputs(NamedTuple):
@@ -82,19 +82,19 @@ class FaultInputs(NamedTuple):
     run: Run
     free: tuple[str, ...]
     truth: dict[str, float]
-    clean: Run | None = None  # the run before the damage, if both are compared
+    undamaged_run: Run | None = None  # the run before the damage, if both are compared
 
 
-def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
+def run_fault_jobs(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     """Return the outcomes of faults on one vehicle and seed. Faults that do not apply to the vehicle are skipped."""
     fault_subject = subject(jobs[0].vehicle, jobs[0].seed)
-    outcomes, undamaged_fit = [], _Before(fault_subject, jobs[0].backend)
+    outcomes, undamaged_fit = [], _UndamagedFit(fault_subject, jobs[0].backend)
     for job, inputs in _inputs(fault_subject, jobs):
         outcomes.append(_outcome(job, inputs, undamaged_fit))
     return outcomes
 
 
-def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_Before") -> FaultOutcome:
+def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_UndamagedFit") -> FaultOutcome:
     try:
         fit = identify(inputs.run, inputs.vehicle_file, inputs.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
@@ -105,15 +105,18 @@ def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_Before") -> Fa
         LookupError,
     ) as error:  # a fault of the program, which is part of the verdict of the study
         return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
-    is_wrong = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, inputs.truth))))
+    is_wrong = bool(np.any(wrong_mask(fit.estimate, fit.sd, _true_values(fit, inputs.truth))))
     outcome = FaultOutcome(
         job, fit.verdict, is_wrong, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)
     )
-    if inputs.clean is None:
+    if inputs.undamaged_run is None:
         return outcome
-    clean = undamaged_fit.fit(inputs.clean)
-    outcome = outcome._replace(off=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth))
-    undamaged = undamaged_run(inputs.clean, inputs.run, inputs.vehicle_file)
+    clean = undamaged_fit.fit(inputs.undamaged_run)
+    outcome = outcome._replace(
+        error_rms=_error_rms(fit, clean, inputs.truth),
+        undamaged_error_rms=_error_rms(clean, clean, inputs.truth),
+    )
+    undamaged = undamaged_run(inputs.undamaged_run, inputs.run, inputs.vehicle_file)
     if undamaged is None:
         return outcome
     repaired_fit = identify(
@@ -122,10 +125,12 @@ def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_Before") -> Fa
         inputs.free,
         options=FitOptions(diagnose=False, backend=job.backend),
     )
-    return outcome._replace(left=_rms(repaired_fit, clean, inputs.truth), lost=undamaged[1])
+    return outcome._replace(
+        reduced_error_rms=_error_rms(repaired_fit, clean, inputs.truth), lost_share=undamaged[1]
+    )
 
 
-class _Before:
+class _UndamagedFit:
     """The fit of the undamaged run of a vehicle and seed: it is computed once for all damages."""
 
     def __init__(self, subject: FaultSubject, backend: str) -> None:
@@ -144,12 +149,12 @@ class _Before:
         return self._clean_fit
 
 
-def _true(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
+def _true_values(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
     return np.array([truth.get(name, np.nan) for name in fit.names])
 
 
-def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
-    z = (fit.estimate - _true(fit, truth)) / clean.sd
+def _error_rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
+    z = (fit.estimate - _true_values(fit, truth)) / clean.sd
     z = z[np.isfinite(z)]
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
 
@@ -172,7 +177,9 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
             harmed_run = DAMAGED[job.fault](_copy(undamaged_drive), subject.vehicle_file, rng)
             clean = undamaged_drive if job.fault in REPAIRED else None
             if harmed_run is not None:
-                truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in SUMS}
+                truth = {
+                    k: x for k, x in subject.truth.items() if (job.fault, k) not in UNCOMPARED_PARAMETERS
+                }
                 inputs_of_jobs.append(
                     (job, FaultInputs(subject.vehicle_file, harmed_run, subject.free, truth, clean))
                 )
@@ -200,14 +207,18 @@ def _planned_inputs(
         return []
     first_drives = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
     second = [
-        (plan.second or plan.vehicle, plan.effective, u) for _, plan, u in plans if plan.second is not None
+        (plan.second_vehicle or plan.vehicle, plan.effective, u)
+        for _, plan, u in plans
+        if plan.second_vehicle is not None
     ]
     runs = subject.runs(*zip(*first_drives, *second, strict=True))
     second_runs, inputs_of_plans = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):
-        second_run = next(second_runs) if plan.second is not None else run
+        second_run = next(second_runs) if plan.second_vehicle is not None else run
         run = plan.change(run, second_run) if plan.change else run
-        free_paths = tuple(path for path in subject.free if path.removeprefix("+") not in plan.without)
+        free_paths = tuple(
+            path for path in subject.free if path.removeprefix("+") not in plan.excluded_parameters
+        )
         inputs_of_plans.append(
             (
                 job,
@@ -240,19 +251,19 @@ class Faults:
 
     outcomes: tuple[FaultOutcome, ...]
     requested: int  # number of fits of the call
-    tried: int  # fits that ended
+    attempted: int  # fits that ended
 
     def rows(self) -> list["TableRow"]:
         """Return a row per fault, the undamaged runs first."""
-        return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._of(fault)]
+        return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._outcomes_of(fault)]
 
-    def _of(self, fault: str) -> list[FaultOutcome]:
+    def _outcomes_of(self, fault: str) -> list[FaultOutcome]:
         return [o for o in self.outcomes if o.job.fault == fault]
 
     def _row(self, fault: str) -> "JsonObject":
-        own_outcomes = self._of(fault)
+        own_outcomes = self._outcomes_of(fault)
         is_undamaged = fault in UNDAMAGED
-        losses = [o.lost for o in own_outcomes if np.isfinite(o.lost)]
+        losses = [o.lost_share for o in own_outcomes if np.isfinite(o.lost_share)]
         return {
             "fault": fault,
             "fits": len(own_outcomes),
@@ -265,9 +276,9 @@ class Faults:
             "warn": sum(o.verdict == Verdict.WARN for o in own_outcomes),
             "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes),
             "crashed": sum(o.verdict == "CRASH" for o in own_outcomes),
-            "over_clean": _ratio([(o.off, o.clean) for o in own_outcomes]),
+            "over_clean": _ratio([(o.error_rms, o.undamaged_error_rms) for o in own_outcomes]),
             "lost": float(np.median(losses)) if losses else None,
-            "over_left": _ratio([(o.off, o.left) for o in own_outcomes]),
+            "over_left": _ratio([(o.error_rms, o.reduced_error_rms) for o in own_outcomes]),
         }
 
     @property
@@ -330,14 +341,20 @@ class Faults:
                 f"{_(r['fault']):<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
                 f"  {verdicts:<20}{ratio_texts[0]:>12}{loss:>8}{ratio_texts[1]:>12}"
             )
-        sound = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
-        warnings = sum(o.verdict == Verdict.WARN for o in sound)
+        undamaged = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
+        warnings = sum(o.verdict == Verdict.WARN for o in undamaged)
         lines += [
             "",
-            _("{warned} of {sound} runs without faults have a warning", warned=warnings, sound=len(sound)),
+            _(
+                "{warned} of {sound} runs without faults have a warning",
+                warned=warnings,
+                sound=len(undamaged),
+            ),
         ]
-        if self.tried < self.requested:
-            lines.append(_("interrupted: {tried} of {asked} fits", tried=self.tried, asked=self.requested))
+        if self.attempted < self.requested:
+            lines.append(
+                _("interrupted: {tried} of {asked} fits", tried=self.attempted, asked=self.requested)
+            )
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
 
 
@@ -370,13 +387,13 @@ def faults(
         for k in range(0, len(of), FAULTS_AT_ONCE)
     ]
     report = advance or (lambda n: None)
-    batches_done = spread_over(work, batches, processes, lambda n: report(n * FAULTS_AT_ONCE))
+    batches_done = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULTS_AT_ONCE))
     outcomes = tuple(o for batch in batches_done for o in batch)
     requested = sum(map(len, batches))
     return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(batches_done)]))))
 
 
-SUMS = {
+UNCOMPARED_PARAMETERS = {
     ("late sensors", "model.drivetrain.delay_s")
 }  # a run shows only the sum of both, and a note reports it
 NOT_FOR_CARS = ("motors swapped", "motor inverted", "caster flips", "centre of mass", "tilted floor")

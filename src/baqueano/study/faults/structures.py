@@ -23,8 +23,10 @@ class FaultPlan(NamedTuple):
     vehicle: Robots | Cars
     effective: np.ndarray  # (N, m)
     vehicle_file: VehicleFile
-    without: tuple[str, ...] = ()  # parameters that are fixed, so that the fit cannot find the effect
-    second: Robots | Cars | None = None  # another vehicle with the same commands
+    excluded_parameters: tuple[
+        str, ...
+    ] = ()  # parameters that are fixed, so that the fit cannot find the effect
+    second_vehicle: Robots | Cars | None = None  # another vehicle with the same commands
     change: Callable[[Run, Run], Run] | None = None  # changes the run, with the run of the second vehicle
 
 
@@ -62,7 +64,7 @@ def _throttle(
     return _plan(subject, _command(subject, w), **more)
 
 
-def dead_zone(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def dead_zone(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Remove the dead zone from the model; a car's true dead zone is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
     zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
@@ -73,31 +75,39 @@ def dead_zone(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
     return plan
 
 
-def saturation(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def saturation(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Saturate the force at 40 to 70 % of the full force, as with slipping wheels."""
     end = rng.uniform(0.4, 0.7)
     return _throttle(subject, u, lambda w: end * np.tanh(w / end))
 
 
-def lag(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def lag(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Give the motors a time constant of 50 to 300 ms, and remove the lag from the model."""
     lagging_vehicle = subject.vehicle.with_parameters(lag_s=rng.uniform(0.05, 0.3, 1))
-    return FaultPlan(lagging_vehicle, u, subject.vehicle_file.with_values({LAG: 0.0}), without=(LAG,))
+    return FaultPlan(
+        lagging_vehicle, u, subject.vehicle_file.with_values({LAG: 0.0}), excluded_parameters=(LAG,)
+    )
 
 
-def delay(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def delay(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Delay the commands by 20 to 150 ms, and remove the delay from the model."""
     delayed_vehicle = subject.vehicle.with_parameters(delay_s=rng.uniform(0.02, 0.15, 1))
-    return FaultPlan(delayed_vehicle, u, subject.vehicle_file.with_values({DELAY: 0.0}), without=(DELAY,))
+    return FaultPlan(
+        delayed_vehicle, u, subject.vehicle_file.with_values({DELAY: 0.0}), excluded_parameters=(DELAY,)
+    )
 
 
-def fading_battery(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def fading_battery(
+    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+) -> FaultPlan:
     """Reduce the voltage evenly by 15 to 50 % over the run."""
     loss = rng.uniform(0.15, 0.5)
     return _throttle(subject, u, lambda w: w * (1.0 - loss * np.linspace(0.0, 1.0, len(w))))
 
 
-def sagging_battery(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def sagging_battery(
+    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+) -> FaultPlan:
     """Reduce the voltage by 20 to 50 % at full command, and in proportion below."""
     loss = rng.uniform(0.2, 0.5)
     return _throttle(subject, u, lambda w: w * (1.0 - loss * np.abs(w)))
@@ -108,7 +118,7 @@ def _velocity(run: Run) -> np.ndarray:
     return np.zeros((0, 3)) if run.truth is None else run.truth.nu
 
 
-def backlash(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def backlash(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Set the force to zero for 50 to 200 ms after a change of its sign."""
     ticks = round(rng.uniform(0.05, 0.2) * subject.vehicle_file.rate_hz)
 
@@ -125,11 +135,13 @@ def backlash(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Ge
     return _throttle(subject, u, loose)
 
 
-def caster(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
+def caster(
+    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+) -> FaultPlan | None:
     """Add a kick about z when the vehicle reverses; it decays with a time constant of 0.2 to 0.5 s. None for a car."""
     if isinstance(subject.vehicle, Cars):
         return None
-    nu = _velocity(sound)
+    nu = _velocity(undamaged)
     amplitude, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * subject.vehicle_file.rate_hz
     kick, level, previous_sign = np.zeros(len(u)), 0.0, 1.0
     for k, v in enumerate(nu[:, 0]):
@@ -142,21 +154,21 @@ def caster(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Gene
     return _plan(subject, effective)
 
 
-def cogging(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def cogging(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Let the force ripple by 10 to 40 % with the rolled distance, with a period of 2 to 10 cm."""
-    nu = _velocity(sound)
+    nu = _velocity(undamaged)
     distance_m = np.cumsum(nu[:, 0]) / subject.vehicle_file.rate_hz
     ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * distance_m / rng.uniform(0.02, 0.1))
     return _throttle(subject, u, lambda w: w * (1.0 + ripple))
 
 
-def one_sided(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def one_sided(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the backward force to 50 to 80 % of the forward force."""
     backward_fraction = rng.uniform(0.5, 0.8)
     return _throttle(subject, u, lambda w: np.where(w < 0.0, backward_fraction * w, w))
 
 
-def slipping(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def slipping(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the force of a robot's wheel, or of a car, to 30 % for 5 s. Then an odometer reads 1.5 times the speed."""
     w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
@@ -171,7 +183,7 @@ def slipping(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Ge
     return _plan(subject, _command(subject, w), change=ahead)
 
 
-def dry_friction(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def dry_friction(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Add dry friction of 5 to 30 % of the full force along x, of a robot also about z.
     Remove dry friction from the fitted file.
     """
@@ -189,7 +201,7 @@ def dry_friction(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.rando
 
 
 def centre_of_mass(
-    subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
+    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
 ) -> FaultPlan | None:
     """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed. None
     for a car."""
@@ -198,12 +210,15 @@ def centre_of_mass(
         return None
     ahead_m = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
     return FaultPlan(
-        q.with_parameters(ahead_m=ahead_m), u, subject.vehicle_file, without=("model.centre_of_mass_x_m",)
+        q.with_parameters(ahead_m=ahead_m),
+        u,
+        subject.vehicle_file,
+        excluded_parameters=("model.centre_of_mass_x_m",),
     )
 
 
 def tilted_floor(
-    subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
+    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
 ) -> FaultPlan | None:
     """Tilt the floor by 2 to 6°; None for a car."""
     q = subject.vehicle
@@ -213,7 +228,9 @@ def tilted_floor(
     return FaultPlan(q.with_parameters(slope_rad=rise, slope_heading_rad=uphill_rad), u, subject.vehicle_file)
 
 
-def second_vehicle(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def second_vehicle(
+    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+) -> FaultPlan:
     """Replace the readings after 25 to 75 % of the run by the readings of a vehicle with other friction and motors."""
     factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), subject.vehicle
     drag = {"viscous": q.viscous} if isinstance(q, Robots) else {"rolling": q.rolling}
@@ -227,7 +244,7 @@ def second_vehicle(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.ran
             channel.z[cut:] = second.sensors[name].z[cut:]
         return run
 
-    return FaultPlan(q, u, subject.vehicle_file, second=changed_vehicle, change=join_logs)
+    return FaultPlan(q, u, subject.vehicle_file, second_vehicle=changed_vehicle, change=join_logs)
 
 
 LAG, DELAY = "model.drivetrain.lag_s", "model.drivetrain.delay_s"

@@ -18,7 +18,7 @@ from baqueano.study.counterpart import (
     robot_values,
     run_of_vehicle,
 )  # fmt: skip
-from baqueano.study.identification.trials import as_sent, car, robot
+from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
 from baqueano.study.truth import Cars, Robots
 from baqueano.vehicle_file import VehicleFile
 
@@ -48,7 +48,7 @@ class FaultSubject(NamedTuple):
         u = excitation(
             kind, vehicle_file.command.limit, seconds, vehicle_file.rate_hz, self.seed, rest_s=REST_S
         )
-        return as_sent(u) if isinstance(self.vehicle, Robots) else u
+        return quantised_commands(u) if isinstance(self.vehicle, Robots) else u
 
     def runs(
         self, vehicles: Sequence[Robots | Cars], effective: Sequence[np.ndarray], logged: Sequence[np.ndarray]
@@ -66,7 +66,7 @@ class FaultSubject(NamedTuple):
 def subject(name: str, seed: int) -> FaultSubject:
     """Return the robot or car of that seed."""
     if name == "robot":
-        q = robot(seed)
+        q = draw_robot(seed)
         return FaultSubject(seed, q, robot_file(q), FREE_ROBOT)
-    c = car(seed, "matched")
+    c = draw_car(seed, "matched")
     return FaultSubject(seed, c, car_file(c).with_values({"command.limit": CAR_LIMIT}), FREE_CAR)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from baqueano.study.counterpart import car_numbers, robot_values, with_car_numbers, with_values
+from baqueano.study.counterpart import car_unknowns, robot_values, with_car_unknowns, with_values
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.truth import Cars, Robots
 
@@ -22,22 +22,22 @@ MIN_STEPS = {  # the step for a parameter that can be 0
 }  # fmt: skip
 
 
-def numbers(vehicles: Robots | Cars) -> dict[str, np.ndarray]:
+def free_values(vehicles: Robots | Cars) -> dict[str, np.ndarray]:
     """Return path → true values (n,) of all free parameters of (1)."""
-    return robot_values(vehicles) if isinstance(vehicles, Robots) else car_numbers(vehicles)
+    return robot_values(vehicles) if isinstance(vehicles, Robots) else car_unknowns(vehicles)
 
 
-def substitute(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Robots | Cars:
-    """Return the vehicles with the given `values` (n,) of some of their `numbers`."""
+def with_free_values(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Robots | Cars:
+    """Return the vehicles with the given `values` (n,) of some of their `free_values`."""
     if isinstance(vehicles, Robots):
         return with_values(vehicles, values)
-    return with_car_numbers(vehicles, values)
+    return with_car_unknowns(vehicles, values)
 
 
-def steps(vehicle: Robots | Cars) -> dict[str, float]:
+def difference_steps(vehicle: Robots | Cars) -> dict[str, float]:
     """Return path → step s of (1), for one vehicle."""
     step_of = {}
-    for path, value in numbers(vehicle).items():
+    for path, value in free_values(vehicle).items():
         min_steps = [size for part, size in MIN_STEPS.items() if part in path]
         step_of[path] = RELATIVE_STEP * abs(float(value[0])) or min_steps[-1]
     return step_of
@@ -45,24 +45,24 @@ def steps(vehicle: Robots | Cars) -> dict[str, float]:
 
 def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
     """Return 2p copies of the vehicle: for each of p parameters θ a copy with θ + s, then a copy with θ − s.  (1)"""
-    step_of = steps(vehicle)
+    step_of = difference_steps(vehicle)
     group = vehicle.subset([0] * (2 * len(step_of)))
     values = {}
     for k, (path, step) in enumerate(step_of.items()):
-        values[path] = numbers(group)[path].copy()
+        values[path] = free_values(group)[path].copy()
         values[path][2 * k] += step
         values[path][2 * k + 1] -= step
-    return substitute(group, values)
+    return with_free_values(group, values)
 
 
-def bound_of(
+def cramer_rao_bound(
     noiseless: np.ndarray, vehicle: Robots | Cars, prior_sigma: Mapping[str, float] | None = None
 ) -> dict[str, float]:
     """Return path → b of (1) from the readings (N, 2p, m) of the `perturbed_copies`; m = 4 with an odometer, else 3.
 
     `prior_sigma`: path → prior standard deviation, √P₀ of (1).
     """
-    step_of = steps(vehicle)
+    step_of = difference_steps(vehicle)
     noise = np.append(vehicle.imu.noise[0], ODOMETER_M_S)[: noiseless.shape[2]]
     jacobian = (noiseless[:, 0::2] - noiseless[:, 1::2]) / (2.0 * np.array([*step_of.values()])[:, None])
     G = np.moveaxis(jacobian / noise, 1, 2).reshape(-1, len(step_of))

@@ -53,7 +53,7 @@ def page_of_identification(study: Identification) -> Page:
     )
     clean = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
     page_parts: list[Table | Drawing] = [draw(coverage(clean), _(COVERAGE_TEXT))]
-    if len(z := study.z()):
+    if len(z := study.normalised_errors()):
         page_parts = [
             draw(histogram(z), _(Z_TEXT).format(z.size)),
             *page_parts,

@@ -22,9 +22,9 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, work
-from baqueano.study.wrong import wrong
-from baqueano.sweep.workers import spread_over
+from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, fit_job
+from baqueano.study.wrong_estimates import wrong_mask
+from baqueano.sweep.workers import run_in_processes
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -35,29 +35,29 @@ LOWER_BOUND_PARAMETERS = ("model.friction.quadratic[1]",)  # its true value is 0
 LIMIT_SIGMA = 3.0  # standard errors; they widen the limits for few seeds
 
 
-class Limit(NamedTuple):
+class CaseLimits(NamedTuple):
     """The limits of a case: fractions of intervals, ratios to the bound, fractions of fits."""
 
     coverage: float = 0.0  # of all intervals, at least
-    held_most: float = 1.0
+    max_coverage: float = 1.0
     coverage_each: float = 0.0  # of the intervals of one parameter, at least
     rmse: float = np.inf
     rmse_each: float = np.inf
     width: float = np.inf  # median of standard error / bound
     usable: float = 0.0
-    held_or_named: float = 0.0
+    covered_or_named: float = 0.0
     named: float = 1.0  # largest fraction of the fits that name a parameter
 
 
 LIMITS = {
-    "clean": Limit(0.93, 0.97, 0.88, 1.10, 1.25, usable=0.95),
-    "rough": Limit(0.92, width=1.5),
-    "floor": Limit(0.92, usable=0.80),
-    "floor, innovations": Limit(0.92, usable=0.80),
-    "low-passed": Limit(),
-    "wrong start": Limit(),
-    "matched": Limit(0.85, named=0.10),
-    "understeer": Limit(held_or_named=0.85),
+    "clean": CaseLimits(0.93, 0.97, 0.88, 1.10, 1.25, usable=0.95),
+    "rough": CaseLimits(0.92, width=1.5),
+    "floor": CaseLimits(0.92, usable=0.80),
+    "floor, innovations": CaseLimits(0.92, usable=0.80),
+    "low-passed": CaseLimits(),
+    "wrong start": CaseLimits(),
+    "matched": CaseLimits(0.85, named=0.10),
+    "understeer": CaseLimits(covered_or_named=0.85),
 }
 
 
@@ -73,17 +73,19 @@ class Identification:
         """Return the number of seeds that have outcomes."""
         return len({o.seed for o in self.outcomes})
 
-    def of(self, case: str) -> list[TrialOutcome]:
+    def outcomes_of(self, case: str) -> list[TrialOutcome]:
         """Return the outcomes of a case."""
         return [o for o in self.outcomes if o.case == case]
 
-    def z(self, case: str = "clean") -> np.ndarray:
+    def normalised_errors(self, case: str = "clean") -> np.ndarray:
         """Return all errors (K,) of a case, each divided by its standard error."""
-        return np.concatenate([np.zeros(0), *(_z(o) for o in self.of(case))])
+        return np.concatenate([np.zeros(0), *(_outcome_z(o) for o in self.outcomes_of(case))])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each case and parameter, and a pooled row for each case."""
-        return [row for case in CASES if self.of(case) for row in _rows(case, self.of(case))]
+        return [
+            row for case in CASES if self.outcomes_of(case) for row in _rows(case, self.outcomes_of(case))
+        ]
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -148,7 +150,7 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
         "holds_or_named": _mean(is_covered | is_reported), "named": _mean(is_reported),
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
         "sd": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
-        "wrongly_usable": sum(bool(np.any(wrong(o.estimate, o.sd, o.truth))) for o in usable),
+        "wrongly_usable": sum(bool(np.any(wrong_mask(o.estimate, o.sd, o.truth))) for o in usable),
         "silent": sum(not o.met and o.verdict != Verdict.REFUSED for o in outcomes),
         "fits_named": _mean(np.array([any(_is_reported(o, name) for name in o.names) for o in outcomes])),
     }  # fmt: skip
@@ -162,7 +164,7 @@ def _reasons(row: "TableRow") -> list[str]:
     min_coverage, rmse = (limit.coverage, limit.rmse) if is_pool else (limit.coverage_each, limit.rmse_each)
     reasons = []
     if row["holds"] < min(min_coverage, 0.95 - few) or (
-        is_pool and row["holds"] > max(limit.held_most, 0.95 + few)
+        is_pool and row["holds"] > max(limit.max_coverage, 0.95 + few)
     ):
         reasons.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["holds"]))
     if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
@@ -178,7 +180,7 @@ def _reasons(row: "TableRow") -> list[str]:
                     expected=100 * limit.usable,
                 )
             )
-        if row["holds_or_named"] < min(limit.held_or_named, 0.95 - few):
+        if row["holds_or_named"] < min(limit.covered_or_named, 0.95 - few):
             reasons.append(
                 _(
                     "{percent:.0f} % of the parameters are in their interval or named",
@@ -219,7 +221,7 @@ def identification(
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
     report = advance or (lambda n: None)
-    batches_done = spread_over(
+    batches_done = run_in_processes(
         partial(_stored_outcomes, keep=keep), jobs, processes, lambda n: report(n * BATCH)
     )
     if not batches_done:
@@ -233,11 +235,11 @@ def identification(
 def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
     """Return the outcomes of a job, read from `keep` if they are stored there."""
     if keep is None:
-        return work(job)
+        return fit_job(job)
     cases = "-".join(str(CASES.index(case)) for case in job.cases)
     path = keep / f"{job.seeds[0]}to{job.seeds[-1]}_cases{cases}_{job.duration_s:g}s.pickle"
     if not path.exists():
-        replace_file(path, pickle.dumps(work(job)))
+        replace_file(path, pickle.dumps(fit_job(job)))
     return pickle.loads(path.read_bytes())
 
 
@@ -247,7 +249,7 @@ MISSING_TERM_CODES = (
 )  # reasons that name the parameter which they would change
 
 
-def _z(o: TrialOutcome) -> np.ndarray:
+def _outcome_z(o: TrialOutcome) -> np.ndarray:
     identifiable = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
     return (o.estimate[identifiable] - o.truth[identifiable]) / o.sd[identifiable]
 

@@ -35,8 +35,8 @@ from baqueano.study.counterpart import (
     run_of_vehicle,
 )  # fmt: skip
 from baqueano.study.counterpart.cars import SPEED, speed_at
-from baqueano.study.demo import GUESS
-from baqueano.study.identification.bound import bound_of, perturbed_copies
+from baqueano.study.demo import GUESSED_VALUES
+from baqueano.study.identification.bound import cramer_rao_bound, perturbed_copies
 from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
@@ -60,7 +60,7 @@ CASES_WITH_BOUND = (
 )  # the cases that are compared with the bound of clean readings
 LOW_PASS_HZ = 44.0
 BOUND_STEP_S = 5e-3  # of Runge-Kutta: the bound equals that of 1 ms steps within 1e-4
-PWM = 255
+PWM_COUNTS = 255
 STEERING_AMPLITUDE = {"matched": 0.2, "understeer": 0.8}  # of full lock
 OUTLIER_SHARE, OUTLIER_SIGMA = 0.005, 20.0  # share of the outliers, and their magnitude in σ
 BIAS_WALK = (2e-4, 2e-4, 1e-5)  # of a bias in 1 s, as in garage/small
@@ -92,7 +92,7 @@ class TrialOutcome(NamedTuple):
     met: bool  # True if a wrong start ended at the same point as the usual start
 
 
-def work(job: TrialJob) -> list[TrialOutcome]:
+def fit_job(job: TrialJob) -> list[TrialOutcome]:
     """Return the outcomes of all fits of a job."""
     robots = [case for case in ROBOT_CASES if case in job.cases]
     outcomes = _robot_outcomes(job, robots) if robots else []
@@ -101,7 +101,7 @@ def work(job: TrialJob) -> list[TrialOutcome]:
     return outcomes
 
 
-def robot(seed: int) -> Robots:
+def draw_robot(seed: int) -> Robots:
     """Return the robot of that seed, with dead zones, motor lag, and an IMU that is off the centre, turned and
     tilted."""
     draw, q = np.random.default_rng([seed, 40]), draw_robots(1, seed)
@@ -117,7 +117,7 @@ def robot(seed: int) -> Robots:
     )
 
 
-def car(seed: int, case: str) -> Cars:
+def draw_car(seed: int, case: str) -> Cars:
     """Return the car of that seed; with stiff tyres unless the case is "understeer"."""
     q = draw_cars(1, seed)
     return (
@@ -127,9 +127,9 @@ def car(seed: int, case: str) -> Cars:
     )
 
 
-def guess(robot: Robots) -> VehicleFile:
+def initial_file(robot: Robots) -> VehicleFile:
     """Return the initial file of a fit: the guess of a user with a scale but without a data sheet."""
-    rough = {path: value for path, value in GUESS.items() if path.startswith(("model.", "sensors."))}
+    rough = {path: value for path, value in GUESSED_VALUES.items() if path.startswith(("model.", "sensors."))}
     return robot_file(robot).with_values(
         rough | {
             "model.centre_of_mass_x_m": 0.0, "model.drivetrain.delay_s": 0.01, "sensors.imu.lever_arm_m": [0.0, 0.0],
@@ -139,8 +139,8 @@ def guess(robot: Robots) -> VehicleFile:
 
 
 def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
-    robots = [robot(seed) for seed in job.seeds]
-    us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
+    robots = [draw_robot(seed) for seed in job.seeds]
+    us = [_steps(initial_file(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
     t_ns, n = tick_times(len(us[0]), 100.0), len(robots)
     drives: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
@@ -165,13 +165,15 @@ def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
         clean: Fit | None = None
         for case in cases:
             q = robots[k] if case != "rough" else _with_coarse_readings(robots[k])
-            run = run_of_vehicle(drives[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
+            run = run_of_vehicle(
+                drives[case], k, us[k], initial_file(q), f"robot {job.seeds[k]}", job.seeds[k]
+            )
             fit = _fit(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
             bound = bounds[k] if case in CASES_WITH_BOUND else {}
             reference_fits = clean if case == "wrong start" else None
             true_values = robot_values(
-                q.with_parameters(imu=q.imu.with_parameters(bias=q.imu.bias + drives[case].wandered[k]))
+                q.with_parameters(imu=q.imu.with_parameters(bias=q.imu.bias + drives[case].bias_drift[k]))
             )
             outcomes.append(_outcome(case, job.seeds[k], fit, true_values, bound, reference_fits))
     return outcomes
@@ -180,9 +182,11 @@ def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
 def _fit(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
     if case == "rough":
         run = _with_outliers(run, q, seed)
-    start = _wrong_start(guess(q), seed) if case == "wrong start" else {}
+    start = _wrong_start(initial_file(q), seed) if case == "wrong start" else {}
     cost = "innovations" if "innovations" in case else "simulation"
-    return identify(run, guess(q), FREE_ROBOT, options=FitOptions(start=start, cost=cost, backend=backend))
+    return identify(
+        run, initial_file(q), FREE_ROBOT, options=FitOptions(start=start, cost=cost, backend=backend)
+    )
 
 
 def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
@@ -191,7 +195,7 @@ def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> lis
     u = np.repeat(_columns(us), len(around[0].mass_kg), axis=1)
     noiseless = readings_without_noise(_group(around), u, t_ns, BOUND_STEP_S)
     readings_by_robot = np.split(noiseless, len(robots), axis=1)
-    return [bound_of(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
+    return [cramer_rao_bound(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
 
 
 def _drive_irregularly(
@@ -239,7 +243,7 @@ def _wrong_start(vehicle_file: VehicleFile, seed: int) -> dict[str, float]:
 
 
 def _car_outcomes(job: TrialJob, case: str) -> list[TrialOutcome]:
-    cars = [car(seed, case) for seed in job.seeds]
+    cars = [draw_car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
     us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERING_AMPLITUDE[case]) for seed in job.seeds]
     drive = drive_group(_group(cars), _columns(us), job.seeds, tick_times(len(us[0]), files[0].rate_hz))
@@ -295,16 +299,19 @@ def _is_same_end(fit: Fit, clean: Fit) -> bool:
 
 
 def _steps(vehicle_file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
-    return as_sent(
+    return quantised_commands(
         excitation(
             "random_steps", vehicle_file.command.limit, duration_s, vehicle_file.rate_hz, seed, rest_s=REST_S
         )
     )
 
 
-def as_sent(u: np.ndarray) -> np.ndarray:
+def quantised_commands(u: np.ndarray) -> np.ndarray:
     """Return the commands (N, 3) of a robot as the motors receive and the log stores them: whole counts of a PWM."""
-    left, right = (np.round(PWM * np.clip(u[:, 0] + side * u[:, 2], -1.0, 1.0)) / PWM for side in (-1.0, 1.0))
+    left, right = (
+        np.round(PWM_COUNTS * np.clip(u[:, 0] + side * u[:, 2], -1.0, 1.0)) / PWM_COUNTS
+        for side in (-1.0, 1.0)
+    )
     return np.stack([0.5 * (left + right), 0.0 * left, 0.5 * (right - left)], axis=1)
 
 

@@ -18,26 +18,26 @@ from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
 from baqueano.study.driving import SHAPES
-from baqueano.study.laps.drives import RATE_HZ, SAMPLE_TICKS, Team, TeamWithFix, follow
+from baqueano.study.laps.drives import RATE_HZ, SAMPLE_TICKS, Team, TeamWithFix, simulate_laps
 from baqueano.study.laps.fixes import FIXES, with_fix
 from baqueano.study.laps.result import (
     MAX_DISTANCE_M,
     SETTLING_LAPS,
+    FullDrive,
     Lap,
     LapCase,
     LapStudy,
-    WholeDrive,
     laps_of,
 )
 from baqueano.study.laps.team import GYROS, SPEED_M_S, identify_teams
 from baqueano.study.truth import PassingFaults
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import VehicleFile
 
 ROUTES = ("rectangle", "eight", "sinuous")
 READ_FAULTS = {
     N_("no reading lost"): PassingFaults(),
-    N_("faults"): PassingFaults(missed=0.2, twice=0.1, mistaken=0.05),
+    N_("faults"): PassingFaults(missed_rate=0.2, double_rate=0.1, mistaken_rate=0.05),
 }
 ROBOTS_AT_ONCE = 4  # robots in parallel
 
@@ -53,7 +53,7 @@ def laps_over_fixes(
         range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
     ]
     work = partial(run_cases, count=count, backend=backend, cases=all_cases() if cases is None else cases)
-    results = spread_over(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
+    results = run_in_processes(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
     drives = tuple(lap for _, batch_drives, _, _ in results for lap in batch_drives)
     wholes = tuple(whole for _, _, batch_wholes, _ in results for whole in batch_wholes)
     refusals = {seed for *_, refused_seeds in results for seed in refused_seeds}
@@ -77,10 +77,10 @@ def all_cases(
 
 def run_cases(
     seeds: range, count: int, backend: str, cases: Sequence[LapCase]
-) -> tuple[int, list[Lap], list[WholeDrive], list[int]]:
+) -> tuple[int, list[Lap], list[FullDrive], list[int]]:
     """Return the number of robots, their laps, their whole drives, and the seeds whose fit was refused."""
     drives: list[Lap] = []
-    wholes: list[WholeDrive] = []
+    wholes: list[FullDrive] = []
     refusals: list[int] = []
     for gyro in dict.fromkeys(case.gyro for case in cases):
         cases_of_gyro = [case for case in cases if case.gyro == gyro]
@@ -88,7 +88,7 @@ def run_cases(
         refusals += robots.refused
         for route in dict.fromkeys(case.route for case in cases_of_gyro):
             its = [case for case in cases_of_gyro if case.route == route]
-            teams = [robots.alone if case.fix == "none" else robots.learned for case in its]
+            teams = [robots.identified if case.fix == "none" else robots.identified_with_laps for case in its]
             some_drives, some_wholes = drive_cases(its, teams, count, backend)
             drives += some_drives
             wholes += some_wholes
@@ -97,7 +97,7 @@ def run_cases(
 
 def drive_cases(
     cases: Sequence[LapCase], teams: Sequence[Team], count: int, backend: str
-) -> tuple[list[Lap], list[WholeDrive]]:
+) -> tuple[list[Lap], list[FullDrive]]:
     """Return the laps and the whole drives of the cases of one route; all robots drive in parallel."""
     if not teams[0].seeds:
         return [], []
@@ -106,12 +106,14 @@ def drive_cases(
         TeamWithFix(team, case.fix, READ_FAULTS[case.read]) for case, team in zip(cases, teams, strict=True)
     ]
     per_lap = round(route.t_s[-1] * RATE_HZ / SAMPLE_TICKS)
-    for case, team, its in zip(cases, teams, follow(route, count, teams_with_fix, backend), strict=True):
+    for case, team, its in zip(
+        cases, teams, simulate_laps(route, count, teams_with_fix, backend), strict=True
+    ):
         drives += laps_of(its, case, team.seeds, count, per_lap)
         is_forecast = (case.fix, case.gyro) == ("tags", "uncalibrated")
         for k, seed in enumerate(team.seeds):
             chance = forecast(team.vehicle_files[k], case.fix, route, count, backend) if is_forecast else nan
-            wholes.append(WholeDrive(case, seed, bool(its.touches[k]), chance))
+            wholes.append(FullDrive(case, seed, bool(its.touches[k]), chance))
     return drives, wholes
 
 

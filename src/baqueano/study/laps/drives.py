@@ -97,14 +97,14 @@ class _Driver:
         self.is_stopped = bool(self._states[2].stopped > 0.0)
         return command, estimate
 
-    def look(self, estimate: Estimate, reference: Reference) -> None:
+    def check_wall_distance(self, estimate: Estimate, reference: Reference) -> None:
         """Stop the robot if it might touch a wall."""
         zero, tick = Command(0, np.zeros(3)), Tick(0, np.zeros(3), self._loop.slots(*self._silence))
         self._watch.on_record(Record(tick, zero, zero, estimate, reference))
         self.is_stopped = self.is_stopped or self._watch.stop_reason(0) is not None
 
 
-def follow(
+def simulate_laps(
     route: Route, laps: int, parts: Sequence[TeamWithFix], backend: str, log: bool = False
 ) -> list[Laps]:
     """Return the drives of each part: a rest at the start of the route, then `laps` laps, or until all robots
@@ -116,7 +116,7 @@ def follow(
     guide, walls = Repeat.along(route, laps), room_around(route, parts[0].team.vehicle_files[0])
     centre, touches = route.eta[0, :2] - np.array(walls.start[:2]), np.zeros(len(drivers), dtype=bool)
     progress, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)
-    u, estimates = np.zeros((len(drivers), 3)), [_at(0)] * len(drivers)
+    u, estimates = np.zeros((len(drivers), 3)), [_estimate_at(0)] * len(drivers)
     samples, rows = [], []
     t_ns = tick_times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
     for k, t in enumerate(t_ns.tolist()):
@@ -127,7 +127,7 @@ def follow(
         if log:
             rows.append((u, z, row_marks))
         if not rests:
-            progress, reference = guide.step(progress, _at(t))
+            progress, reference = guide.step(progress, _estimate_at(t))
         previous_u, u = u, np.zeros_like(u)
         is_sample = not rests and k % SAMPLE_TICKS == 0
         for i, driver in enumerate(drivers):
@@ -135,7 +135,7 @@ def follow(
                 continue
             command, estimates[i] = driver.step(t, previous_u[i], z[i], row_marks[i], reference)
             if is_sample:
-                driver.look(estimates[i], reference)
+                driver.check_wall_distance(estimates[i], reference)
             u[i] = 0.0 if rests or driver.is_stopped else command
         if is_sample:
             drives = np.array([not driver.is_stopped for driver in drivers])
@@ -203,7 +203,7 @@ def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.n
     return np.column_stack([pose_error[:, :2], wrap(pose_error[:, 2])]), claims
 
 
-def _at(t_ns: int) -> Estimate:
+def _estimate_at(t_ns: int) -> Estimate:
     return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
 
 

@@ -23,7 +23,7 @@ from baqueano.vehicle_file import VehicleFile, parse
 
 TWO_FRACTIONS, THREE_FRACTIONS, ONE_FRACTION = (0.25, 0.75), (0.2, 0.4, 0.7), (0.25,)  # of a lap
 RADIUS_M, NOISE_M, NOISE_RAD = 0.15, 0.01, 0.02
-MISTAKEN_PLACES = 40  # places of mistaken gates on the route
+MISTAKEN_POSE_COUNT = 40  # places of mistaken gates on the route
 
 MakeReader = Callable[[Route, Sequence[int], np.ndarray, PassingFaults], Reader]
 
@@ -36,7 +36,7 @@ class Fix(NamedTuple):
     reader: MakeReader  # of route, seeds, initial positions (n, 2), faults
 
 
-def places(route: Route, lap_fractions: Sequence[float]) -> np.ndarray:
+def poses_at_fractions(route: Route, lap_fractions: Sequence[float]) -> np.ndarray:
     """Return the poses (m, 3) of a route after the fractions `lap_fractions` of its lap."""
     return route.eta[
         [int(np.searchsorted(route.t_s, fraction * route.t_s[-1])) for fraction in lap_fractions]
@@ -55,7 +55,7 @@ def with_fix(vehicle_file: VehicleFile, fix: str, route: Route) -> VehicleFile:
 
 
 def _tag_tables(route: Route) -> str:
-    points = places(route, TWO_FRACTIONS)[:, :2].tolist()
+    points = poses_at_fractions(route, TWO_FRACTIONS)[:, :2].tolist()
     return (
         f'[sensors.tags]\nkind = "tags"\npoints_m = {points}\nradius_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n'
     )
@@ -65,7 +65,9 @@ def _line_tables(route: Route) -> str:
     return "\n".join(
         f'[sensors.{name}]\nkind = "mark"\npoint_m = [{x}, {y}]\nheading_rad = {heading}\n'
         f"half_width_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n"
-        for name, (x, y, heading) in zip(LINES, places(route, THREE_FRACTIONS).tolist(), strict=True)
+        for name, (x, y, heading) in zip(
+            LINES, poses_at_fractions(route, THREE_FRACTIONS).tolist(), strict=True
+        )
     )
 
 
@@ -74,19 +76,19 @@ def _gate_tables(route: Route) -> str:
 
 
 def _tags(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    return TagReaders(places(route, TWO_FRACTIONS)[:, :2], RADIUS_M, NOISE_M, seeds, xy, faults)
+    return TagReaders(poses_at_fractions(route, TWO_FRACTIONS)[:, :2], RADIUS_M, NOISE_M, seeds, xy, faults)
 
 
 def _lines(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    return FloorLines(places(route, THREE_FRACTIONS), RADIUS_M, NOISE_M, seeds, xy, faults)
+    return FloorLines(poses_at_fractions(route, THREE_FRACTIONS), RADIUS_M, NOISE_M, seeds, xy, faults)
 
 
 def _gate(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    poses = places(route, (*ONE_FRACTION, *np.linspace(0.0, 1.0, MISTAKEN_PLACES)))
+    poses = poses_at_fractions(route, (*ONE_FRACTION, *np.linspace(0.0, 1.0, MISTAKEN_POSE_COUNT)))
     return Gate(poses, RADIUS_M, np.array([NOISE_M, NOISE_M, NOISE_RAD]), seeds, xy, faults)
 
 
-class _Nothing:
+class _NoMarkReader:
     """Reader of a floor without marks."""
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
@@ -96,7 +98,7 @@ class _Nothing:
 
 LINES = ("line_1", "line_2", "line_3")
 FIXES = {
-    N_("none"): Fix({}, lambda route: "", lambda route, seeds, xy, faults: _Nothing()),
+    N_("none"): Fix({}, lambda route: "", lambda route, seeds, xy, faults: _NoMarkReader()),
     N_("tags"): Fix({"tags": 2}, _tag_tables, _tags),
     N_("lines"): Fix(dict.fromkeys(LINES, 1), _line_tables, _lines),
     N_("gate"): Fix({"pose": 3}, _gate_tables, _gate),

@@ -50,7 +50,7 @@ class Lap(NamedTuple):
     nees: float  # mean of (1) over the samples of (2)
 
 
-class WholeDrive(NamedTuple):
+class FullDrive(NamedTuple):
     """A whole drive of a robot."""
 
     case: LapCase
@@ -88,18 +88,18 @@ class LapStudy:
     """Result of the study: all laps and drives."""
 
     drives: tuple[Lap, ...]
-    wholes: tuple[WholeDrive, ...]
+    full_drives: tuple[FullDrive, ...]
     robots: int
     laps: int
     refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each case."""
-        return [self._row(case) for case in dict.fromkeys(whole.case for whole in self.wholes)]
+        return [self._row(case) for case in dict.fromkeys(whole.case for whole in self.full_drives)]
 
     def _row(self, case: LapCase) -> "TableRow":
         wholes, laps_of_case = (
-            [w for w in self.wholes if w.case == case],
+            [w for w in self.full_drives if w.case == case],
             [d for d in self.drives if d.case == case],
         )
         first, last, later = (
@@ -149,7 +149,8 @@ class LapStudy:
             )
         for row in self.rows():
             reasons_found += [
-                _("{where}: {what}", where=_place(row), what=problem) for problem in _misses(row, self.laps)
+                _("{where}: {what}", where=_case_name(row), what=problem)
+                for problem in _missed_bounds(row, self.laps)
             ]
         return tuple(reasons_found)
 
@@ -177,12 +178,12 @@ class LapStudy:
         ]
         for r in self.rows():
             cross_track_text = " ".join(
-                _cm(r[name]) for name in ("first_across_p95_m", "last_across_p95_m", "across_worst_m")
+                _cm_text(r[name]) for name in ("first_across_p95_m", "last_across_p95_m", "across_worst_m")
             )
             stops = f"{r['stopped']}, {number(r['stop_lap_median']):.0f}" if r["stopped"] else "0"
             lines.append(
                 f"{_(r['route']):11}{_(r['fix']):13}{_(r['gyro']):14}{_(r['read']):10}{number(r['kept']):6.0%}"
-                f"{_share(r['forecast']):>10}{cross_track_text:>18}{_cm(r['position_worst_m']):>14}{_share(r['within']):>8}"
+                f"{_share_text(r['forecast']):>10}{cross_track_text:>18}{_cm_text(r['position_worst_m']):>14}{_share_text(r['within']):>8}"
                 f"{number(r['nees']):6.2f}{stops:>17}"
             )
         return "\n".join(
@@ -190,7 +191,7 @@ class LapStudy:
         )
 
 
-def _misses(row: "TableRow", laps: int) -> list[str]:
+def _missed_bounds(row: "TableRow", laps: int) -> list[str]:
     """Return a sentence for each bound that a row misses."""
     problems = []
     if row["touched"]:
@@ -228,7 +229,7 @@ def _misses(row: "TableRow", laps: int) -> list[str]:
     return problems
 
 
-def _place(row: "TableRow") -> str:
+def _case_name(row: "TableRow") -> str:
     return ", ".join(_(row[name]) for name in LapCase._fields)
 
 
@@ -241,9 +242,9 @@ def _mean(values: list[float]) -> float:
     return float(np.mean(finite)) if finite else float("nan")
 
 
-def _cm(metres: float) -> str:
+def _cm_text(metres: float) -> str:
     return f"{number(100.0 * metres):.1f}" if np.isfinite(metres) else "-"
 
 
-def _share(share: float) -> str:
+def _share_text(share: float) -> str:
     return f"{number(share):.1%}" if np.isfinite(share) else "-"

@@ -26,9 +26,9 @@ from baqueano.runs.logs import Event
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Estimate, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
-from baqueano.study.driving import FREE, SHAPES, Loop, experiments, guess
-from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, follow
+from baqueano.study.corridor.vehicles import switch_on_again, vehicles
+from baqueano.study.driving import FREE, SHAPES, Loop, initial_file, simulate_experiments
+from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, simulate_laps
 from baqueano.study.laps.fixes import with_fix
 from baqueano.study.truth import PassingFaults, Robots, TruthWorld
 from baqueano.symbolic import function
@@ -44,16 +44,16 @@ MARK_M, MARK_RAD = 0.01, np.radians(2.0)  # standard deviations of the place and
 class Teams(NamedTuple):
     """Robots whose fits were not refused, after they were switched on again."""
 
-    alone: Team  # with files from the experiment only
-    learned: Team  # with files that also use laps over tags
+    identified: Team  # with files from the experiment only
+    identified_with_laps: Team  # with files that also use laps over tags
     refused: list[int]  # seeds whose fit was refused
 
 
 def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `learns`, the group `learned` is empty."""
+    """Return the robots of the seeds with their files; without `learns`, the group `identified_with_laps` is empty."""
     robots, options = vehicles(seeds), FitOptions(backend=backend)
-    starts = calibrate(robots, seeds) if gyro == "calibrated" else [guess()] * len(seeds)
-    runs = experiments(robots, seeds)
+    starts = calibrate_by_turns(robots, seeds) if gyro == "calibrated" else [initial_file()] * len(seeds)
+    runs = simulate_experiments(robots, seeds)
     fits = [identify(run, start, FREE, options=options) for run, start in zip(runs, starts, strict=True)]
     if gyro == "taught":
         fits = [
@@ -73,7 +73,7 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
     )
     accepted = [k for k, name in enumerate(names) if name in learned or not learns]
     names, alone = [names[k] for k in accepted], [alone[k] for k in accepted]
-    anew = switched_on_anew(robots.subset([name - seeds[0] for name in names]), names, alone)
+    anew = switch_on_again(robots.subset([name - seeds[0] for name in names]), names, alone)
     others = [learned[name] for name in names if name in learned]
     refusals = [seed for seed in seeds if seed not in names]
     return Teams(Team(alone, anew, names), Team(others, anew, names if learns else []), refusals)
@@ -82,7 +82,9 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
     """Return seed → file identified from an experiment and laps over tags; a refused fit does not have an entry."""
     route, vehicle_file_of = SHAPES["rectangle"](SPEED_M_S), {}
-    (laps,) = follow(route, LEARNING_LAPS, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True)
+    (laps,) = simulate_laps(
+        route, LEARNING_LAPS, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True
+    )
     for vehicle_file, seed, run, laps_run in zip(
         team.vehicle_files, team.seeds, runs, laps.runs, strict=True
     ):
@@ -94,14 +96,14 @@ def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, 
     return vehicle_file_of
 
 
-def calibrate(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
+def calibrate_by_turns(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
     """Return the guess with the gyro scale of each robot by two turns; unchanged if the turns do not determine it."""
     vehicle_files = []
-    for run in turned_twice(robots, seeds):
+    for run in simulate_two_turns(robots, seeds):
         try:
-            vehicle_files.append(guess().with_values(closure(run, guess()).values))
+            vehicle_files.append(initial_file().with_values(closure(run, initial_file()).values))
         except AnswerNo:
-            vehicle_files.append(guess())
+            vehicle_files.append(initial_file())
     return vehicle_files
 
 
@@ -110,24 +112,26 @@ def calibrate_by_lap(
 ) -> list[VehicleFile]:
     """Return the guess with the gyro scale of each robot by a taught lap; unchanged for a refused fit."""
     files = [
-        guess() if fit.verdict == Verdict.REFUSED else measure_noise(fit, run).updated_file(fit.vehicle_file)
+        initial_file()
+        if fit.verdict == Verdict.REFUSED
+        else measure_noise(fit, run).updated_file(fit.vehicle_file)
         for fit, run in zip(fits, runs, strict=True)
     ]
-    laps = taught_laps(robots, seeds, files)
+    laps = simulate_taught_laps(robots, seeds, files)
     return [
-        guess() if fit.verdict == Verdict.REFUSED else _with_scale_of_lap(lap, vehicle_file)
+        initial_file() if fit.verdict == Verdict.REFUSED else _with_scale_of_lap(lap, vehicle_file)
         for fit, lap, vehicle_file in zip(fits, laps, files, strict=True)
     ]
 
 
 def _with_scale_of_lap(lap: Run, vehicle_file: VehicleFile) -> VehicleFile:
     try:
-        return guess().with_values(lap_closure(lap, vehicle_file, MARK_M).values)
+        return initial_file().with_values(lap_closure(lap, vehicle_file, MARK_M).values)
     except AnswerNo:
-        return guess()
+        return initial_file()
 
 
-def taught_laps(
+def simulate_taught_laps(
     robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile], shape: str = "rectangle",
     ends: np.ndarray | None = None,
 ) -> list[Run]:  # fmt: skip
@@ -140,7 +144,9 @@ def taught_laps(
     world = TruthWorld(
         robots, [seed + 9_000 for seed in seeds], np.tile(route.eta[0], (n, 1)), STEP_S, fast=function
     )
-    errors = np.array([[MARK_M, MARK_M, MARK_RAD] * draw(seed, 62).standard_normal(3) for seed in seeds])
+    errors = np.array(
+        [[MARK_M, MARK_M, MARK_RAD] * random_generator(seed, 62).standard_normal(3) for seed in seeds]
+    )
     errors = errors if ends is None else errors - ends
     loops, guide = [Loop(vehicle_file, True, "auto") for vehicle_file in files], Repeat.along(route)
     states, progress = [loop.start(route.eta[0]) for loop in loops], guide.init()
@@ -169,17 +175,17 @@ def taught_laps(
     ]  # fmt: skip
 
 
-def draw(seed: int, stream: int) -> np.random.Generator:
+def random_generator(seed: int, stream: int) -> np.random.Generator:
     """Return the random numbers of a robot; each stream is independent."""
     return np.random.default_rng([seed, stream])
 
 
-def turned_twice(robots: Robots, seeds: Sequence[int]) -> list[Run]:
+def simulate_two_turns(robots: Robots, seeds: Sequence[int]) -> list[Run]:
     """Return a run of each robot: it rests, then turns twice, with a mark event before and after the turns."""
-    n, vehicle_file = len(seeds), guess()
+    n, vehicle_file = len(seeds), initial_file()
     world = TruthWorld(robots, [seed + 7_000 for seed in seeds], step_s=STEP_S, fast=function)
     t_ns = tick_times(round(MAX_TURN_S * RATE_HZ), RATE_HZ)
-    mark_error_rad = np.array([draw(seed, 61).normal(0.0, MARK_RAD) for seed in seeds])
+    mark_error_rad = np.array([random_generator(seed, 61).normal(0.0, MARK_RAD) for seed in seeds])
     end, ends, current_u = 2.0 * np.pi * TURNS + mark_error_rad, np.full(n, np.nan), np.zeros((n, 3))
     u, z, psi = np.zeros((len(t_ns), n, 3)), np.zeros((len(t_ns), n, 3)), np.zeros(n)
     for k, t in enumerate(t_ns.tolist()):

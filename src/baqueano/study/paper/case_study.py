@@ -17,7 +17,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.simulate import simulate
-from baqueano.sweep.workers import spread_over
+from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
@@ -28,13 +28,13 @@ SECONDS = 60.0
 HOLD_S = 1.0
 AXES = ("x", "y", "psi")
 FREE = ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix")
-START = {  # half of the truth, and no cross-talk
+START_VALUES = {  # half of the truth, and no cross-talk
     "model.friction.linear": [3.5, 3.5, 250.0],
     "model.friction.quadratic": [1.75, 1.75, 125.0],
     "model.actuator_matrix[0,0]": 0.5,
     "model.actuator_matrix[2,2]": 15.0,
 }
-PRINTED = {  # the paper's estimates, as printed
+PRINTED_VALUES = {  # the paper's estimates, as printed
     "d_lx": -7.511, "d_ly": -6.4657, "d_lpsi": -411.7147,
     "d_cx": 3.4398, "d_cy": -4.6451, "d_cpsi": -313.1575,
     "T_11": 0.98720, "T_12": 0.0, "T_13": 0.017941,
@@ -43,7 +43,7 @@ PRINTED = {  # the paper's estimates, as printed
 }  # fmt: skip
 
 
-def names() -> Iterator[tuple[str, str, float]]:
+def paper_parameters() -> Iterator[tuple[str, str, float]]:
     """Yield (the paper's name, path in the vehicle file, sign between them) for each parameter."""
     for letter, field in (("l", "linear"), ("c", "quadratic")):
         for k, axis in enumerate(AXES):
@@ -64,7 +64,10 @@ def fit_seed(seed: int, backend: str = "auto") -> Fit:
     """Return the dynamic model fitted to the run of `seed`: from rest, with an IMU without bias, as in the paper."""
     vehicle, run = simulate_seed(seed, backend)
     return identify(
-        run, vehicle, FREE, options=FitOptions(start=START, biases=False, at_rest=True, backend=backend)
+        run,
+        vehicle,
+        FREE,
+        options=FitOptions(start=START_VALUES, biases=False, at_rest=True, backend=backend),
     )
 
 
@@ -78,12 +81,12 @@ class CaseStudy:
     def rows(self) -> list["TableRow"]:
         """Return name, truth, paper, estimate and sd in the paper's signs; a value is None if it is not observable."""
         return [
-            {"name": name, "truth": truth, "paper": PRINTED[name], "estimate": estimate, "sd": sd}
+            {"name": name, "truth": truth, "paper": PRINTED_VALUES[name], "estimate": estimate, "sd": sd}
             for name, truth, estimate, sd in self._values(self.fits[0])
         ]
 
     def _values(self, fit: Fit) -> Iterator[tuple[str, float, float | None, float | None]]:
-        for name, path, sign in names():
+        for name, path, sign in paper_parameters():
             truth = sign * float(fit.file.value(path)) + 0.0
             k = fit.names.index(path)
             identifiable = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
@@ -95,22 +98,26 @@ class CaseStudy:
             )
 
     @property
-    def z(self) -> np.ndarray:
+    def normalised_errors(self) -> np.ndarray:
         """Return (estimate − truth) / sd of all observable parameters of all seeds."""
         return np.array(
             [(e - t) / sd for fit in self.fits for _, t, e, sd in self._values(fit) if e is not None and sd]
         )
 
     @property
-    def inside(self) -> float:
+    def share_within_interval(self) -> float:
         """Return the fraction of the parameters within 1.96 standard errors of the truth."""
-        return float(np.mean(np.abs(self.z) <= 1.96))
+        return float(np.mean(np.abs(self.normalised_errors) <= 1.96))
 
     @property
     def verdict(self) -> Verdict:
         """Return the verdict of the first fit, or WARN if it is USABLE and an error exceeds 4.5 standard errors."""
         verdict = self.fits[0].verdict
-        return Verdict.WARN if verdict == Verdict.USABLE and np.abs(self.z).max() > 4.5 else verdict
+        return (
+            Verdict.WARN
+            if verdict == Verdict.USABLE and np.abs(self.normalised_errors).max() > 4.5
+            else verdict
+        )
 
     def table(self) -> str:
         """Return a text table with the errors of the paper and of the first fit, in per cent of the truth."""
@@ -135,13 +142,15 @@ class CaseStudy:
                 f"{_error(row['paper'], truth):>10} {value} {_error(estimate, truth):>10}"
             )
         lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].always_unobservable)]
-        lines.append(_("largest deviation {largest:.1f} standard errors", largest=np.abs(self.z).max()))
+        lines.append(
+            _("largest deviation {largest:.1f} standard errors", largest=np.abs(self.normalised_errors).max())
+        )
         if len(self.fits) > 1:
             lines.append(
                 _(
                     "over {seeds} seeds {inside:.1f} % lie within 1.96 standard errors",
                     seeds=len(self.fits),
-                    inside=100 * self.inside,
+                    inside=100 * self.share_within_interval,
                 )
             )
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict))])
@@ -164,7 +173,7 @@ def case_study(
     first fit.
     """
     seed_range = tuple(range(seed, seed + seeds))
-    fits = spread_over(lambda s: fit_seed(s, backend), seed_range, advance=advance)
+    fits = run_in_processes(lambda s: fit_seed(s, backend), seed_range, advance=advance)
     if not fits:
         raise KeyboardInterrupt
     return CaseStudy(tuple(fits), seed_range[: len(fits)])

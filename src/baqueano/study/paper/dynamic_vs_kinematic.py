@@ -33,13 +33,13 @@ velocity_matrix = [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.05]]
 
 
 @dataclass(frozen=True)
-class JudgedModel:
+class ModelEvaluation:
     """A model with its fit, the covariance R of its one-step errors, and the EKF's errors on a held-out run."""
 
     model: str
     fit: Fit
-    process: np.ndarray  # R (6, 6) of (ν, ν̇) per tick
-    velocity: np.ndarray  # (3,) rms errors [m/s, m/s, rad/s]
+    process_noise_cov: np.ndarray  # R (6, 6) of (ν, ν̇) per tick
+    velocity_rmse: np.ndarray  # (3,) rms errors [m/s, m/s, rad/s]
 
 
 def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
@@ -50,7 +50,7 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
 
 def compare_models(
     dynamic: Fit, run: "Run", validation_run: "Run", backend: str = "auto"
-) -> tuple[JudgedModel, JudgedModel]:
+) -> tuple[ModelEvaluation, ModelEvaluation]:
     """Return the evaluations of the model of `dynamic` and of the kinematic model, both fitted to `run`."""
     kinematic = identify(
         run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
@@ -61,33 +61,33 @@ def compare_models(
     )  # type: ignore[return-value]
 
 
-def _evaluate_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
+def _evaluate_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> ModelEvaluation:
     noise = measure_noise(fit, run, source="truth", backend=backend)
     replay_run = replay(validation_run, noise.updated_file(fit.vehicle_file), backend=backend)
     log = replay_run.estimate
     assert log is not None
     assert validation_run.truth is not None
     error = log.nu - interpolate_rows(log.t_ns, validation_run.truth.t_ns, validation_run.truth.nu)
-    return JudgedModel(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
+    return ModelEvaluation(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 
-def rows(models: tuple[JudgedModel, ...]) -> list["TableRow"]:
+def rows(models: tuple[ModelEvaluation, ...]) -> list["TableRow"]:
     """Return a row per model: one-step errors (square roots of the diagonal of R) and the EKF's velocity errors."""
     return [
         {
             "model": j.model,
-            "R: ν_x [m/s]": float(np.sqrt(j.process[0, 0])),
-            "R: ν_ψ [rad/s]": float(np.sqrt(j.process[2, 2])),
-            "R: ν̇_x [m/s²]": float(np.sqrt(j.process[3, 3])),
-            "R: ν̇_ψ [rad/s²]": float(np.sqrt(j.process[5, 5])),
-            N_("EKF: ν_x error [m/s]"): float(j.velocity[0]),
-            N_("EKF: ν_ψ error [rad/s]"): float(j.velocity[2]),
+            "R: ν_x [m/s]": float(np.sqrt(j.process_noise_cov[0, 0])),
+            "R: ν_ψ [rad/s]": float(np.sqrt(j.process_noise_cov[2, 2])),
+            "R: ν̇_x [m/s²]": float(np.sqrt(j.process_noise_cov[3, 3])),
+            "R: ν̇_ψ [rad/s²]": float(np.sqrt(j.process_noise_cov[5, 5])),
+            N_("EKF: ν_x error [m/s]"): float(j.velocity_rmse[0]),
+            N_("EKF: ν_ψ error [rad/s]"): float(j.velocity_rmse[2]),
         }
         for j in models
     ]
 
 
-def table(models: tuple[JudgedModel, ...]) -> str:
+def table(models: tuple[ModelEvaluation, ...]) -> str:
     """Return the rows as a text table."""
     figures = rows(models)
     keys = list(figures[0])

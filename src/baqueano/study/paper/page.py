@@ -10,7 +10,7 @@ from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import label
 from baqueano.simulate import simulate_loop
 from baqueano.study.paper.case_study import CaseStudy, ImpliedParameters
-from baqueano.study.paper.dynamic_vs_kinematic import JudgedModel, rows
+from baqueano.study.paper.dynamic_vs_kinematic import ModelEvaluation, rows
 from baqueano.vehicle_file import load
 
 SHOWN_S = 30.0
@@ -23,7 +23,7 @@ CLOSED = N_(
 )
 
 
-def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: str = "auto") -> Page:
+def page_of_paper(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend: str = "auto") -> Page:
     """Return the page with the tables and figures of the case studies."""
     fit = study.fits[0]
     labels = [label(c) for c in fit.channels]
@@ -54,10 +54,12 @@ def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: st
         headlines=[
             Headline(
                 _("largest deviation"),
-                f"{number(float(np.abs(study.z).max())):.1f} σ",
-                _("{estimates} estimates, {over}", estimates=len(study.z), over=seeds_text),
+                f"{number(float(np.abs(study.normalised_errors).max())):.1f} σ",
+                _("{estimates} estimates, {over}", estimates=len(study.normalised_errors), over=seeds_text),
             ),
-            Headline(_("within 1.96 sd"), f"{100 * study.inside:.0f} %", _("95 % are expected")),
+            Headline(
+                _("within 1.96 sd"), f"{100 * study.share_within_interval:.0f} %", _("95 % are expected")
+            ),
         ],
         sections=[
             Section(_("Case study I: parameters"), _(SIGNS), [Table(study.rows())]),

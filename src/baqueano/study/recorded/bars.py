@@ -6,6 +6,6 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 
-def row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":
+def criterion_row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":
     """Return a row of a table of recordings: a value, its criterion, and True if it is met."""
     return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

@@ -24,7 +24,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
-from baqueano.study.recorded.bars import row
+from baqueano.study.recorded.bars import criterion_row
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
@@ -90,21 +90,21 @@ def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) 
     dry = DRY_TERMS.intersection(choice.selected_terms)
     battery = next(judgement for judgement in choice.term_results if judgement.term.name == BATTERY_TERM)
     return [
-        row(
+        criterion_row(
             CAR,
             _("{name} → {other}: speed explained", name=name, other=other_name),
             share,
             f"≥ {number(bar):g}",
             share >= bar,
         ),
-        row(
+        criterion_row(
             CAR,
             _("{name}: terms added", name=name),
             ", ".join(map(_, choice.selected_terms)),
             _("dry friction or dead zone"),
             bool(dry),
         ),
-        row(
+        criterion_row(
             CAR,
             f"{name}: {_(BATTERY_TERM)}",
             text(battery.message),
@@ -120,14 +120,14 @@ def calibration_rows(calibration: Calibration, name: str) -> list["TableRow"]:
     is_scale_close = abs(turn - GYRO_SCALE) <= GYRO_SCALE_TOLERANCE
     is_clock_close = abs(offset - CLOCK_S[name]) <= CLOCK_TOLERANCE_S
     return [
-        row(
+        criterion_row(
             CAR,
             _("{name}: truth / gyro (1 / gyro_scale)", name=name),
             turn,
             f"{number(GYRO_SCALE):g} ± {number(GYRO_SCALE_TOLERANCE):g}",
             is_scale_close,
         ),
-        row(
+        criterion_row(
             CAR,
             _("{name}: clock of the truth [s]", name=name),
             offset,

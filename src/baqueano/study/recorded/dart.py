@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import row
+from baqueano.study.recorded.bars import criterion_row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -65,12 +65,12 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         zone = float(fit.vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
         name = f"dart, {_(floor)}"
         out.append(
-            row(
+            criterion_row(
                 name, _("held-out speed error [m/s rms]"), error, f"≤ {number(RMSE_M_S):g}", error <= RMSE_M_S
             )
         )
         out.append(
-            row(
+            criterion_row(
                 name,
                 _("dead zone"),
                 zone,

@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import row
+from baqueano.study.recorded.bars import criterion_row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -51,7 +51,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     progress(_("micromouse: fitting a sweep of the duty, testing on another sweep"))
     run, test_run = run_of(FITTED_SWEEP), run_of(OTHER_SWEEP)
     fit = fit_sweep(run, backend)
-    band, threshold = dead_band(fit), begins_to_turn(test_run)
+    band, threshold = dead_band(fit), starting_duty(test_run)
     faster = asymmetry(fit, run, backend)
     z, simulated = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
     share = 1.0 - float(np.sum((z - simulated) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
@@ -59,21 +59,21 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     is_near = abs(faster - ASYMMETRY) <= ASYMMETRY_TOLERANCE
     name = "micromouse"
     return [
-        row(
+        criterion_row(
             name,
             _("dead band [of 255]"),
             band,
             f"{number(threshold):.1f} ± {100 * DEAD_BAND_TOLERANCE:.0f} %",
             near,
         ),
-        row(
+        criterion_row(
             name,
             _("right wheel faster by [%]"),
             100.0 * faster,
             f"{100 * ASYMMETRY:.0f} ± {100 * ASYMMETRY_TOLERANCE:.0f}",
             is_near,
         ),
-        row(
+        criterion_row(
             name,
             _("held-out speeds explained"),
             share,
@@ -103,7 +103,7 @@ def dead_band(fit: Fit) -> float:
     return FULL_DUTY * float(zones.mean())
 
 
-def begins_to_turn(run: "Run") -> float:
+def starting_duty(run: "Run") -> float:
     """Return the duty [of 255] at which a wheel begins to turn, halfway between two steps.
     It is the mean over wheels and directions.
     """

@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
-from baqueano.study.recorded.bars import row
+from baqueano.study.recorded.bars import criterion_row
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -56,14 +56,14 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
         out.append(_row(name, c.allan_1s / SI_FACTORS["gyro"], ALLAN_1S[c.entry], ALLAN_TOLERANCE))
     is_reported = any(finding.code == "at-rest.bursts" for finding in statistics.findings)
-    return [*out, row(MAP, _("burst stamps are reported"), is_reported, _("yes"), is_reported)]
+    return [*out, criterion_row(MAP, _("burst stamps are reported"), is_reported, _("yes"), is_reported)]
 
 
 def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":
     """Return a row that requires `value` to be within a fraction `tolerance` of the author's value `reference`."""
     ok = bool(abs(value - reference) <= tolerance * abs(reference) + (5e-7 if tolerance == ROUNDING else 0.0))
     bar = f"{number(reference):g} ± {number(100 * tolerance):g} %"
-    return row(MAP, quantity, value, bar, ok)
+    return criterion_row(MAP, quantity, value, bar, ok)
 
 
 def _published_statistics() -> dict[tuple[str, str], tuple[float, float]]:

@@ -32,7 +32,9 @@ def measured_and_simulated(
     return sensor_log.z[present], simulated[present]
 
 
-def end_of(vehicle_file: "VehicleFile", run: "Run", backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
+def final_poses(
+    vehicle_file: "VehicleFile", run: "Run", backend: str = "auto"
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the last true pose (3,), and the pose (3,) that the model reaches from the first true pose."""
     truth, vehicle = run.truth, vehicle_file.vehicle
     assert truth is not None

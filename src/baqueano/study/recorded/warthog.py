@@ -18,8 +18,8 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import row
-from baqueano.study.recorded.simulated import end_of
+from baqueano.study.recorded.bars import criterion_row
+from baqueano.study.recorded.simulated import final_poses
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
@@ -56,13 +56,15 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
             )
         )
         fit = fit_windows(runs[:half_count], name, backend)
-        error_m, error_rad = errors(fit.vehicle_file, runs[half_count:], backend)
+        error_m, error_rad = median_errors(fit.vehicle_file, runs[half_count:], backend)
         position_text, angle_text = f"≤ {MAX_ERROR_M} m", f"≤ {np.degrees(MAX_ERROR_RAD):.0f}°"
         out.append(
-            row(name, "2 s ahead, position [m, median]", error_m, position_text, error_m <= MAX_ERROR_M)
+            criterion_row(
+                name, "2 s ahead, position [m, median]", error_m, position_text, error_m <= MAX_ERROR_M
+            )
         )
         out.append(
-            row(
+            criterion_row(
                 name,
                 "2 s ahead, heading [°, median]",
                 float(np.degrees(error_rad)),
@@ -70,7 +72,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
                 error_rad <= MAX_ERROR_RAD,
             )
         )
-        progress(f"{name}: {sentence(fit, name)}")
+        progress(f"{name}: {fit_sentence(fit, name)}")
     return out
 
 
@@ -80,7 +82,7 @@ def runs_of(name: str) -> list["Run"]:
     return [imported_run.run for imported_run in import_runs(MAP, [path])]
 
 
-def start(name: str) -> VehicleFile:
+def nominal_file(name: str) -> VehicleFile:
     """Return the vehicle file with its nominal radius and track."""
     radius, track = NOMINAL_SIZES[name]
     return load(Path(__file__).parent / "warthog.toml").with_values(
@@ -90,16 +92,16 @@ def start(name: str) -> VehicleFile:
 
 def fit_windows(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
     """Return the fit of radii, effective track and slide to the windows `runs`."""
-    return identify(runs, start(name), FREE, use=("truth",), options=FitOptions(backend=backend))
+    return identify(runs, nominal_file(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 
-def errors(vehicle_file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
+def median_errors(vehicle_file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
     """Return the median errors of position [m] and heading [rad] at the ends of the windows."""
-    ends = np.array([np.subtract(*end_of(vehicle_file, run, backend)) for run in runs])
+    ends = np.array([np.subtract(*final_poses(vehicle_file, run, backend)) for run in runs])
     return float(np.median(np.hypot(ends[:, 0], ends[:, 1]))), float(np.median(np.abs(wrap(ends[:, 2]))))
 
 
-def sentence(fit: Fit, name: str) -> str:
+def fit_sentence(fit: Fit, name: str) -> str:
     """Return a sentence with the fitted radii, effective track and slide."""
     model = fit.vehicle_file.vehicle
     radius = model.velocity_matrix[0, 0]

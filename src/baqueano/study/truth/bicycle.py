@@ -66,9 +66,9 @@ class Cars(Group):
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return dx/dt (n, k) under the commands in effect (n, 2).  (1)-(5)"""
-        return self.under(u)(x)
+        return self.rate_under(u)(x)
 
-    def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def rate_under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 2).  (1)-(5)"""
         m, (a, b) = self.mass_kg, self.axle_m.T
         zone = np.where(u[:, 0] > 0.0, self.zone[:, 0], self.zone[:, 1])

@@ -19,9 +19,9 @@ Measure = Callable[[np.random.Generator, bool], np.ndarray]
 class PassingFaults(NamedTuple):
     """Rates at which a passage over a mark is missed, doubled or mistaken."""
 
-    missed: float = 0.0
-    twice: float = 0.0
-    mistaken: float = 0.0
+    missed_rate: float = 0.0
+    double_rate: float = 0.0
+    mistaken_rate: float = 0.0
 
 
 class Reader(Protocol):
@@ -48,14 +48,14 @@ class TagReaders:
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported positions (n, 2) [m] at `t_s`; NaN without a report."""
         return self._reports.readings_at(
-            t_s, [(i, self._over(k, eta[i])) for i, k in self._near.passages(eta[:, :2])]
+            t_s, [(i, self._measure_of_tag(k, eta[i])) for i, k in self._near.passages(eta[:, :2])]
         )
 
-    def _over(self, k: int, eta: np.ndarray) -> Measure:
+    def _measure_of_tag(self, k: int, eta: np.ndarray) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
             z = eta[:2] + self._noise_m * draw.standard_normal((2, 2))
             if mistaken:
-                z += self._points[draw.choice(_others(len(self._points), k))] - self._points[k]
+                z += self._points[draw.choice(_other_indices(len(self._points), k))] - self._points[k]
             return z
 
         return measure
@@ -77,14 +77,14 @@ class Gate:
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported poses (n, 3) [m, m, rad] at `t_s`; NaN without a report."""
         return self._reports.readings_at(
-            t_s, [(i, self._in(eta[i])) for i, _ in self._near.passages(eta[:, :2])]
+            t_s, [(i, self._measure_of_pose(eta[i])) for i, _ in self._near.passages(eta[:, :2])]
         )
 
-    def _in(self, eta: np.ndarray) -> Measure:
+    def _measure_of_pose(self, eta: np.ndarray) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
             z = eta + self._noise * draw.standard_normal((2, 3))
             if mistaken:
-                z += self._poses[draw.choice(_others(len(self._poses), 0))] - self._poses[0]
+                z += self._poses[draw.choice(_other_indices(len(self._poses), 0))] - self._poses[0]
             z[:, 2] = np.arctan2(np.sin(z[:, 2]), np.cos(z[:, 2]))
             return z
 
@@ -100,24 +100,26 @@ class FloorLines:
     ) -> None:  # fmt: skip
         self._poses, self._half_width_m, self._noise_m = poses, half_width_m, noise_m
         self._reports = _Reports((len(xy), len(poses)), seeds, faults)
-        self._beyond, _ = self._to(xy)
+        self._beyond, _ = self._distances_from_lines(xy)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
-        previous_beyond, (self._beyond, lateral_m) = self._beyond, self._to(eta[:, :2])
+        previous_beyond, (self._beyond, lateral_m) = self._beyond, self._distances_from_lines(eta[:, :2])
         passed = (previous_beyond < 0.0) & (self._beyond >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
         passages = np.argwhere(passed).tolist()
-        return self._reports.readings_at(t_s, [(i, self._over(k, self._beyond[i, k])) for i, k in passages])
+        return self._reports.readings_at(
+            t_s, [(i, self._measure_of_line(k, self._beyond[i, k])) for i, k in passages]
+        )
 
-    def _over(self, k: int, beyond_m: float) -> Measure:
+    def _measure_of_line(self, k: int, beyond_m: float) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
             z, n = np.full((2, len(self._poses)), np.nan), len(self._poses)
-            z[:, draw.choice(_others(n, k)) if mistaken else k] = beyond_m
+            z[:, draw.choice(_other_indices(n, k)) if mistaken else k] = beyond_m
             return z + self._noise_m * draw.standard_normal((2, 1))
 
         return measure
 
-    def _to(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _distances_from_lines(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the distances (n, m) [m] of vehicles at `xy` (n, 2), beyond the lines and to the left of
         their points."""
         off, (c, s) = (
@@ -132,18 +134,18 @@ class _PassageDetector:
 
     def __init__(self, points_m: np.ndarray, radius_m: float, xy: np.ndarray) -> None:
         self._points, self._radius_m = points_m, radius_m
-        self._distance = self._to(xy)
+        self._distance = self._distances_from_points(xy)
         self._shrinks = np.zeros_like(self._distance, dtype=bool)
 
     def passages(self, xy: np.ndarray) -> list[tuple[int, int]]:
         """Return the pairs (vehicle, point) nearest at this call, within the radius: at most one point per vehicle."""
-        distance = self._to(xy)
+        distance = self._distances_from_points(xy)
         shrinks = distance < self._distance
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
         self._distance, self._shrinks = distance, shrinks
         return [(int(i), int(np.argmax(nearest[i]))) for i in np.flatnonzero(nearest.any(axis=1))]
 
-    def _to(self, xy: np.ndarray) -> np.ndarray:
+    def _distances_from_points(self, xy: np.ndarray) -> np.ndarray:
         """Return the distances (n, m) [m] from vehicles at `xy` (n, 2) to the points."""
         return np.hypot(*np.moveaxis(xy[:, None, :] - self._points, -1, 0))
 
@@ -174,5 +176,5 @@ class _Reports:
         return reports
 
 
-def _others(n: int, k: int) -> list[int]:
+def _other_indices(n: int, k: int) -> list[int]:
     return [i for i in range(n) if i != k]

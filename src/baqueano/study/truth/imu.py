@@ -41,7 +41,7 @@ class Imus(Group):
     step: np.ndarray  # (n, 3) of the converter, 0 for none
     low_pass_s: np.ndarray  # (n,) time constant of a low-pass before it, 0 for none
 
-    def quiet(self, truth: TruthGroup, floor: np.ndarray) -> np.ndarray:
+    def noiseless_readings(self, truth: TruthGroup, floor: np.ndarray) -> np.ndarray:
         """Return the readings (n, 3) without noise; `floor` (n, 2) is gravity along x and y."""
         (vx, vy, w), (vx_dot, vy_dot, w_dot) = truth.nu.T, truth.nu_dot.T
         lx, ly = self.place_m.T

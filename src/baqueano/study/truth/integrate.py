@@ -13,7 +13,7 @@ MIN_STEP_S = 1e-9  # a remainder of a step below this is rounding
 STORED_COMMANDS = 50  # number of latest commands that are stored
 
 
-class Line:
+class CommandDelayLine:
     """A delay line for the commands of n vehicles, with the delays `delay_s` (n,)."""
 
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
@@ -41,7 +41,7 @@ def integrate(
     stepped: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
     x: np.ndarray,
     span_s: tuple[float, float],
-    line: Line,
+    line: CommandDelayLine,
     kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     step_s: float = STEP_S,
 ) -> np.ndarray:

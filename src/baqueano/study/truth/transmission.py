@@ -29,7 +29,7 @@ class WheelForces(NamedTuple):
     """Forces and state rates from the motors to the wheels of n vehicles."""
 
     target: np.ndarray  # (n, w) q
-    pushed: np.ndarray  # (n, w) F
+    force: np.ndarray  # (n, w) F
     rate: np.ndarray  # (n, 3 w) of the inner states
 
 
@@ -60,7 +60,7 @@ class Transmission(Group):
     ) -> WheelForces:
         """Return target q, force F and state rates, from p and f (n, w), rim speeds r (n, w), and e (n, 1).  (1)-(5)"""
         q, gamma, s = np.split(inner, WHEEL_STATES, axis=1)
-        lag_s, half_play_m, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
+        lag_s, half_play_m, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._has_slip
         T = force - emf * (rim + s)
         in_mesh = (half_play_m == 0.0) | (gamma * np.sign(T) >= half_play_m)
         through = np.where(in_mesh, T, 0.0)
@@ -80,9 +80,9 @@ class Transmission(Group):
         )
 
     @cached_property
-    def _slips(self) -> np.ndarray:
+    def _has_slip(self) -> np.ndarray:
         return np.isfinite(self.grip_n)[:, None]
 
     @cached_property
     def _grip(self) -> np.ndarray:
-        return np.where(self._slips, self.grip_n[:, None], 1.0)
+        return np.where(self._has_slip, self.grip_n[:, None], 1.0)

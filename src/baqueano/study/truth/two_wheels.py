@@ -28,7 +28,7 @@ from baqueano.study.truth.transmission import Transmission
 DRY_SPEED_M_S = 0.05  # v₀; ten times that in rad/s about z
 STRIBECK_M_S = 0.03  # v_s, likewise
 SIDES = np.array([-1.0, 1.0])
-SCALE = np.array([1.0, 1.0, 10.0])
+SPEED_SCALE = np.array([1.0, 1.0, 10.0])
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ class Robots(Group):
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return dx/dt (n, k) under the commands in effect (n, 3).  (1)-(5)"""
-        return self.under(u)(x)
+        return self.rate_under(u)(x)
 
-    def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def rate_under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 3).  (1)-(5)"""
         m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
         (left, right), (cos_toe, sin_toe), target_at = self.arm_m.T, self._toe, self._force_target(u)
@@ -87,7 +87,10 @@ class Robots(Group):
                 rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
                 target, force, out[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
             longitudinal, lateral = force * cos_toe, force * sin_toe
-            resistance, g = self._friction(x[:, 3:6]) + self._unequal(x[:, 3:6]), self.gravity(psi)
+            resistance, g = (
+                self._friction(x[:, 3:6]) + self._unequal_radii_friction(x[:, 3:6]),
+                self.gravity(psi),
+            )
             X = longitudinal[:, 0] + longitudinal[:, 1] - resistance[:, 0]
             Y = lateral[:, 0] + lateral[:, 1] - resistance[:, 1]
             N = longitudinal[:, 1] * right - longitudinal[:, 0] * left - resistance[:, 2]
@@ -105,20 +108,20 @@ class Robots(Group):
         """Return gravity along body x and y (n, 2)."""
         return gravity_on(self.slope_rad, self.slope_heading_rad - heading_rad)
 
-    def _unequal(self, v: np.ndarray) -> np.ndarray | float:
+    def _unequal_radii_friction(self, v: np.ndarray) -> np.ndarray | float:
         """Return the additional friction (n, 3) of wheels with unequal radii, at the velocities (n, 3).  (6)"""
-        if not self._differ:
+        if not self._has_unequal_radii:
             return 0.0
         more = 0.5 * self.viscous[:, :1] * (self.wheel**-2 - 1.0) * (v[:, :1] + v[:, 2:] * self.arm_m * SIDES)
         about = more[:, 1] * self.arm_m[:, 1] - more[:, 0] * self.arm_m[:, 0]
         return np.stack([more[:, 0] + more[:, 1], np.zeros(len(v)), about], axis=1)
 
     @cached_property
-    def _differ(self) -> bool:
+    def _has_unequal_radii(self) -> bool:
         return bool(np.any(self.wheel != 1.0))
 
     @cached_property
-    def _breaks(self) -> bool:
+    def _has_breakaway(self) -> bool:
         return bool(np.any(self.breakaway != 1.0))
 
     @cached_property
@@ -127,7 +130,7 @@ class Robots(Group):
 
     @cached_property
     def _dry_speed(self) -> np.ndarray:
-        return SCALE * self.dry_speed_m_s[:, None]
+        return SPEED_SCALE * self.dry_speed_m_s[:, None]
 
     def _rim(self, x: np.ndarray) -> np.ndarray:
         """Return the rim speeds (n, 2) [m/s] of wheels without slip."""
@@ -142,7 +145,7 @@ class Robots(Group):
             self.gain / self.wheel * self.stall_n[:, None],
         )
         sign, magnitude = np.sign(duty), np.abs(duty)
-        if not self._breaks:
+        if not self._has_breakaway:
             steady = max_force_n * (sign * np.maximum(magnitude - zone, 0.0))
             return lambda x: steady
 
@@ -156,8 +159,10 @@ class Robots(Group):
     def _friction(self, v: np.ndarray) -> np.ndarray:
         """Return the friction in (X, Y, N) at the velocities (n, 3).  (3), (5)"""
         dry = self.dry * np.tanh(v / self._dry_speed)
-        if self._breaks:
-            dry = dry * (1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((v / (SCALE * STRIBECK_M_S)) ** 2)))
+        if self._has_breakaway:
+            dry = dry * (
+                1.0 + (self.breakaway[:, None] - 1.0) * np.exp(-((v / (SPEED_SCALE * STRIBECK_M_S)) ** 2))
+            )
         return dry + (self.viscous + self.quadratic * np.abs(v)) * v
 
 

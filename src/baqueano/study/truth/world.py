@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.study.truth.bicycle import Cars
 from baqueano.study.truth.group import TruthGroup
-from baqueano.study.truth.integrate import MIN_STEP_S, STEP_S, Line, integrate, runge_kutta
+from baqueano.study.truth.integrate import MIN_STEP_S, STEP_S, CommandDelayLine, integrate, runge_kutta
 from baqueano.study.truth.two_wheels import Robots
 
 TIME_TOLERANCE_S = 1e-6  # tolerance to find the command of the step that ends now
@@ -36,25 +36,29 @@ class TruthWorld:
         self._x = np.zeros((n, physics.states))
         if eta is not None:
             self._x[:, :3] = eta
-        self._line, self._drift = Line(physics.delay_s, physics.commands), np.zeros((n, 3))
+        self._line, self._drift = CommandDelayLine(physics.delay_s, physics.commands), np.zeros((n, 3))
         self.t_s = 0.0
         self._smooth: np.ndarray | None = None  # (n, 3) after the low-pass
         u = np.zeros((n, physics.commands))
         self._runge_kutta_step = fast(
-            lambda x, u, h: runge_kutta(physics.under(u), x, h), self._x, u, np.ones((n, 1))
+            lambda x, u, h: runge_kutta(physics.rate_under(u), x, h), self._x, u, np.ones((n, 1))
         )
         self._nu_dot = fast(lambda x, u: physics.rate(x, u)[:, 3:6], self._x, u)
 
     def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
         """Send the commands u (n, m), move for `dt_s`, and return the readings (n, 3) of the IMUs."""
-        self.go(u, dt_s)
+        self.move(u, dt_s)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._drift = self._drift + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
         filtered = self.physics.imu.low_pass_s[:, None] > 0.0
-        quiet = np.where(filtered, self._smooth, self.quiet) if self._smooth is not None else self.quiet
+        quiet = (
+            np.where(filtered, self._smooth, self.noiseless_readings)
+            if self._smooth is not None
+            else self.noiseless_readings
+        )
         return self.physics.imu.readings(quiet, self._drift, draw[:, :3])
 
-    def go(self, u: np.ndarray, dt_s: float) -> None:
+    def move(self, u: np.ndarray, dt_s: float) -> None:
         """Send the commands u (n, m) and move for `dt_s`, without a reading of an IMU."""
         self._line.send(self.t_s, u)
         previous_s, self.t_s = self.t_s, self.t_s + dt_s
@@ -70,13 +74,15 @@ class TruthWorld:
         edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
         tau_s = np.maximum(low_pass_s, MIN_STEP_S)[:, None]
         for a, b in pairwise(edges.tolist()):
-            self.t_s, previous_reading = a, self.quiet
+            self.t_s, previous_reading = a, self.noiseless_readings
             self._smooth = previous_reading if self._smooth is None else self._smooth
             self._x = integrate(self._runge_kutta_step, self._x, (a, b), self._line, kick)
             self.t_s = b
-            rise = (self.quiet - previous_reading) * tau_s / (b - a)
+            rise = (self.noiseless_readings - previous_reading) * tau_s / (b - a)
             self._smooth = (
-                self.quiet - rise + (self._smooth - previous_reading + rise) * np.exp(-(b - a) / tau_s)
+                self.noiseless_readings
+                - rise
+                + (self._smooth - previous_reading + rise) * np.exp(-(b - a) / tau_s)
             )
 
     @property
@@ -96,9 +102,9 @@ class TruthWorld:
         return self._drift
 
     @property
-    def quiet(self) -> np.ndarray:
+    def noiseless_readings(self) -> np.ndarray:
         """Return the present readings (n, 3) of the IMUs without noise."""
-        return self.physics.imu.quiet(self.truth, self.physics.gravity(self._x[:, 2]))
+        return self.physics.imu.noiseless_readings(self.truth, self.physics.gravity(self._x[:, 2]))
 
     def _apply_kick(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:
         for i in self._rough[h[self._rough] > 0.0]:

@@ -108,7 +108,7 @@ def as_plain_array(x: Value) -> Value:
     return type(x)([as_plain_array(e) for e in x]) if type(x) in (list, tuple) else x
 
 
-def filled_later(x: Value) -> Value:
+def as_fillable(x: Value) -> Value:
     """Return an array of floats as a TracedArray, which can receive scalars; any other value unchanged."""
     return (
         x.astype(object).view(TracedArray)
@@ -121,7 +121,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
     """Return the result of an operator or elementwise function of NumPy. Raise TraceError for an unknown function."""
     target = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
-        result = filled_later(getattr(ufunc, method)(*map(as_plain_array, inputs), **kwargs))
+        result = as_fillable(getattr(ufunc, method)(*map(as_plain_array, inputs), **kwargs))
     elif ufunc is np.matmul:
         result = linalg.matmul(*inputs)
     elif ufunc.__name__ not in UFUNCS:
@@ -147,7 +147,7 @@ def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: d
     if function in _IN_PLACE:
         return _original(function)(*args, **kwargs)
     if not has_scalars([*args, *kwargs.values()]):
-        return filled_later(
+        return as_fillable(
             function(*as_plain_array(tuple(args)), **{k: as_plain_array(v) for k, v in kwargs.items()})
         )
     if function in _FUNCTIONS:
@@ -242,14 +242,14 @@ def _interp(
     )
 
     def read(x: Value) -> Value:
-        y = _hats(x, xp, fp) if table is None else apply("interp", x, value=table)
+        y = _interp_by_ramps(x, xp, fp) if table is None else apply("interp", x, value=table)
         y = y if left is None else apply("where", apply("lt", x, xp[0]), left, y)
         return y if right is None else apply("where", apply("lt", xp[-1], x), right, y)
 
     return as_traced(elementwise(read)(as_array(x)))
 
 
-def _hats(x: Value, xp: Value, fp: Value) -> Value:
+def _interp_by_ramps(x: Value, xp: Value, fp: Value) -> Value:
     """Return the interpolation in a table known only at run time, as a sum of ramps.
 
     Raise TraceError for a table of more than 100 points.

@@ -80,7 +80,7 @@ def _binary(op: str, is_swapped: bool = False) -> Callable[[Value, Value], Value
     return method
 
 
-def _by(
+def _infix_method(
     function: Callable[[Value, Value], Value], is_swapped: bool = False
 ) -> Callable[[Value, Value], Value]:
     def method(self: Value, other: Value) -> Value:
@@ -111,15 +111,24 @@ class Scalar:
     __sub__, __rsub__ = _binary("sub"), _binary("sub", is_swapped=True)
     __mul__, __rmul__ = _binary("mul"), _binary("mul", is_swapped=True)
     __truediv__, __rtruediv__ = _binary("div"), _binary("div", is_swapped=True)
-    __pow__, __rpow__ = _by(power), _by(power, is_swapped=True)
-    __mod__, __rmod__ = _by(remainder), _by(remainder, is_swapped=True)
-    __floordiv__, __rfloordiv__ = _by(quotient), _by(quotient, is_swapped=True)
+    __pow__, __rpow__ = _infix_method(power), _infix_method(power, is_swapped=True)
+    __mod__, __rmod__ = _infix_method(remainder), _infix_method(remainder, is_swapped=True)
+    __floordiv__, __rfloordiv__ = _infix_method(quotient), _infix_method(quotient, is_swapped=True)
     __lt__, __gt__ = _binary("lt"), _binary("lt", is_swapped=True)
     __le__, __ge__ = _binary("le"), _binary("le", is_swapped=True)
     __eq__, __ne__ = _binary("eq"), _binary("ne")  # pyright: ignore[reportAssignmentType]
-    __and__, __rand__ = _by(partial(truth, "and")), _by(partial(truth, "and"), is_swapped=True)
-    __or__, __ror__ = _by(partial(truth, "or")), _by(partial(truth, "or"), is_swapped=True)
-    __xor__, __rxor__ = _by(partial(truth, "ne")), _by(partial(truth, "ne"), is_swapped=True)
+    __and__, __rand__ = (
+        _infix_method(partial(truth, "and")),
+        _infix_method(partial(truth, "and"), is_swapped=True),
+    )
+    __or__, __ror__ = (
+        _infix_method(partial(truth, "or")),
+        _infix_method(partial(truth, "or"), is_swapped=True),
+    )
+    __xor__, __rxor__ = (
+        _infix_method(partial(truth, "ne")),
+        _infix_method(partial(truth, "ne"), is_swapped=True),
+    )
     __neg__, __abs__ = _unary("neg"), _unary("abs")
 
     def __invert__(self) -> Value:

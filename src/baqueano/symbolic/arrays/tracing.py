@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.symbolic.arrays.array import TracedArray, filled_later
+from baqueano.symbolic.arrays.array import TracedArray, as_fillable
 from baqueano.symbolic.arrays.scalar import NUMBER_TYPES, Scalar
 
 _JOINING_FUNCTIONS = ("concatenate", "stack", "vstack", "hstack", "column_stack",
@@ -69,7 +69,7 @@ def _while_traced(original: Callable[..., Value], make: Callable[..., Value]) ->
 
 
 def _array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
-    return filled_later(_same_array(original, obj, dtype, **kwargs))
+    return as_fillable(_same_array(original, obj, dtype, **kwargs))
 
 
 def _same_array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
@@ -88,7 +88,7 @@ def _join(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Valu
 
 
 def _fill(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
-    return filled_later(_join(original, *args, **kwargs))
+    return as_fillable(_join(original, *args, **kwargs))
 
 
 _ARRAY_MAKERS: dict[str, Callable[..., Value]] = {"array": _array}

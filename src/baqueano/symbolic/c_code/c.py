@@ -167,7 +167,7 @@ class CKernel:
 
     def _compile(self, key: tuple, name: str, options: tuple, is_hasty: bool) -> Callable[..., None]:
         code = self._text(name, *options)
-        library = self.libraries[key] = compile.load(
+        library = self.libraries[key] = compile.load_library(
             header(code, self.program.tables) + code,
             operation_count=code.count(" = "),
             find_vectors=name == "batch",  # only then √ and ⌊ ⌋ of eight lanes become vectors

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from baqueano.symbolic.c_code.c_text import CText
-from baqueano.symbolic.derivatives.tangents import Tangents, blocks, tangents
-from baqueano.symbolic.graph.emit import EmitPlan, plan
-from baqueano.symbolic.graph.emit import cost as cost_of
+from baqueano.symbolic.derivatives.tangents import Tangents, parameter_blocks, tangents
+from baqueano.symbolic.graph.emit import EmitPlan, plan_statements
+from baqueano.symbolic.graph.emit import operation_cost as cost_of
 from baqueano.symbolic.graph.program import Program
 
 SIGNATURE = """\
@@ -21,7 +21,7 @@ BATCH_SIGNATURE = """\
 EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, const double *restrict start,
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
-REPEATED_TICK = """\
+REPEATED_TICK_CODE = """\
 EXPORT int again(const int64_t *a) {{
     const double *inputs = (const double *)(intptr_t)a[3];
     if ({nonzero}) return 1;
@@ -46,11 +46,11 @@ def differentiate(program: Program) -> DerivativeProgram:
     """Return the program with its tangents, kept or eliminated: the variant with fewer operations per tick."""
     bodies = []
     for eliminate in (False, True):
-        rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
+        rows = [tangents(program, *block, eliminate) for block in parameter_blocks(len(program.theta))]
         changing_nodes = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
         initial = (*program.initial, *(x for block in rows for x in block.initial))
         row_nodes = (x for block in rows for x in (*block.outputs, *block.next_carry))
-        order = plan(initial, (*program.outputs, *program.next_carry, *row_nodes), changing_nodes)
+        order = plan_statements(initial, (*program.outputs, *program.next_carry, *row_nodes), changing_nodes)
         bodies.append((cost_of(order.loop_statements), DerivativeProgram(program, rows, order)))
     return min(bodies, key=lambda choice: choice[0])[1]
 
@@ -63,9 +63,11 @@ def values(program: Program) -> str:
     """
     text = CText(width=1)
     text.lines.append(SIGNATURE)
-    order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
+    order = plan_statements(
+        program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs}
+    )
     _symbols(text, program)
-    _begin(text, program, order)
+    _add_tick_code(text, program, order)
     text.add(*(f"first[{k}] = {text.value(y)};" for k, y in enumerate(program.outputs)))
     text.assign(program.carry, program.next_carry)
     text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
@@ -73,7 +75,7 @@ def values(program: Program) -> str:
     text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
     zeros = set(program.zeros)
     nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
-    return str(text) + REPEATED_TICK.format(nonzero=" | ".join(nonzero) or "0")
+    return str(text) + REPEATED_TICK_CODE.format(nonzero=" | ".join(nonzero) or "0")
 
 
 def sensitivities(derivatives: DerivativeProgram) -> str:
@@ -93,10 +95,12 @@ def sensitivities(derivatives: DerivativeProgram) -> str:
 def cost(program: Program) -> str:
     """Return the code that fills first (1,), the sum of the only output."""
     text = CText(width=1)
-    order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
+    order = plan_statements(
+        program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs}
+    )
     text.lines += [SIGNATURE, "    double sum = 0.0;"]
     _symbols(text, program)
-    _begin(text, program, order)
+    _add_tick_code(text, program, order)
     text.add(f"sum += {text.value(program.outputs[0])};")
     text.assign(program.carry, program.next_carry)
     text.add(f"inputs += {len(program.inputs)};")
@@ -180,7 +184,7 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
     text = CText(width=LANE_COUNT)
     text.lines.append(BATCH_SIGNATURE)
     outputs_of_tick = program.outputs if with_outputs else ()
-    order = plan(
+    order = plan_statements(
         program.initial, (*outputs_of_tick, *program.next_carry), {*program.carry, *program.inputs}, False
     )
     sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
@@ -200,7 +204,7 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
             )
         )
     text.symbols(program.inputs, "u{}")
-    _begin(text, program, order, head=_load_inputs(shared))
+    _add_tick_code(text, program, order, head=_load_inputs(shared))
     text.add(
         *(
             f"scatter_{LANE_COUNT}(outputs + tick * {len(outputs_of_tick)} + {k}, at_outputs, {text.vector_code(y)});"
@@ -227,7 +231,7 @@ def _tick_with_tangents(derivatives: DerivativeProgram, *declarations: str) -> C
     for line in declarations:
         block_lines = [line.format(first=block.first, lanes=block.lanes) for block in rows]
         text.add(*(block_lines if "{first}" in line else [line]))
-    _begin(text, program, order, rows)
+    _add_tick_code(text, program, order, rows)
     return text
 
 
@@ -253,7 +257,7 @@ def _symbols(text: CText, program: Program) -> None:
     text.symbols(program.inputs, "inputs[{}]")
 
 
-def _begin(
+def _add_tick_code(
     text: CText, program: Program, order: EmitPlan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
 ) -> None:
     """Add the code up to the last statement of a tick."""

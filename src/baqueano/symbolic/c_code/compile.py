@@ -59,7 +59,7 @@ class FoundCompiler(NamedTuple):
     reason: Diagnostic | None  # None if the first compiler works
 
 
-def load(
+def load_library(
     source: str, operation_count: int = 0, find_vectors: bool = True, is_hasty: bool = False
 ) -> "ctypes.CDLL":
     """Return the library of C code, from the cache if possible. Raise CompileError without a working compiler.
@@ -67,7 +67,7 @@ def load(
     The flags depend on `operation_count`, the number of operations in the loop. `find_vectors` lets the compiler
     vectorise; `is_hasty` makes the compilation faster and the code slower.
     """
-    compiler = find()
+    compiler = find_compiler()
     if compiler.compiler is None:
         raise CompileError(compiler.reason or "")
     return _load(
@@ -75,7 +75,7 @@ def load(
     )
 
 
-def find() -> FoundCompiler:
+def find_compiler() -> FoundCompiler:
     """Return the first of cc, gcc, clang and ziglang that works; if $BAQUEANO_CC is set, only this compiler."""
     return _find(os.environ.get("BAQUEANO_CC", ""), os.environ.get("PATH", ""))
 

@@ -10,7 +10,7 @@ from functools import update_wrapper
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.symbolic.arrays.array import TracedArray, as_array, filled_later, has_scalars
+from baqueano.symbolic.arrays.array import TracedArray, as_array, as_fillable, has_scalars
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.derive import Row, argument_derivatives, combine
@@ -94,6 +94,6 @@ def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]
         if has_scalars(result):
             return result.view(TracedArray) if result.ndim else result.item()
         result = result.astype(float)
-        return (filled_later(result) if level > 1 else result) if result.ndim else float(result)
+        return (as_fillable(result) if level > 1 else result) if result.ndim else float(result)
 
     return update_wrapper(derivative, f)

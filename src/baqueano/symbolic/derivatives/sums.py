@@ -9,7 +9,7 @@ tangents.py, the arms of `where` are combined by a choice.
 from collections.abc import Iterable
 
 from baqueano.symbolic.derivatives.derive import partials
-from baqueano.symbolic.derivatives.tangents import active
+from baqueano.symbolic.derivatives.tangents import active_nodes
 from baqueano.symbolic.graph.node import Graph, Node, nodes_below
 from baqueano.symbolic.graph.program import Program
 
@@ -20,7 +20,7 @@ def with_sums(program: Program, derivative_count: int) -> Program:
     carry, initial, next_carry = list(program.carry), list(program.initial), list(program.next_carry)
     sum_rows = [list(program.outputs)]
     for theta in program.theta[:derivative_count]:
-        moving_nodes = active(program, [theta])
+        moving_nodes = active_nodes(program, [theta])
         drifts = {x: graph.symbol("drift") for x in program.carry if x in moving_nodes}
         at_start = _derivatives(graph, program.initial, {theta: graph.const(1.0)})
         rows = _derivatives(

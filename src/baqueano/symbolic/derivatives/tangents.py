@@ -59,11 +59,11 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
     base: dict[Node, Combination] = {
         x: {TangentRow("unit", lanes, value=j): unit} for j, x in enumerate(seeds)
     }
-    active_nodes = active(program, seeds)
-    base |= {x: {drift: unit} for x, drift in zip(program.carry, drifts, strict=True) if x in active_nodes}
+    dependent_nodes = active_nodes(program, seeds)
+    base |= {x: {drift: unit} for x, drift in zip(program.carry, drifts, strict=True) if x in dependent_nodes}
     groups = (program.initial, program.next_carry, program.outputs)
     order = postorder([root for group in groups for root in group], lambda _: False)
-    count = len(list(blocks(len(program.theta))))
+    count = len(list(parameter_blocks(len(program.theta))))
     rows = _Rows(lanes, base, order, _changing_nodes(program, order), eliminate, count)
     return Tangents(first, lanes, drifts, *(tuple(map(rows.row, group)) for group in groups))
 
@@ -77,7 +77,7 @@ def _changing_nodes(program: Program, order: Iterable[Node]) -> set[Node]:
     return terms
 
 
-def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
+def active_nodes(program: Program, seeds: Iterable[Node]) -> set[Node]:
     """Return the nodes that depend on the seeds, directly or through the carry."""
     order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
     nodes = set(seeds)
@@ -188,7 +188,7 @@ def _is_one(node: Node) -> bool:
     return node.op == "const" and node.value == 1.0
 
 
-def blocks(count: int) -> Iterator[tuple[int, int]]:
+def parameter_blocks(count: int) -> Iterator[tuple[int, int]]:
     """Yield (first parameter, lanes) of the vectors for `count` parameters: eight lanes, or four in the last."""
     for first in range(0, count, 8):
         yield first, 4 if count - first <= 4 else 8

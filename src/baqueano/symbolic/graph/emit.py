@@ -55,7 +55,7 @@ class EmitPlan(NamedTuple):
     loop_statements: list[Statement]
 
 
-def plan(
+def plan_statements(
     initial: Iterable[Term], roots: Iterable[Term], changing_terms: Container[Term], branches: bool = True
 ) -> EmitPlan:
     """Return the statements for `initial` before the loop, and for `roots` at every tick.
@@ -136,16 +136,16 @@ def scheduled_statements(
     while True:
         try:
             return _Scheduler(is_given, search.select()).emit(roots)
-        except _Circle as circle:
+        except _CyclicBranch as circle:
             search.refused.add(circle.key)
 
 
-def cost(statements: Iterable[Statement]) -> float:
+def operation_cost(statements: Iterable[Statement]) -> float:
     """Return the weighted number of operations of the statements, with both arms of each branch."""
     total = 0.0
     for s in statements:
         if isinstance(s, EmittedBranch):
-            total += cost(s.if_true) + cost(s.if_false)
+            total += operation_cost(s.if_true) + operation_cost(s.if_false)
         else:
             total += _cost(s)
     return total
@@ -238,10 +238,10 @@ class _BranchGroup:
     needs: list[Term] = field(default_factory=list)  # terms to compute before the branch
 
     def cost(self) -> float:
-        return cost(self.arms[0].terms) + cost(self.arms[1].terms)
+        return operation_cost(self.arms[0].terms) + operation_cost(self.arms[1].terms)
 
 
-class _Circle(Exception):
+class _CyclicBranch(Exception):
     """The error of a branch whose start depends on its own result."""
 
     def __init__(self, key: _BranchKey) -> None:
@@ -296,7 +296,7 @@ class _Branches:
                 regions = [own_region, *group.arms]
             for a, region in zip(term.args, regions, strict=True):
                 regions_of_terms[a] = regions_of_terms[a].meet(region) if a in regions_of_terms else region
-        _settle(self.order, regions_of_terms, list(groups.values()))
+        _assign_regions(self.order, regions_of_terms, list(groups.values()))
         return group_of
 
     def key(self, term: Term, region: _Region) -> _BranchKey | None:
@@ -312,7 +312,9 @@ class _Branches:
         )
 
 
-def _settle(order: list[Term], regions_of_terms: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
+def _assign_regions(
+    order: list[Term], regions_of_terms: dict[Term, _Region], groups: list[_BranchGroup]
+) -> None:
     """Set the terms of each region, and the terms outside each branch that the branch needs."""
     for term in order:
         for region in regions_of_terms[term].outwards():
@@ -364,7 +366,7 @@ class _Scheduler:
                     statements.append(term if group is None else self.branch(group))
                     self.done.add(term)
                 elif group in open_groups:
-                    raise _Circle(group.key)
+                    raise _CyclicBranch(group.key)
                 else:
                     stack += reversed(pending)
                     open_groups |= {group} if group else set()

@@ -186,7 +186,7 @@ class PythonKernel:
             rows = jacobian_rows([*p.outputs, *p.next_carry], [*p.carry, *p.theta])
             dependent = _dependent(p, begin, rows[m:])
             rows = [{source: d for source, d in row.items() if source in dependent} for row in rows]
-            self.slopes = _pattern(begin, p.theta), _pattern(rows, [*p.carry, *p.theta])
+            self.slopes = _nonzero_pattern(begin, p.theta), _nonzero_pattern(rows, [*p.carry, *p.theta])
         return self.slopes
 
     def _call(
@@ -239,7 +239,7 @@ def _dependent(
     return dependent
 
 
-def _pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> TangentCode:
+def _nonzero_pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> TangentCode:
     column = {source: k for k, source in enumerate(sources)}
     indices = [i * len(sources) + column[source] for i, row in enumerate(rows) for source in row]
     return TangentCode(indices, [d for row in rows for d in row.values()])

@@ -36,12 +36,12 @@ TOPIC_OF_PREFIX = {  # first part of a column's name → topic
     "model": "/estimate/measurement", "innov": "/estimate/innovation", "S": "/estimate/innovation_std",
 }  # fmt: skip
 DRIVE, EVENTS, ROUTE = "/drive", "/events", "/guide/route"
-READS = {  # block → the topics that it reads; each publishes the topics below its name
+BLOCK_INPUTS = {  # block → the topics that it reads; each publishes the topics below its name
     "estimator": ("/sensors", "/command/applied"), "guide": ("/estimate/pose", ROUTE),
     "controller": ("/guide/reference", "/estimate/pose", "/estimate/velocity"),
     "supervisor": ("/controller/command", "/sensors"), "world": ("/command/applied",),
 }  # fmt: skip
-WRITES = {
+BLOCK_OUTPUTS = {
     "estimator": "/estimate/", "guide": "/guide/", "controller": "/controller/", "supervisor": "/command/",
     "world": ("/sensors", "/world/", DRIVE, EVENTS),
 }  # fmt: skip
@@ -59,7 +59,7 @@ class Client(NamedTuple):
     subscriptions: dict[int, str]
 
 
-class Foxglove:
+class FoxgloveServer:
     """The clients that watch a vehicle; `about` returns its description: vehicle, blocks, fields, route."""
 
     def __init__(self, about: "Callable[[], JsonObject]", now_ns: Callable[[], int] = time.time_ns) -> None:
@@ -71,7 +71,7 @@ class Foxglove:
     def __len__(self) -> int:
         return len(self._clients)
 
-    def welcome(self, line: Visitor) -> None:
+    def add_client(self, line: Visitor) -> None:
         """Send a new client the server information and the list of channels."""
         self._clients[line] = Client(line, {})
         vehicle = self._about().get("vehicle") or {}
@@ -109,12 +109,12 @@ class Foxglove:
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             line.send(_status("web.not-understood", type(error).__name__))
 
-    def show(self, rows: list[list[float]]) -> None:
+    def send_rows(self, rows: list[list[float]]) -> None:
         """Send the rows of a frame to the clients that subscribed to their topics; encode each topic only once."""
         if not self._clients:
             return
         fields = self._about()["fields"]
-        self._renew_channels()
+        self._advertise_again()
         stamps_ns = [self._stamp(row) for row in rows]
         bodies: dict[str, list[tuple[int, bytes]]] = {}
         for client in self._clients.values():
@@ -129,9 +129,9 @@ class Foxglove:
                     if content
                 ]
             if messages:
-                client.line.show(b"".join(messages))
+                client.line.send_latest(b"".join(messages))
 
-    def event(self, severity: str, words: str) -> None:
+    def send_event(self, severity: str, words: str) -> None:
         """Send an event to the clients that subscribed to events."""
         self._send(EVENTS, {
             "timestamp": _time(self._now_ns()), "level": LEVELS.get(severity, 2), "message": words,
@@ -154,7 +154,7 @@ class Foxglove:
         fields = self._about()["fields"]
         families = [
             TOPIC_OF_PREFIX[family]
-            for family in dict.fromkeys(_family(f["name"]) for f in fields)
+            for family in dict.fromkeys(_topic_prefix(f["name"]) for f in fields)
             if family in TOPIC_OF_PREFIX
         ]
         self._topics = [*families, DRIVE, EVENTS, ROUTE]
@@ -168,7 +168,7 @@ class Foxglove:
             for k, topic in enumerate(self._topics, 1)
         ]  # fmt: skip
 
-    def _renew_channels(self) -> None:
+    def _advertise_again(self) -> None:
         """Advertise the channels again if the topics have changed, as they do with other columns of another vehicle."""
         old_topics = self._topics
         channels = self._channels()
@@ -198,13 +198,13 @@ class Foxglove:
 
     def _graph(self) -> "JsonObject":
         def blocks(topic: str) -> list[str]:
-            return [block for block, topics in WRITES.items() if topic.startswith(topics)]
+            return [block for block, topics in BLOCK_OUTPUTS.items() if topic.startswith(topics)]
 
         return {
             "op": "connectionGraphUpdate", "advertisedServices": [], "removedTopics": [], "removedServices": [],
             "publishedTopics": [{"name": topic, "publisherIds": blocks(topic)} for topic in self._topics],
             "subscribedTopics": [
-                {"name": topic, "subscriberIds": [block for block, read in READS.items() if topic in read]}
+                {"name": topic, "subscriberIds": [block for block, read in BLOCK_INPUTS.items() if topic in read]}
                 for topic in self._topics
             ],
         }  # fmt: skip
@@ -223,11 +223,11 @@ class Foxglove:
         for client in self._clients.values():
             for subscription_id, channel_topic in client.subscriptions.items():
                 if channel_topic == topic:
-                    client.line.show(
+                    client.line.send_latest(
                         binary_frame(MESSAGE_LAYOUT.pack(DATA, subscription_id, self._now_ns()) + content)
                     )
 
-    def _stamp(self, row: list[float]) -> int:
+    def _wall_time_ns(self, row: list[float]) -> int:
         """Return the wall-clock time [ns] of a row: the start of its drive plus its drive time."""
         t_s = float(row[0] or 0.0)
         if t_s < self._last_s:
@@ -236,12 +236,12 @@ class Foxglove:
         return self._begun_ns + round(t_s * SECOND)
 
 
-def _family(name: str) -> str:
+def _topic_prefix(name: str) -> str:
     return name.partition(".")[0]
 
 
 def _topic(name: str) -> str:
-    return TOPIC_OF_PREFIX.get(_family(name), DRIVE)
+    return TOPIC_OF_PREFIX.get(_topic_prefix(name), DRIVE)
 
 
 def _key(name: str) -> str:

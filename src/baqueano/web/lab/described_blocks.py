@@ -39,15 +39,15 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
     """
     role, kind = request["room"], request["kind"]
     of_file = _kind_in_file(role, vehicle_file)
-    alternatives = listed_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
+    alternatives = available_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
     if kind and kind not in alternatives and kind != of_file:
         raise UsageError(fault("web.no-kind", role=role, found=repr(kind), known=alternatives))
     block = block_of(role, kind or of_file, vehicle_file)
     cls = type(block)
     return {
         "room": role, "kind": kind or of_file, "of_file": of_file, "kinds": alternatives, "name": cls.__name__,
-        "ours": _is_own(cls), "parameters": _parameters(role, block), **_text(cls),
-        "step_us": step_us(role, kind or of_file, vehicle_file) if role in LOOP_ROLES else None,
+        "ours": _is_own(cls), "parameters": _parameter_rows(role, block), **_class_text(cls),
+        "step_us": step_time_us(role, kind or of_file, vehicle_file) if role in LOOP_ROLES else None,
         "tick_us": 1e6 / vehicle_file.rate_hz,
     }  # fmt: skip
 
@@ -66,12 +66,12 @@ def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObje
     return {"findings": [finding.to_json() for finding in report.findings]}
 
 
-def listed_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
+def available_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
     """Return the kinds for a role: the built-in kinds and the classes of the user's folder."""
-    return [*kinds(role), *own_kinds(role, vehicle_file)]
+    return [*kinds(role), *user_block_kinds(role, vehicle_file)]
 
 
-def own_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
+def user_block_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
     """Return "file.py:Class" for each class in the user's folder whose source text shows this role.
 
     At most FILES files are read. Symbolic links and files over LARGEST bytes are ignored.
@@ -128,7 +128,7 @@ def _kind_in_file(role: str, vehicle_file: "VehicleFile") -> str:
     return str(table.get("kind", DEFAULT_KINDS.get(role, "")) if isinstance(table, dict) else "")
 
 
-def step_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | None:
+def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | None:
     """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
 
     Return None if a block of the loop raises an error, or if its execution is not permitted.
@@ -171,22 +171,22 @@ def _is_own(cls: type) -> bool:
     return is_ours(cls)
 
 
-def _text(cls: type) -> "JsonObject":
+def _class_text(cls: type) -> "JsonObject":
     """Return file name, source text (at most MAX_TEXT_LETTERS characters) and line number, from 0, of a class."""
     from baqueano.block_checks.source_text import source_text
 
     text = source_text(cls)
     module = cls.__module__.removeprefix("baqueano.").replace(".", "/")
     return {"file": f"{module}.py" if _is_own(cls) else f"{cls.__name__}", "text": text[:MAX_TEXT_LETTERS],
-            "line": _line(text, cls.__name__)}  # fmt: skip
+            "line": _line_of_class(text, cls.__name__)}  # fmt: skip
 
 
-def _line(text: str, name: str) -> int:
+def _line_of_class(text: str, name: str) -> int:
     """Return the line number, from 0 on, at which the class begins; 0 if it is not found."""
     return next((k for k, line in enumerate(text.splitlines()) if line.startswith(f"class {name}")), 0)
 
 
-def _parameters(role: str, block: object) -> "list[JsonObject]":
+def _parameter_rows(role: str, block: object) -> "list[JsonObject]":
     from baqueano.parameter import all_parameters
 
     rows = []

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 MAX_ANSWERS = 8  # stored answers about runs
 
 
-class Drives:
+class DriveIdentifications:
     """The identification of the current drive, and the stored answers about finished runs."""
 
     def __init__(self) -> None:
@@ -25,24 +25,24 @@ class Drives:
         from baqueano.web.lab.identification import DriveIdentification
 
         anew = request["drive"] != self._number
-        if self._drive is None or (anew and _version(request["vehicle"]) != self._vehicle):
+        if self._drive is None or (anew and _version_key(request["vehicle"]) != self._vehicle):
             if self._drive is not None:
                 self._drive.close()
             self._vehicle, self._drive = (
-                _version(request["vehicle"]),
-                DriveIdentification(_file(request["vehicle"])),
+                _version_key(request["vehicle"]),
+                DriveIdentification(_vehicle_file(request["vehicle"])),
             )
-            self._drive.warm()
+            self._drive.compile_kernels()
         elif anew:
             self._drive.restart()
         self._number = request["drive"]
         if request["rows"]:
-            self._drive.rows(request["names"], request["rows"])
+            self._drive.add_rows(request["names"], request["rows"])
         return self._drive.state(), b""
 
     def answer_run(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the identification of a run and b""."""
-        from baqueano.drive.verbs import vehicle_of
+        from baqueano.drive.tasks import recorded_vehicle_file
         from baqueano.runs import read_run
         from baqueano.web.lab.identification import DriveIdentification
         from baqueano.web.lab.recorded import pack_run
@@ -51,28 +51,28 @@ class Drives:
         key = str(path), path.stat().st_mtime_ns
         if key not in self._answers:
             run = read_run(path)
-            packed_run, drive = pack_run(run), DriveIdentification(vehicle_of(run))
-            drive.rows([field["name"] for field in packed_run.fields], packed_run.x.tolist())
-            self._answers[key] = drive.whole(run)
+            packed_run, drive = pack_run(run), DriveIdentification(recorded_vehicle_file(run))
+            drive.add_rows([field["name"] for field in packed_run.fields], packed_run.columns.tolist())
+            self._answers[key] = drive.state_of_run(run)
             drive.close()
             while len(self._answers) > MAX_ANSWERS:
                 del self._answers[next(iter(self._answers))]
         return self._answers[key], b""
 
 
-def _version(source: str) -> tuple[str, int]:
+def _version_key(source: str) -> tuple[str, int]:
     """Return a key that changes if the file of a vehicle changes."""
     path = Path(source)
     return source, path.stat().st_mtime_ns if path.is_file() else 0
 
 
-def _file(source: str) -> "VehicleFile":
+def _vehicle_file(source: str) -> "VehicleFile":
     """Return the vehicle file with a name, at a path, or in a run."""
     if source.endswith(".mcap"):
-        from baqueano.drive.verbs import vehicle_of
+        from baqueano.drive.tasks import recorded_vehicle_file
         from baqueano.runs import read_run
 
-        return vehicle_of(read_run(Path(source)))
+        return recorded_vehicle_file(read_run(Path(source)))
     from baqueano.vehicle_file import load
 
     return load(source)

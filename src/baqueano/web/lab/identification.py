@@ -43,15 +43,15 @@ MAX_GAP_S = 5.0
 
 
 class FitOfDrive(NamedTuple):
-    """A fit of the first `t_s` seconds of a drive, and its computing time `took_s`."""
+    """A fit of the first `t_s` seconds of a drive, and its computing time `computing_s`."""
 
     fit: "Fit"
     t_s: float
-    took_s: float
+    computing_s: float
 
 
 class DriveIdentification:
-    """The identification of one drive of a vehicle at a time. The same thread must call `rows` and `state`."""
+    """The identification of one drive of a vehicle at a time. The same thread must call `add_rows` and `state`."""
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self.vehicle_file = vehicle_file
@@ -78,9 +78,9 @@ class DriveIdentification:
         self._fit_ticks = 0  # number of ticks of the last fit
         self._theta, self._size = self._drive_information.nominal, self._drive_information.unknowns.size
         self._wider = np.ones(len(self._free))  # errors of the last fit, relative to the expected errors
-        self._begin()
+        self._reset()
 
-    def _begin(self) -> None:
+    def _reset(self) -> None:
         n, m = len(self.vehicle_file.command.names), sum(self._sizes.values())
         self._ticks = np.zeros(0, dtype=np.int64)
         self._u, self._z = np.zeros((0, n)), np.zeros((0, m))
@@ -88,7 +88,7 @@ class DriveIdentification:
         self._sd: list[np.ndarray] = []  # (p,) after each window
         self._fit_ticks = 0
 
-    def warm(self) -> None:
+    def compile_kernels(self) -> None:
         """Compile the code for a window before the first window arrives."""
         if self.compiled:
             rest_command = np.zeros((WINDOW_TICKS, self._u.shape[1]))
@@ -96,17 +96,17 @@ class DriveIdentification:
             self._drive_information.information(rest_command)
 
     @property
-    def seconds(self) -> float:
+    def duration_s(self) -> float:
         """Return the duration [s] of the drive so far."""
         return len(self._ticks) / self.vehicle_file.rate_hz
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Return True while a fit runs, or while rows wait for their window or fit."""
-        is_due = self.seconds >= FIRST_FIT_S and self._fit_ticks < len(self._ticks)
+        is_due = self.duration_s >= FIRST_FIT_S and self._fit_ticks < len(self._ticks)
         return self._job is not None or is_due or len(self._sd) < len(self._ticks) // WINDOW_TICKS
 
-    def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
+    def add_rows(self, names: list[str], rows: list[list[float | None]]) -> None:
         """Add the ticks that follow the ticks added before.
 
         A missing tick is filled with the last command, without measurements. An older tick is ignored. After a gap
@@ -128,7 +128,7 @@ class DriveIdentification:
         if not len(ticks):
             return
         if np.max(np.diff(ticks, prepend=last_tick)) > MAX_GAP_S * self.vehicle_file.rate_hz:
-            self._begin()
+            self._reset()
             last_tick = ticks[0] - 1
         whole = np.arange(last_tick + 1, ticks[-1] + 1)
         indices = np.searchsorted(ticks, whole, side="right") - 1
@@ -141,17 +141,17 @@ class DriveIdentification:
 
     def state(self) -> "JsonObject":
         """Return all that the page shows about the identification, and start a fit if one is due."""
-        self._take_fit()
+        self._use_finished_fit()
         self._advance(time.monotonic() + BUDGET_S)
         now_s = time.monotonic()
-        is_due = self.seconds >= FIRST_FIT_S and self._fit_ticks < len(self._ticks)
+        is_due = self.duration_s >= FIRST_FIT_S and self._fit_ticks < len(self._ticks)
         if self._job is None and is_due and now_s >= self._next_s:
             self._fit_ticks = len(self._ticks)
             self._next_s = now_s + (PERIOD_S if self.compiled else SLOW_PERIOD_S)
             self._job = self._thread.submit(self._fit, self.run())
         return self._description()
 
-    def whole(self, run: Run) -> "JsonObject":
+    def state_of_run(self, run: Run) -> "JsonObject":
         """Return the state for a finished run, with fits of growing parts of it; all its rows must have been added."""
         end_times_s = np.geomspace(
             FIRST_FIT_S, max(FIRST_FIT_S, run.duration_s), FIT_COUNT if self.compiled else 1
@@ -169,8 +169,8 @@ class DriveIdentification:
         self._advance(float("inf"))
         step = max(1, len(self._sd) // MAX_CURVE_POINTS)
         return self._description() | {
-            "fits": [self._fit_words(fit) for fit in fits], "step_s": step * self._window_s,
-            "expected": [_round(sd) for sd in self._sd[step - 1 :: step]],
+            "fits": [self._fit_json(fit) for fit in fits], "step_s": step * self._window_s,
+            "expected": [_rounded_list(sd) for sd in self._sd[step - 1 :: step]],
         }  # fmt: skip
 
     def run(self) -> Run:
@@ -201,7 +201,7 @@ class DriveIdentification:
             return error.diagnostic
         return FitOfDrive(fit, len(run.t_ns) / self.vehicle_file.rate_hz, time.monotonic() - began_s)
 
-    def _take_fit(self) -> None:
+    def _use_finished_fit(self) -> None:
         """Use a fit that has finished for the expected errors, and plan the time of the next fit."""
         if self._job is None or not self._job.done():
             return
@@ -211,7 +211,7 @@ class DriveIdentification:
             return
         self._reason, began_s = None, time.monotonic()
         self._use_fit(result)
-        took_s = result.took_s + time.monotonic() - began_s
+        took_s = result.computing_s + time.monotonic() - began_s
         self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / MAX_FIT_SHARE - 1.0))
 
     def _use_fit(self, drive_fit: FitOfDrive) -> None:
@@ -234,7 +234,7 @@ class DriveIdentification:
         self._advance(float("inf"))
         window_index = min(len(self._sd), round(drive_fit.t_s / self._window_s)) - 1
         if window_index >= 0:
-            errors = [np.nan if std is None else std for std in self._fit_words(drive_fit)["sd"]]
+            errors = [np.nan if std is None else std for std in self._fit_json(drive_fit)["sd"]]
             self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[window_index], 1.0)
 
     def _advance(self, until_s: float) -> None:
@@ -254,23 +254,23 @@ class DriveIdentification:
         total = -np.sum(np.log2(sd[windows_per_point - 1 :: windows_per_point]), axis=1)
         rate = np.maximum(np.diff(total, prepend=0.0), 0.0) / (windows_per_point * self._window_s)
         value = (
-            [None] * len(self._free) if self._last_fit is None else self._fit_words(self._last_fit)["value"]
+            [None] * len(self._free) if self._last_fit is None else self._fit_json(self._last_fit)["value"]
         )
         return {
-            "t": self.seconds, "start": self._start_s, "dt": windows_per_point * self._window_s,
+            "t": self.duration_s, "start": self._start_s, "dt": windows_per_point * self._window_s,
             "rate": rate.round(2).tolist(),
-            "bits": information_bits(sd[-1]) + 0.0, "now": _round(sd[-1]), "before": _round(sd[ago]),
+            "bits": information_bits(sd[-1]) + 0.0, "now": _rounded_list(sd[-1]), "before": _rounded_list(sd[ago]),
             "compiled": self.compiled,
-            "parameters": [self._parameter(free, sd[-1, k], value[k]) for k, free in enumerate(self._free)],
-            "fit": None if self._last_fit is None else self._fit_words(self._last_fit), "next": self._next(),
-            "why": None if self._reason is None else self._reason.to_json(), "busy": self.busy, "first": FIRST_FIT_S,
+            "parameters": [self._parameter_json(free, sd[-1, k], value[k]) for k, free in enumerate(self._free)],
+            "fit": None if self._last_fit is None else self._fit_json(self._last_fit), "next": self._advised_motion(),
+            "why": None if self._reason is None else self._reason.to_json(), "busy": self.is_busy, "first": FIRST_FIT_S,
         }  # fmt: skip
 
     @property
     def _start_s(self) -> float:
         return float(self._ticks[0]) / self.vehicle_file.rate_hz if len(self._ticks) else 0.0
 
-    def _parameter(self, free: FreeParameter, sd: float, value: float | None) -> "JsonObject":
+    def _parameter_json(self, free: FreeParameter, sd: float, value: float | None) -> "JsonObject":
         is_missing = free.shown_by and (
             sd > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
         )
@@ -281,7 +281,7 @@ class DriveIdentification:
             "needs": note("known.needs", motion=free.shown_by).to_json() if is_missing else None,
         }  # fmt: skip
 
-    def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
+    def _fit_json(self, drive_fit: FitOfDrive) -> "JsonObject":
         """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
         fit, value, sd = drive_fit.fit, [], []
         for path in self._drive_information.unknowns.names:
@@ -293,11 +293,11 @@ class DriveIdentification:
             sd.append(min(relative_std, 10.0) if np.isfinite(relative_std) else None)
         reason_json = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
-            "t": drive_fit.t_s, "took_s": drive_fit.took_s, "value": value, "sd": sd, "verdict": str(fit.verdict),
+            "t": drive_fit.t_s, "took_s": drive_fit.computing_s, "value": value, "sd": sd, "verdict": str(fit.verdict),
             "verdict_is": str(fit.verdict), "why": reason_json,
         }  # fmt: skip
 
-    def _next(self) -> "JsonObject | None":
+    def _advised_motion(self) -> "JsonObject | None":
         """Return the advised motion, which would reduce the uncertainty most.
 
         Return None before the first window, or if no motion is advised. Also return None without a compiler, because
@@ -320,5 +320,5 @@ def label_of(parameter: FreeParameter) -> Diagnostic:
     return note("known.label", meaning=parameter.definition.meaning, entry=entry)
 
 
-def _round(sd: np.ndarray) -> list[float]:
+def _rounded_list(sd: np.ndarray) -> list[float]:
     return [float(f"{x:.4g}") for x in sd]

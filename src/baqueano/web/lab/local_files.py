@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
 from baqueano.errors import BaqueanoError
-from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.worker_client import WorkerClient
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -27,7 +27,7 @@ class LocalFiles:
 
     def __init__(self, host: str, vehicle: str, routes: Path, runs: Path) -> None:
         self.host, self.vehicle, self.routes, self.runs = host, vehicle, routes, runs
-        self._lab = Lab()
+        self._lab = WorkerClient()
         # id of a mission → its kind, and the name of the route to teach
         self._requested: dict[str, tuple[str, str]] = {}
         self._fetching: set[asyncio.Task[None]] = set()

@@ -23,20 +23,20 @@ from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
 from baqueano.web.feed import HEAD_LAYOUT
-from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.worker_client import WorkerClient
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-PACE = 4.0
+DEFAULT_PACE = 4.0
 SLOWEST, FASTEST = 0.05, 50.0
 FRAME_PERIOD_S = 0.05  # between frames
 STATE_PERIOD_S = 0.2
 ROWS_PER_REQUEST = 4096  # rows requested at once
 CONNECT_TIMEOUT_S = 10.0  # time for an opened browser to connect
-BEFORE_FIT_S = 4.0  # time of an experiment before its parameters are shown
-FIT_SHOWN_S = 4.0  # time to show the parameters after an experiment
-GAINS_SHOWN_S = 7.0  # time to show the gains
+PAUSE_BEFORE_FIT_S = 4.0  # time of an experiment before its parameters are shown
+FIT_DISPLAY_S = 4.0  # time to show the parameters after an experiment
+GAINS_DISPLAY_S = 7.0  # time to show the gains
 
 
 class WorkStep(NamedTuple):
@@ -52,10 +52,10 @@ if TYPE_CHECKING:
 class RunPlayer:
     """A service that plays recorded runs as its drives."""
 
-    def __init__(self, lab: Lab, pace: float = PACE) -> None:
+    def __init__(self, lab: WorkerClient, pace: float = DEFAULT_PACE) -> None:
         self._lab, self._pace = lab, pace
         self._waiting: asyncio.Queue[Path | Diagnostic | JsonObject | None] = asyncio.Queue()
-        self._on_message: Callable[[JsonObject], None] = lambda word: None
+        self._on_message: Callable[[JsonObject], None] = lambda message: None
         self._paused, self._stop_reason = False, None
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
@@ -63,14 +63,14 @@ class RunPlayer:
         self._step: Diagnostic | None = None
         self._patience_s = 0.0  # time until which to wait for a browser; 0 before the first run
 
-    def put(self, item: "Entry") -> None:
+    def enqueue(self, item: "Entry") -> None:
         """Queue a run to play, tuned gains to show, or a diagnostic to send; None ends the playback.
 
         A step is shown at once.
         """
         if item is None or isinstance(item, WorkStep):
             self._step = None if item is None else item.message
-            self._tell()
+            self._send_state()
         if not isinstance(item, WorkStep):
             self._waiting.put_nowait(item)
 
@@ -87,19 +87,19 @@ class RunPlayer:
             self._stop_reason = words.get("why") if do == "stop" else None
         elif do in ("mission", "set", "shake"):
             raise UsageError(fault("web.playback"))
-        self._tell()
+        self._send_state()
 
-    async def receive(self, on_word: "Callable[[JsonObject], None]") -> None:
+    async def receive(self, on_message: "Callable[[JsonObject], None]") -> None:
         """Play the queued entries one after the other until the entry None."""
-        self._on_message = on_word
-        self._tell()
+        self._on_message = on_message
+        self._send_state()
         while (entry := await self._waiting.get()) is not None:
             if isinstance(entry, Path):
                 await self._play(entry)
             elif isinstance(entry, dict):
-                await self._show({"screen": "tuned", **entry}, GAINS_SHOWN_S)
+                await self._show({"screen": "tuned", **entry}, GAINS_DISPLAY_S)
             else:
-                on_word({"is": "event", "level": str(entry.severity), "said": entry})
+                on_message({"is": "event", "level": str(entry.severity), "said": entry})
 
     async def close(self) -> None:
         """Do nothing, because a player does not own resources."""
@@ -113,7 +113,7 @@ class RunPlayer:
             {"is": "fields", "names": names, "units": [field["unit"] for field in description["fields"]]}
         )
         self._on_message({"is": "route", "x": [], "y": []} | (description["route"] or {}))
-        if not await self._somebody():
+        if not await self._await_browser():
             return
         events, first_row, done_s, published_s = description["events"], 0, 0.0, float("-inf")
         before_s = begun_s = time.monotonic()
@@ -142,8 +142,8 @@ class RunPlayer:
                     self._on_message({"is": "frame", "x": rows[row_index:due]})
                 row_index = due
                 while events and events[0]["t"] <= done_s:
-                    self._event(events.pop(0))
-                if is_experiment and now_s - begun_s > BEFORE_FIT_S:
+                    self._send_event(events.pop(0))
+                if is_experiment and now_s - begun_s > PAUSE_BEFORE_FIT_S:
                     is_experiment = False
                     await self._show({"screen": "identify"})
                 if now_s - published_s >= STATE_PERIOD_S:
@@ -152,22 +152,22 @@ class RunPlayer:
                         "mission": description["kind"], "laps": None, "t_s": done_s,
                         "left_s": description["seconds"] - done_s,
                     }  # fmt: skip
-                    self._tell()
+                    self._send_state()
             first_row += len(rows)
         self._mission = {}
-        self._tell()
+        self._send_state()
         if description["kind"] == "experiment":
-            await self._show({"screen": "identify"}, FIT_SHOWN_S)
+            await self._show({"screen": "identify"}, FIT_DISPLAY_S)
 
     async def _show(self, scene: "JsonObject", stays_s: float = 0.0) -> None:
         """Show a screen, and wait `stays_s` seconds while a browser watches, without the pauses of the player."""
         self._scene = scene
-        self._tell()
+        self._send_state()
         while stays_s > 0.0 and self.viewers():
             await asyncio.sleep(FRAME_PERIOD_S)
             stays_s -= 0.0 if self._paused else FRAME_PERIOD_S
 
-    async def _somebody(self) -> bool:
+    async def _await_browser(self) -> bool:
         """Wait for a browser; return True once a browser watches, or False if none has connected within
         CONNECT_TIMEOUT_S."""
         self._patience_s = self._patience_s or time.monotonic() + CONNECT_TIMEOUT_S
@@ -175,13 +175,13 @@ class RunPlayer:
             await asyncio.sleep(FRAME_PERIOD_S)
         return bool(self.viewers())
 
-    def _event(self, event: "JsonObject") -> None:
+    def _send_event(self, event: "JsonObject") -> None:
         if isinstance(event["text"], dict):
             self._on_message(
                 {"is": "event", "level": event["severity"], "said": Diagnostic.of_json(event["text"])}
             )
 
-    def _tell(self) -> None:
+    def _send_state(self) -> None:
         state = "STOPPED" if self._stop_reason is not None else "MISSION" if self._mission else "READY"
         self._on_message(
             {
@@ -210,11 +210,11 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     """Serve a page that plays the entries from stdin, until all of them have been shown."""
     from baqueano.web.run import PageOptions, show_vehicle
 
-    lab = Lab()
+    lab = WorkerClient()
     playback = RunPlayer(lab, pace)
     loop = asyncio.get_running_loop()
     reading = loop.run_in_executor(
-        None, read, sys.stdin.buffer, partial(loop.call_soon_threadsafe, playback.put)
+        None, read_entries, sys.stdin.buffer, partial(loop.call_soon_threadsafe, playback.enqueue)
     )
 
     async def start() -> RunPlayer:
@@ -241,9 +241,9 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     await reading
 
 
-def read(coming: BinaryIO, put: "Callable[[Entry], object]") -> None:
+def read_entries(source: BinaryIO, put: "Callable[[Entry], object]") -> None:
     """Pass the entry in each line of stdin to `put`, and None at its end; skip malformed lines."""
-    for line in coming:
+    for line in source:
         try:
             entry = json.loads(line)
             if "tuned" in entry:
@@ -261,7 +261,7 @@ def main() -> None:
     """Parse the command line, and run the playback."""
     parser = argparse.ArgumentParser(prog="python -m baqueano.web.lab.playback", description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--pace", type=float, default=PACE)
+    parser.add_argument("--pace", type=float, default=DEFAULT_PACE)
     parser.add_argument("--no-browser", dest="browser", action="store_false")
     arguments = parser.parse_args()
     asyncio.run(play(arguments.folder, arguments.pace, arguments.browser))

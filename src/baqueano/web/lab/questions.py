@@ -16,17 +16,17 @@ from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages import text
 from baqueano.messages.language import use_language
 from baqueano.messages.printable import one_line
-from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.shelf import Shelf
+from baqueano.web.lab.run_list import RunList
+from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.visitor import Visitor
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-SIDE = 24  # laps along an axis of a landscape, at most
-PIECE = 10  # laps of a landscape in one request
-COMPARED = 6  # most runs in a comparison
-LONGEST_NAME = 200  # most characters of a name from a browser
+MAX_GRID_SIDE = 24  # laps along an axis of a landscape, at most
+LAPS_PER_REQUEST = 10  # laps of a landscape in one request
+MAX_COMPARED_RUNS = 6  # most runs in a comparison
+MAX_NAME_LETTERS = 200  # most characters of a name from a browser
 
 
 class Questions:
@@ -35,25 +35,25 @@ class Questions:
     `source` returns the vehicle of the page: {vehicle, routes}, {path, routes}, or None without a vehicle file.
     """
 
-    def __init__(self, shelf: Shelf, source: "Callable[[], JsonObject | None]") -> None:
+    def __init__(self, shelf: RunList, source: "Callable[[], JsonObject | None]") -> None:
         self._shelf, self._source = shelf, source
-        self._bench, self.slow = Lab(), Lab()
+        self._bench, self.slow = WorkerClient(), WorkerClient()
         self._newest: dict[tuple[Visitor, str], object] = {}
         self._running: set[asyncio.Task[None]] = set()
         self.blocks: dict[str, str] = {}  # role → kind that the next mission uses in place of the file's kind
         self.words: dict[str, Callable[[Visitor, JsonObject], Awaitable[JsonObject]]] = {
-            "tune": self._tune, "lap": self._lap, "landscape": self._landscape, "downhill": self._downhill,
+            "tune": self._tune, "lap": self._lap, "landscape": self._landscape, "downhill": self._descent,
             "block": self._block, "check": self._check, "compare": self._compare,
         }  # fmt: skip
 
-    async def answer(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def answer(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer a question. Raise UsageError for an unknown question."""
-        question = str(word["what"])
+        question = str(message["what"])
         if question not in self.words:
-            raise UsageError(fault("web.no-question", what=one_line(question)[:LONGEST_NAME]))
+            raise UsageError(fault("web.no-question", what=one_line(question)[:MAX_NAME_LETTERS]))
         key = visitor, question
-        self._newest[key] = word.get("id")
-        task = asyncio.create_task(self._answer(visitor, word))
+        self._newest[key] = message.get("id")
+        task = asyncio.create_task(self._answer(visitor, message))
         self._running.add(task)
         task.add_done_callback(self._running.discard)
         await task
@@ -66,102 +66,110 @@ class Questions:
         await self._bench.close()
         await self.slow.close()
 
-    async def _answer(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _answer(self, visitor: Visitor, message: "JsonObject") -> None:
         reply: JsonObject
         try:
-            reply = await self.words[word["what"]](visitor, word)
+            reply = await self.words[message["what"]](visitor, message)
         except BaqueanoError as error:
             reply = self._refusal(visitor, error.diagnostic)
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
             reply = self._refusal(visitor, fault("web.not-understood", error=type(error).__name__))
-        if self._is_newest(visitor, word):
-            self._newest.pop((visitor, word["what"]), None)
-        if visitor.open:
-            visitor.send({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
+        if self._is_newest(visitor, message):
+            self._newest.pop((visitor, message["what"]), None)
+        if visitor.is_open:
+            visitor.send({"is": "answer", "to": "ask", "id": message.get("id")} | reply)
 
     def _refusal(self, visitor: Visitor, reason: Diagnostic) -> "JsonObject":
         with use_language(visitor.language):
             return {"no": text(reason), "code": str(reason.code)}
 
-    def _is_newest(self, visitor: Visitor, word: "JsonObject") -> bool:
-        return visitor.open and self._newest.get((visitor, word["what"])) == word.get("id")
+    def _is_newest(self, visitor: Visitor, message: "JsonObject") -> bool:
+        return visitor.is_open and self._newest.get((visitor, message["what"])) == message.get("id")
 
-    def about(self, word: "JsonObject") -> "JsonObject":
+    def subject_of(self, message: "JsonObject") -> "JsonObject":
         """Return the subject of a question: a run of the list, or the page's vehicle.
 
         Raise UsageError if the run does not exist, or if the page does not have a vehicle file.
         """
-        if word.get("run"):
+        if message.get("run"):
             paths = self._shelf.paths()
-            if word["run"] not in paths:
+            if message["run"] not in paths:
                 raise UsageError(fault("web.no-run"))
-            return {"path": str(paths[word["run"]])}
+            return {"path": str(paths[message["run"]])}
         source = self._source()
         if source is None:
             raise UsageError(fault("web.no-vehicle-file"))
         return source
 
-    def _bench_word(self, word: "JsonObject") -> "JsonObject":
-        kind = "" if word.get("run") else self.blocks.get("controller", "")
-        return self.about(word) | {"route": str(word.get("route") or "")[:LONGEST_NAME], "kind": kind}
+    def _tuning_request(self, message: "JsonObject") -> "JsonObject":
+        kind = "" if message.get("run") else self.blocks.get("controller", "")
+        return self.subject_of(message) | {
+            "route": str(message.get("route") or "")[:MAX_NAME_LETTERS],
+            "kind": kind,
+        }
 
-    async def _tune(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        reply, _ = await self._bench.request("tune", **self._bench_word(word))
+    async def _tune(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+        reply, _ = await self._bench.request("tune", **self._tuning_request(message))
         return reply
 
-    async def _lap(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        if not self._is_newest(visitor, word):
+    async def _lap(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+        if not self._is_newest(visitor, message):
             return {"stale": True}
-        reply, _ = await self._bench.request("lap", gains=word["gains"], **self._bench_word(word))
+        reply, _ = await self._bench.request("lap", gains=message["gains"], **self._tuning_request(message))
         return reply
 
-    async def _landscape(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+    async def _landscape(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         """Return the costs of a square grid of laps, row by row from the bottom, or `stale`."""
-        side = max(2, min(SIDE, int(word["side"])))
+        side = max(2, min(MAX_GRID_SIDE, int(message["side"])))
         at = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
-        arguments = {name: word[name] for name in ("gains", "a", "b")} | self._bench_word(word)
+        arguments = {name: message[name] for name in ("gains", "a", "b")} | self._tuning_request(message)
         began, costs = time.monotonic(), []
-        for first in range(0, len(at), PIECE):
-            if not self._is_newest(visitor, word):
+        for first in range(0, len(at), LAPS_PER_REQUEST):
+            if not self._is_newest(visitor, message):
                 return {"stale": True}
-            reply, _ = await self._bench.request("costs", at=at[first : first + PIECE], **arguments)
+            reply, _ = await self._bench.request(
+                "costs", at=at[first : first + LAPS_PER_REQUEST], **arguments
+            )
             costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - began}
 
-    async def _downhill(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        arguments = {name: word[name] for name in ("gains", "price")} | self._bench_word(word)
+    async def _descent(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+        arguments = {name: message[name] for name in ("gains", "price")} | self._tuning_request(message)
         reply, _ = await self.slow.request("downhill", **arguments)
         return reply
 
-    async def write(self, visitor: Visitor, word: "JsonObject") -> Diagnostic:
+    async def write_gains(self, visitor: Visitor, message: "JsonObject") -> Diagnostic:
         """Write gains, or the gyro scale of a `lap`, into the vehicle file, and return the message that confirms it."""
-        if "lap" in word:
-            lap, route = str(self.path_of(word["lap"])), str(word.get("route") or "")[:LONGEST_NAME]
+        if message.keys() & {"lap"}:
+            lap, route = str(self.path_of(message["lap"])), str(message.get("route") or "")[:MAX_NAME_LETTERS]
             reply, _ = await self.slow.request(
                 "lap closure", **(self.about({}) | {"run": lap, "route": route})
             )
             return Diagnostic.of_json(reply["message"])
-        arguments = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
+        arguments = {"gains": message["gains"]} | self._tuning_request({"route": message.get("route")})
         reply, _ = await self._bench.request("write", **arguments)
         return note("web.tuned", file=reply["file"])
 
-    async def _block(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.request("block", **self._block_word(word))
-        return reply | {"swapped": self.blocks.get(str(word["room"]))}
+    async def _block(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+        reply, _ = await self.slow.request("block", **self._block_request(message))
+        return reply | {"swapped": self.blocks.get(str(message["room"]))}
 
-    async def _check(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.request("check", **self._block_word(word))
+    async def _check(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+        reply, _ = await self.slow.request("check", **self._block_request(message))
         with use_language(visitor.language):
             return {"findings": [text(Diagnostic.of_json(finding)) for finding in reply["findings"]]}
 
-    def _block_word(self, word: "JsonObject") -> "JsonObject":
-        role = str(word["room"])[:LONGEST_NAME]
-        own = "" if word.get("run") else self.blocks.get(role, "")
-        return self.about(word) | {"room": role, "kind": str(word.get("kind") or own)[:LONGEST_NAME]}
+    def _block_request(self, message: "JsonObject") -> "JsonObject":
+        role = str(message["room"])[:MAX_NAME_LETTERS]
+        own = "" if message.get("run") else self.blocks.get(role, "")
+        return self.subject_of(message) | {
+            "room": role,
+            "kind": str(message.get("kind") or own)[:MAX_NAME_LETTERS],
+        }
 
-    async def _compare(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+    async def _compare(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         paths = self._shelf.paths()
-        run_paths = [paths[name] for name in list(word["runs"])[:COMPARED] if name in paths]
+        run_paths = [paths[name] for name in list(message["runs"])[:MAX_COMPARED_RUNS] if name in paths]
         if not run_paths:
             raise UsageError(fault("web.no-run"))
         reply, _ = await self.slow.request(
@@ -169,22 +177,22 @@ class Questions:
         )
         return reply
 
-    async def swap(self, role: str, kind: str) -> str:
+    async def swap_block(self, role: str, kind: str) -> str:
         """Use a block of this kind for a role from the next mission on, "" for the file's block; return its kind.
 
         Raise UsageError if a block of this role cannot be swapped, or if the kind is not in the list of the role.
         """
         reply, _ = await self.slow.request(
-            "block", **self.about({}), room=role[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
+            "block", **self.subject_of({}), room=role[:MAX_NAME_LETTERS], kind=kind[:MAX_NAME_LETTERS]
         )
         if not reply["kinds"]:
-            raise UsageError(fault("web.no-swap", role=one_line(role)[:LONGEST_NAME]))
+            raise UsageError(fault("web.no-swap", role=one_line(role)[:MAX_NAME_LETTERS]))
         if reply["kind"] == reply["of_file"]:
             self.blocks.pop(role, None)
         else:
             self.blocks[role] = reply["kind"]
         return reply["kind"]
 
-    def path_of(self, word: str) -> Path:
+    def path_of(self, message: str) -> Path:
         """Return the path of the run with this key in the list. Raise UsageError if the run does not exist."""
-        return Path(self.about({"run": word})["path"])
+        return Path(self.subject_of({"run": message})["path"])

@@ -41,12 +41,12 @@ class PackedRun:
 
     fields: "list[JsonObject]"  # name, unit and group of each column
     t_s: np.ndarray  # (N,) since the first tick
-    x: np.ndarray  # (N, F) float32
-    around: "JsonObject"  # name, vehicle, blocks, route, events
+    columns: np.ndarray  # (N, F) float32
+    description: "JsonObject"  # name, vehicle, blocks, route, events
 
     def frame(self, number: int, first: int, count: int) -> bytes:
         """Return up to `count` rows from row `first` on, as a binary frame (feed.py)."""
-        rows = self.x[first : first + count]
+        rows = self.columns[first : first + count]
         t0 = float(self.t_s[first]) if first < len(self.t_s) else 0.0
         head = np.array([number, len(rows)], "<u4").tobytes() + np.array([t0], "<f8").tobytes()
         return head + rows.astype("<f4", copy=False).tobytes()
@@ -56,7 +56,7 @@ def pack_run(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
     """Return a run as rows. `kinds` maps roles to the default kinds, which are used if the file does not name one."""
     columns = _columns(run)
     data = _tables(run.vehicle_text)
-    names, unit = _command(data, run.applied.shape[1])
+    names, unit = _command_names(data, run.applied.shape[1])
     fields = [{"name": name, **_field_description(name, names, unit)} for name in columns]
     events = [
         {"t": (e.t_ns - int(run.t_ns[0])) / NANOSECONDS, "severity": e.level, "source": e.source,
@@ -83,21 +83,23 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     silent = np.full(n, np.nan)
     columns: dict[str, np.ndarray] = {"t": run.t_s}
     log = run.estimate
-    eta, nu, cov = _poses(log, t), _rates(log, t), None
+    eta, nu, cov = _poses_at_ticks(log, t), _velocities_at_ticks(log, t), None
     if log is not None and len(log.t_ns):
         cov = interpolate_rows(t, log.t_ns, log.cov.reshape(len(log.t_ns), -1)).reshape(n, 6, 6)
     columns |= {f"eta.{a}": eta[:, k] for k, a in enumerate(ETA)}
     columns |= {f"P.{a}": silent if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
     columns |= {f"nu.{a}": nu[:, k] for k, a in enumerate(NU)}
     target = run.guide_reference
-    ref = _poses(target, t)
-    columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {"ref.u": _rates(target, t)[:, 0]}
-    true = _poses(run.truth, t)
+    ref = _poses_at_ticks(target, t)
+    columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {
+        "ref.u": _velocities_at_ticks(target, t)[:, 0]
+    }
+    true = _poses_at_ticks(run.truth, t)
     columns |= {f"truth.{a}": true[:, k] for k, a in enumerate(ETA)}
     for k in range(run.applied.shape[1]):
         columns[f"u.{k}"] = run.applied[:, k]
         columns[f"asked.{k}"] = silent if run.requested is None else run.requested[:, k]
-    columns |= _readings(run)
+    columns |= _sensor_columns(run)
     offset = eta[:, :2] - ref[:, :2]
     columns["cross"] = -offset[:, 0] * np.sin(ref[:, 2]) + offset[:, 1] * np.cos(ref[:, 2])  # (1)
     steps = np.hypot(*np.diff(ref[:, :2], axis=0, prepend=ref[:1, :2]).T)
@@ -105,20 +107,20 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     return columns
 
 
-def _poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
+def _poses_at_ticks(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
     """Return the poses (N, 3) of a log at the ticks, all NaN without a log."""
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return interpolate_poses(t_ns, log.t_ns, log.eta)
 
 
-def _rates(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
+def _velocities_at_ticks(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return interpolate_rows(t_ns, log.t_ns, log.nu)
 
 
-def _readings(run: Run) -> dict[str, np.ndarray]:
+def _sensor_columns(run: Run) -> dict[str, np.ndarray]:
     """Return the columns of the sensor channels: reading, prediction, innovation and its std; and the NIS."""
     n = len(run.t_ns)
     names = [f"{name}[{k}]" for name, channel in run.sensors.items() for k in range(channel.z.shape[1])]
@@ -175,7 +177,7 @@ def _table(data: "JsonObject", name: str) -> "JsonObject":
     return table if isinstance(table, dict) else {}
 
 
-def _command(data: "JsonObject", n: int) -> tuple[list[str], str]:
+def _command_names(data: "JsonObject", n: int) -> tuple[list[str], str]:
     command = _table(data, "command")
     names, unit = command.get("names"), str(command.get("unit", ""))
     if isinstance(names, list) and len(names) == n:
@@ -185,7 +187,7 @@ def _command(data: "JsonObject", n: int) -> tuple[list[str], str]:
 
 def vehicle_description(data: "JsonObject", n: int, world: str = "recorded") -> "JsonObject":
     """Return the description of a vehicle with `n` commands for the page, from the tables of its file."""
-    names, unit = _command(data, n)
+    names, unit = _command_names(data, n)
     limit = _table(data, "command").get("limit")
     limits = limit if isinstance(limit, list) and len(limit) == n else [1.0] * n
     return {

@@ -16,7 +16,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import SHAPE_NAMES, shape
 from baqueano.runs.route_file import read_route
 from baqueano.tune.laps import SimulatedLaps, simulated_laps
-from baqueano.tune.rehearsal import JERK_M2
+from baqueano.tune.objective import JERK_M2
 from baqueano.tune.search import DIVERGED_COST, coordinates, descend, gains
 from baqueano.tune.search_space import file_values
 
@@ -33,7 +33,7 @@ MAX_LAPS = 200  # most laps of one question
 ROUTE_OF_RUN = "run"
 
 
-class TuningBench:
+class TuningWorker:
     """The stored kernels, by vehicle, route and controller."""
 
     def __init__(self) -> None:
@@ -51,18 +51,18 @@ class TuningBench:
         vehicle_file, route, laps = self._laps(request | {"route": name})
         search = laps.space
         block = search.block
-        meanings = dict(_meanings(block))
+        meanings = dict(_parameter_meanings(block))
         complete = bool(np.all(np.isfinite(search.file_gains)))
         rows = [
             {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]],
              "low": low, "high": high, "file": before if complete else None, "value": first}
             for n, unit, low, high, before, first in zip(
                 search.names, search.units, search.low.tolist(), search.high.tolist(), search.file_gains.tolist(),
-                search.first.values(), strict=True)
+                search.initial_gains.values(), strict=True)
         ]  # fmt: skip
         return {
             "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": JERK_M2,
-            "seconds": laps.seconds, "whole": laps.whole, "ticks": round(laps.seconds * vehicle_file.rate_hz),
+            "seconds": laps.seconds, "whole": laps.is_whole_route, "ticks": round(laps.seconds * vehicle_file.rate_hz),
             "path": {
                 "x": np.round(route.eta[:, 0], 4).tolist()[:: 1 + len(route.eta) // 1500],
                 "y": np.round(route.eta[:, 1], 4).tolist()[:: 1 + len(route.eta) // 1500],
@@ -76,7 +76,7 @@ class TuningBench:
         _, _, laps = self._laps(request)
         began = time.perf_counter()
         lap = laps.lap(_values(request["gains"], laps))
-        return lap_picture(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
+        return lap_json(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
 
     def costs(self, request: "JsonObject") -> "JsonObject":
         """Return both terms of the cost of laps for the request {gains, a, b, at: [[x, y], …]}.
@@ -90,9 +90,9 @@ class TuningBench:
         gains_of_lap = np.tile(base, (len(positions), 1))
         for axis, k in ((0, a), (1, b)):
             gains_of_lap[:, k] = gains(positions[:, axis], search.low[k], search.high[k])
-        return {"costs": _finite(laps.costs(gains_of_lap))}
+        return {"costs": _finite_or_none(laps.costs(gains_of_lap))}
 
-    def downhill(self, request: "JsonObject") -> "JsonObject":
+    def descent(self, request: "JsonObject") -> "JsonObject":
         """Return the steps of a descent of the cost from `gains`: gains, positions in [0, 1], and costs.
 
         `price` weights the jerk.
@@ -128,9 +128,9 @@ class TuningBench:
         return {"file": vehicle_file.path.name}
 
     def _laps(self, request: "JsonObject") -> "tuple[VehicleFile, Route, SimulatedLaps]":
-        key = (_stamp(request), request.get("route", ""), request.get("kind") or "")
+        key = (_cache_key(request), request.get("route", ""), request.get("kind") or "")
         if key not in self._laps_cache:
-            vehicle_file = file_of(request)
+            vehicle_file = requested_vehicle_file(request)
             route = _route(request)
             self._laps_cache[key] = (
                 vehicle_file,
@@ -143,13 +143,17 @@ class TuningBench:
         return self._laps_cache[key]
 
 
-def file_of(request: "JsonObject") -> "VehicleFile":
+def requested_vehicle_file(request: "JsonObject") -> "VehicleFile":
     """Return the vehicle file of a question: the file named `vehicle`, or the file in the run at `path`."""
-    from baqueano.drive.verbs import vehicle_of
+    from baqueano.drive.tasks import recorded_vehicle_file
     from baqueano.runs import read_run
     from baqueano.vehicle_file import load
 
-    return load(request["vehicle"]) if "vehicle" in request else vehicle_of(read_run(Path(request["path"])))
+    return (
+        load(request["vehicle"])
+        if "vehicle" in request
+        else recorded_vehicle_file(read_run(Path(request["path"])))
+    )
 
 
 def route_names(request: "JsonObject") -> list[str]:
@@ -195,7 +199,7 @@ def route_of_run(request: "JsonObject") -> "Route | None":
     return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], False)
 
 
-def lap_picture(lap: "SimulatedLap") -> "JsonObject":
+def lap_json(lap: "SimulatedLap") -> "JsonObject":
     """Return a lap as data for the page: its path, its costs, and its other results."""
     stride = 1 + len(lap.x) // MAX_POINTS
     values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
@@ -206,7 +210,7 @@ def lap_picture(lap: "SimulatedLap") -> "JsonObject":
     }  # fmt: skip
 
 
-def _meanings(block: object) -> "list[tuple[str, str]]":
+def _parameter_meanings(block: object) -> "list[tuple[str, str]]":
     from baqueano.parameter import parameters
 
     return [(name, parameter_.meaning) for name, parameter_ in parameters(block)]
@@ -226,11 +230,11 @@ def _values(numbers: object, laps: SimulatedLaps) -> np.ndarray:
     return np.clip(values, laps.space.low, laps.space.high)
 
 
-def _finite(costs: np.ndarray) -> "list[list[float | None]]":
+def _finite_or_none(costs: np.ndarray) -> "list[list[float | None]]":
     return [[float(x) if np.isfinite(x) and x < DIVERGED_COST else None for x in row] for row in costs]
 
 
-def _stamp(request: "JsonObject") -> tuple[object, ...]:
+def _cache_key(request: "JsonObject") -> tuple[object, ...]:
     """Return a key that changes if the file of the vehicle, the run or the route changes."""
     paths = [Path(str(request[name])) for name in ("vehicle", "path") if name in request]
     paths += [path for name, path in _route_files(request).items() if name == request.get("route")]

@@ -18,16 +18,16 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import AnswerNo, BaqueanoError, FileError, UsageError, error_text
-from baqueano.web.lab.drives import Drives
+from baqueano.web.lab.drives import DriveIdentifications
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.door.simulated.missions import StoredRoutes
     from baqueano.runs import Run
     from baqueano.web.lab.recorded import PackedRun
-    from baqueano.web.lab.tuning import TuningBench
+    from baqueano.web.lab.tuning import TuningWorker
 
-NICE = 10  # the vehicle's service and the page have priority
+NICENESS = 10  # the vehicle's service and the page have priority
 MAX_EXPERIMENT_S = 3600.0  # longest experiment
 MAX_OPEN_RUNS = 4  # runs that stay open
 
@@ -38,13 +38,14 @@ class Worker:
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[str, int, str], PackedRun] = OrderedDict()
         self._lines: dict[tuple[str, int], JsonObject] = {}  # list entries of the last request
-        self._drives = Drives()
-        self._bench: TuningBench | None = None
+        self._drives = DriveIdentifications()
+        self._bench: TuningWorker | None = None
 
     def answer(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the answer to a request, and the bytes that follow it."""
         handlers: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
-            "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
+            "find": self._find, "open": self._open_run, "frame": self._frame, "runs": self._runs,
+            "report": self._report,
             "vehicle": _vehicle, "mission": _mission, "fetch": _fetch, "compare": _compare, "block": _block,
             "check": _block, "lap closure": _close_lap,
             **dict.fromkeys(("tune", "lap", "costs", "downhill", "write"), self._tune),
@@ -53,12 +54,12 @@ class Worker:
         return handlers[request["do"]](request)
 
     def _tune(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
-        from baqueano.web.lab.tuning import TuningBench
+        from baqueano.web.lab.tuning import TuningWorker
 
-        self._bench = self._bench or TuningBench()
+        self._bench = self._bench or TuningWorker()
         bench = self._bench
         handlers = {
-            "tune": bench.begin, "lap": bench.lap, "costs": bench.costs, "downhill": bench.downhill,
+            "tune": bench.begin, "lap": bench.lap, "costs": bench.costs, "downhill": bench.descent,
             "write": bench.write,
         }  # fmt: skip
         return handlers[request["do"]](request), b""
@@ -69,27 +70,29 @@ class Worker:
 
         paths = [find(name, request["folder"]) for name in request["names"]]
         for path in paths:
-            self._recording(path)
+            self._packed_run(path)
         return {"paths": [str(path.resolve()) for path in paths]}, b""
 
-    def _begin(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recording(Path(request["path"]), request.get("filter") or "")
-        return run.around | {"fields": run.fields}, b""
+    def _open_run(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+        run = self._packed_run(Path(request["path"]), request.get("filter") or "")
+        return run.description | {"fields": run.fields}, b""
 
     def _frame(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recording(Path(request["path"]), request.get("filter") or "")
+        run = self._packed_run(Path(request["path"]), request.get("filter") or "")
         return {}, run.frame(request["number"], request["first"], request["count"])
 
-    def _recording(self, path: Path, estimator: str = "") -> "PackedRun":
+    def _packed_run(self, path: Path, estimator: str = "") -> "PackedRun":
         """Return a run, read again if it has changed. If `estimator` is not "", the run is replayed through it."""
         from baqueano.runs import read_run
         from baqueano.vehicle_file.build import DEFAULT_KINDS
         from baqueano.web.lab.recorded import pack_run
 
-        key = (*_version(path), estimator)
+        key = (*_version_key(path), estimator)
         if key not in self._open:
             run = read_run(path)
-            self._open[key] = pack_run(_refilter(run, estimator) if estimator else run, DEFAULT_KINDS)
+            self._open[key] = pack_run(
+                _replay_with_estimator(run, estimator) if estimator else run, DEFAULT_KINDS
+            )
         self._open.move_to_end(key)
         while len(self._open) > MAX_OPEN_RUNS:
             self._open.popitem(last=False)
@@ -104,7 +107,7 @@ class Worker:
         old_entries, self._lines = self._lines, {}
         for path in map(Path, request["paths"]):
             try:
-                key = _version(path)
+                key = _version_key(path)
                 entry = old_entries.get(key) or run_entry(read_run(path), path.stat().st_mtime)
                 self._lines[key] = entry
                 lines.append(entry)
@@ -122,18 +125,18 @@ class Worker:
         return {}, b""
 
 
-def _refilter(run: "Run", estimator: str) -> "Run":
+def _replay_with_estimator(run: "Run", estimator: str) -> "Run":
     """Return a run replayed through another estimator: a built-in one, or a class of the user's folder.
     Raise UsageError for any other kind.
     """
     from dataclasses import replace
 
     from baqueano.drive import replay
-    from baqueano.drive.verbs import vehicle_of
-    from baqueano.web.lab.described_blocks import listed_kinds
+    from baqueano.drive.tasks import recorded_vehicle_file
+    from baqueano.web.lab.described_blocks import available_kinds
 
-    vehicle_file = vehicle_of(run)
-    kinds = listed_kinds("estimator", vehicle_file)
+    vehicle_file = recorded_vehicle_file(run)
+    kinds = available_kinds("estimator", vehicle_file)
     if estimator not in kinds:
         raise UsageError(fault("web.no-kind", role="estimator", found=repr(estimator), known=kinds))
     replayed = replay(run, vehicle_file, estimator=estimator, backend="auto")
@@ -142,9 +145,10 @@ def _refilter(run: "Run", estimator: str) -> "Run":
 
 def _block(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.web.lab.described_blocks import block_description, check_block
-    from baqueano.web.lab.tuning import file_of
+    from baqueano.web.lab.tuning import requested_vehicle_file
 
-    return (block_description if request["do"] == "block" else check_block)(request, file_of(request)), b""
+    answer = block_description if request["do"] == "block" else check_block
+    return answer(request, requested_vehicle_file(request)), b""
 
 
 def _compare(request: "JsonObject") -> tuple["JsonObject", bytes]:
@@ -201,7 +205,7 @@ def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
         u = excitation(signal, vehicle_file.command.limit, long_s, vehicle_file.rate_hz, 0)
     blocks = order.get("blocks", {}) if kind == "repeat" else {}
     mission = Mission(kind, u=u, route=route, laps=max(0, round(order.get("laps", 1))), blocks=blocks)
-    return {"mission": pack(mission, vehicle_file).json()}, b""
+    return {"mission": pack(mission, vehicle_file).to_json()}, b""
 
 
 def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
@@ -210,7 +214,7 @@ def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
     If the run is copied but its route cannot be made, `no_route` is the reason as JSON, otherwise None.
     """
     from baqueano.door.remote import connect
-    from baqueano.drive.verbs import route_of
+    from baqueano.drive.tasks import route_of
     from baqueano.runs import read_run
     from baqueano.runs.folder import release_path, reserve_path
     from baqueano.runs.route_file import write_route
@@ -241,7 +245,7 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.diagnostics import Verdict
     from baqueano.drive import replay
     from baqueano.drive.closure import lap_closure
-    from baqueano.drive.verbs import route_of, vehicle_of
+    from baqueano.drive.tasks import recorded_vehicle_file, route_of
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
     from baqueano.vehicle_file.provenance import Provenance
@@ -251,7 +255,7 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     if vehicle_file.path is None:
         raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=vehicle_file.name))
     by_hand = run.metadata.get("kind") == "teach" and route_of_run({"path": request["run"]}) is None
-    if vehicle_file.is_guess or not by_hand or vehicle_of(run).name != vehicle_file.name:
+    if vehicle_file.is_guess or not by_hand or recorded_vehicle_file(run).name != vehicle_file.name:
         raise AnswerNo(fault("web.no-lesson", run=run.name, vehicle=vehicle_file.name))
     used = [origin.run for path, origin in vehicle_file.provenance.items() if path.endswith(".gyro_scale")]
     if run.name in used:
@@ -272,17 +276,17 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     return {"message": message.to_json()}, b""
 
 
-def _version(path: Path) -> tuple[str, int]:
+def _version_key(path: Path) -> tuple[str, int]:
     try:
         return str(path), path.stat().st_mtime_ns
     except OSError as error:
         raise FileError(fault("web.run-gone", path=path.name)) from error
 
 
-def serve(coming: BinaryIO, going: BinaryIO) -> None:
-    """Read requests from `coming`, and write their answers to `going`, until the input ends."""
+def serve(source: BinaryIO, sink: BinaryIO) -> None:
+    """Read requests from `source`, and write their answers to `sink`, until the input ends."""
     worker = Worker()
-    for line in coming:
+    for line in source:
         request = json.loads(line)
         payload = b""
         try:
@@ -292,11 +296,11 @@ def serve(coming: BinaryIO, going: BinaryIO) -> None:
         except Exception as error:  # a damaged run must not end the page
             reply = {"no": fault("web.lab-failed", error=error_text(error)).to_json(), "code": 1}
         reply |= {"bytes": len(payload)}
-        going.write(json.dumps(reply).encode() + b"\n" + payload)
-        going.flush()
+        sink.write(json.dumps(reply).encode() + b"\n" + payload)
+        sink.flush()
 
 
 if __name__ == "__main__":
     with suppress(AttributeError, OSError):
-        os.nice(NICE)
+        os.nice(NICENESS)
     serve(sys.stdin.buffer, sys.stdout.buffer)

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks
-from baqueano.contracts.optional import has_field, is_dynamic, of
+from baqueano.contracts.optional import attribute, has_field, is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds.faults.fault import CHANNEL_KINDS, DRIFT_S, SENSOR_KINDS, SLIP_FACTOR, Fault
-from baqueano.worlds.noise import stream
+from baqueano.worlds.noise import random_stream
 
 BATCH_ROWS = 256  # rows of random numbers that are drawn at a time
 WHEEL_SENSORS = ("wheels", "encoders")
@@ -34,10 +34,10 @@ class SensorDisturbance(NamedTuple):
 class Disturbance(NamedTuple):
     """Disturbance of a simulated world in a tick: forces, slope of the floor, voltage, grip and readings."""
 
-    push_body: np.ndarray  # (2,) acceleration of the centre of mass along body x, y [m/s²]
-    push_map: np.ndarray  # (2,) the same along x, y of the map
+    force_in_body: np.ndarray  # (2,) acceleration of the centre of mass along body x, y [m/s²]
+    force_in_map: np.ndarray  # (2,) the same along x, y of the map
     slope: np.ndarray  # (2,) sine of the floor's rise towards x, y of the map
-    supply: Value  # remaining share of the battery's voltage
+    supply_factor: Value  # remaining share of the battery's voltage
     grip: np.ndarray  # (k,) remaining share of each motor's force
     sensors: tuple[SensorDisturbance, ...]
 
@@ -54,7 +54,7 @@ class ZeroDisturbance(NamedTuple):
         return Disturbance(np.zeros(2), np.zeros(2), np.zeros(2), 1.0, np.ones(self.channels), sensors)
 
 
-class Shaking:
+class DisturbanceConverter:
     """Conversion of the faults of one world to the disturbance of each tick."""
 
     def __init__(self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float, seed: int) -> None:
@@ -64,8 +64,8 @@ class Shaking:
         self._motors = drivetrain.channels - drivetrain.servos
         self._mass_kg = float(getattr(vehicle, "mass_kg", 0.0)) if has_field(vehicle, "mass_kg") else 0.0
         self._moves = is_dynamic(vehicle)
-        self._line = stream(seed, "shake.line")
-        self._spikes = [stream(seed, f"shake.spikes.{name}") for name in self.names]
+        self._line = random_stream(seed, "shake.line")
+        self._spikes = [random_stream(seed, f"shake.spikes.{name}") for name in self.names]
         self._draws: list[np.ndarray] = []
 
     def check(self, fault_: Fault) -> Fault:
@@ -89,20 +89,20 @@ class Shaking:
             raise UsageError(fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], known="all"))
         return fault_
 
-    def first(self, fault: Fault) -> int:
+    def first_tick(self, fault: Fault) -> int:
         """Return the index of the first tick that the fault affects."""
         return round(fault.at_s * self._rate_hz)
 
-    def last(self, fault: Fault) -> float:
+    def end_tick(self, fault: Fault) -> float:
         """Return the index of the first tick after the fault; infinity for a fault without an end."""
-        if fault.until_s == float("inf"):
+        if fault.end_s == float("inf"):
             return float("inf")
-        return max(self.first(fault) + 1, round(fault.until_s * self._rate_hz))
+        return max(self.first_tick(fault) + 1, round(fault.end_s * self._rate_hz))
 
-    def inputs(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
+    def disturbance_at(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
         """Return the disturbance of tick k by `faults`, and True if the command of the previous tick arrives."""
         chance, spikes = self._random(k)
-        active = [fault_ for fault_ in faults if self.first(fault_) <= k < self.last(fault_)]
+        active = [fault_ for fault_ in faults if self.first_tick(fault_) <= k < self.end_tick(fault_)]
         if not active:
             return self.calm.disturbance(), True
         d = self.calm.disturbance()
@@ -110,9 +110,9 @@ class Shaking:
         for fault_ in active:
             match fault_.kind:
                 case "push":
-                    ticks = self.last(fault_) - self.first(fault_)
+                    ticks = self.end_tick(fault_) - self.first_tick(fault_)
                     force = np.array([fault_.x, fault_.y]) * (self._rate_hz / (ticks * self._mass_kg))
-                    (d.push_map if fault_.frame == "map" else d.push_body)[:] += force
+                    (d.force_in_map if fault_.frame == "map" else d.force_in_body)[:] += force
                 case "tilt":
                     slope_rad = hypot(fault_.x, fault_.y)
                     d.slope[:] += np.array([fault_.x, fault_.y]) * (
@@ -122,7 +122,7 @@ class Shaking:
                     kept_readings[self.names.index(fault_.of)] = 0.0
                 case "drift":
                     s, c = self._channel(fault_)
-                    age_s = (k - self.first(fault_)) / self._rate_hz
+                    age_s = (k - self.first_tick(fault_)) / self._rate_hz
                     d.sensors[s].offset[c] += fault_.size * min(1.0, age_s / DRIFT_S)
                 case "spikes":
                     s, c = self._channel(fault_)
@@ -140,15 +140,15 @@ class Shaking:
                         0.0 if chance[1 + s] < fault_.part else x for s, x in enumerate(kept_readings)
                     ]
         sensors = tuple(sensor._replace(keep=x) for sensor, x in zip(d.sensors, kept_readings, strict=True))
-        return d._replace(supply=supply, sensors=sensors), command_arrives
+        return d._replace(supply_factor=supply, sensors=sensors), command_arrives
 
     def _slip(self, d: Disturbance, fault_: Fault) -> None:
         wheels = {"all": slice(None), "left": slice(0, 1), "right": slice(1, 2)}[fault_.of]
         d.grip[: self._motors][wheels] *= fault_.part
         for sensor, block in zip(d.sensors, self._sensors, strict=True):
-            if of(block, "reads") in WHEEL_SENSORS:
+            if attribute(block, "reads") in WHEEL_SENSORS:
                 sensor.factor[wheels] *= SLIP_FACTOR
-            elif of(block, "reads") == "odometer":
+            elif attribute(block, "reads") == "odometer":
                 sensor.factor[:] *= SLIP_FACTOR
 
     def _channel(self, fault_: Fault) -> tuple[int, int]:

@@ -27,9 +27,9 @@ SLIP_FACTOR = 1.5  # factor on the reading of a wheel that slips
 SOURCE = "shake"  # source of the events of faults in a run
 WHEELS = ("left", "right", "all")
 DIRECTION_NAMES = ("ahead", "left", "back", "right")
-Usual: TypeAlias = tuple[float, float]  # smallest and largest value of a field
+DefaultAndRange: TypeAlias = tuple[float, float]  # smallest and largest value of a field
 
-FIELD_RANGES: dict[str, dict[str, Usual]] = {  # fields that a kind uses, in addition to `of`
+FIELD_RANGES: dict[str, dict[str, DefaultAndRange]] = {  # fields that a kind uses, in addition to `of`
     "push": {"x": (-100.0, 100.0), "y": (-100.0, 100.0)},
     "tilt": {"x": (-0.5, 0.5), "y": (-0.5, 0.5)},
     "cut": {},
@@ -68,7 +68,7 @@ class Fault:
 
     Examples
     --------
-    >>> Fault.of_words("12 s: push 0.3 N s left")
+    >>> Fault.parse("12 s: push 0.3 N s left")
     Fault(kind='push', at_s=12.0, for_s=None, of='', x=0.0, y=0.3, size=0.0, part=0.0, frame='body')
     """
 
@@ -98,7 +98,7 @@ class Fault:
             raise UsageError(fault("shake.of", kind="frame", found=repr(self.frame)[:40], known="body, map"))
 
     @property
-    def until_s(self) -> float:
+    def end_s(self) -> float:
         """Return the time [s] at which the fault ends; infinity if it lasts until the end of the drive."""
         if self.kind == "push":
             return self.at_s + PUSH_S
@@ -126,19 +126,19 @@ class Fault:
         return note(f"shake.{self.kind}", subject=SOURCE, number=number, **self.to_json(), **figures)
 
     @classmethod
-    def of_diagnostic(cls, message: Diagnostic) -> Self:
+    def from_diagnostic(cls, message: Diagnostic) -> Self:
         """Return the fault from a diagnostic that the method `message` returned. This is the inverse of that method."""
         return cls(**{field.name: message.figures[field.name] for field in fields(cls)})
 
     @classmethod
-    def of_words(cls, description: FaultLike) -> Self:
+    def parse(cls, description: FaultLike) -> Self:
         """Return the fault of a text or of a mapping of fields. Raise UsageError for an invalid description."""
-        from baqueano.worlds.faults.text import fields_of
+        from baqueano.worlds.faults.text import parse_fields
 
         if isinstance(description, cls):
             return description
         if isinstance(description, str):
-            return cls(**fields_of(description))
+            return cls(**parse_fields(description))
         names = [field.name for field in fields(cls)]
         if (
             not isinstance(description, Mapping)
@@ -170,5 +170,5 @@ def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Faul
             by_number[number] = replace(by_number[number], for_s=float(message.figures["for_s"]))
             assert by_number[number].at_s == at_s
         else:
-            by_number[number] = Fault.of_diagnostic(message)
+            by_number[number] = Fault.from_diagnostic(message)
     return list(by_number.values())

@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.monitor.watching import innovations_of
+from baqueano.monitor.sensor_monitor import innovation_channels
 from baqueano.sensors.sampling import measures_pose
 from baqueano.signals import seconds
 from baqueano.worlds.faults.fault import CHANNEL_KINDS, SENSOR_KINDS, SOURCE, Fault
@@ -55,7 +55,7 @@ class LedgerRow:
     fault: Fault
     message: Diagnostic
     until_s: float
-    noticed: list[LedgerNotice] = field(default_factory=list)
+    notices: list[LedgerNotice] = field(default_factory=list)
     worst_nis: float = float("nan")  # largest mean over a window, while the fault lasted
     error_m: float = float("nan")  # of the estimate at the end of the watched time
     bound_m: float = float("nan")  # 1.96 standard deviations of the position at that time
@@ -67,7 +67,7 @@ class LedgerRow:
     def silent_witnesses(self) -> tuple[str, ...]:
         """Return the names of the checks that did not detect the fault."""
         return tuple(
-            witness for witness in WITNESSES if witness not in [notice.witness for notice in self.noticed]
+            witness for witness in WITNESSES if witness not in [notice.witness for notice in self.notices]
         )
 
 
@@ -87,14 +87,14 @@ class Ledger:
     >>> robot = bq.load("small")
     >>> u = np.tile([0.6, 0.0, 0.1], (500, 1))
     >>> run = experiment(robot, u, shake=["2-4 s: cut imu"])
-    >>> [(row.fault.kind, [notice.witness for notice in row.noticed]) for row in ledger_of(run, robot).rows]
+    >>> [(row.fault.kind, [notice.witness for notice in row.notices]) for row in fault_ledger(run, robot).rows]
     [('cut', ['supervisor'])]
     """
 
     def __init__(self, vehicle_file: "VehicleFile", estimator: "Estimator | None" = None) -> None:
         sensors, self._estimator = vehicle_file.sensors, estimator or vehicle_file.estimator()
         self._sensors = sensors
-        self._reads = {name: optional.of(getattr(sensors, name), "reads") for name in sensors._fields}
+        self._reads = {name: optional.attribute(getattr(sensors, name), "reads") for name in sensors._fields}
         self._sees_pose = any(measures_pose(sensor) for sensor in sensors)
         self._used_channels: set[str] | None = None  # channels, once an innovation was seen; None: not known
         self.rows: list[LedgerRow] = []
@@ -110,7 +110,7 @@ class Ledger:
             return
         t_s = seconds(t_ns)
         if source == SOURCE:
-            self._take_fault(event)
+            self._add_fault(event)
         elif (witness := WITNESS_OF_SOURCE.get(source)) is not None and event.code != "sensor.agrees-again":
             self._add_notice(witness, t_s, event)
 
@@ -123,9 +123,9 @@ class Ledger:
         Also update the error of the position, if the true pose `truth` (3,) is known.
         """
         self.now_s = t_s = seconds(t_ns)
-        self._square(t_s, y, S)
+        self._test_innovations(t_s, y, S)
         if weight is not None and self.rows:
-            self._gate(t_s, weight)
+            self._check_gate(t_s, weight)
         for row in self.rows:
             if row.covers(t_s):
                 if truth is not None:
@@ -138,7 +138,7 @@ class Ledger:
         Return None if a check detected the fault, or if the fault is younger than MIN_LASTED_S.
         """
         lasted_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.at_s
-        if row.noticed or lasted_s < MIN_LASTED_S:
+        if row.notices or lasted_s < MIN_LASTED_S:
             return None
         figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.reason_unnoticed(row.fault)}
         if isfinite(row.error_m) and isfinite(row.bound_m):
@@ -165,15 +165,15 @@ class Ledger:
             code = "drift-others" if other_sensors else "drift"
         return note(f"ledger.why-{code}", subject=fault.of or fault.kind)
 
-    def _take_fault(self, diagnostic: Diagnostic) -> None:
+    def _add_fault(self, diagnostic: Diagnostic) -> None:
         number = int(diagnostic.figures["number"])
         if diagnostic.code == "shake.over":
             row = next(row for row in self.rows if row.number == number)
             row.until_s = row.fault.at_s + float(diagnostic.figures["for_s"])
             return
-        fault_ = Fault.of_diagnostic(diagnostic)
+        fault_ = Fault.from_diagnostic(diagnostic)
         self._before = deque(pair for pair in self._before if pair[0] >= fault_.at_s - KEEP_BEFORE_S)
-        self.rows.append(LedgerRow(number, fault_, diagnostic, fault_.until_s))
+        self.rows.append(LedgerRow(number, fault_, diagnostic, fault_.end_s))
         self._window.clear()  # the entries of an earlier fault do not belong to this one
         self._refusals_s.clear()
         self._sum, self._count = 0.0, 0
@@ -186,10 +186,10 @@ class Ledger:
         sensor_rows = [row for row in watched_rows if row.fault.kind in (*CHANNEL_KINDS, *SENSOR_KINDS)
                and row.fault.of.partition("[")[0] == name]  # fmt: skip
         row = (sensor_rows if witness == "monitor" and sensor_rows else watched_rows)[-1]
-        if witness not in [notice.witness for notice in row.noticed]:
-            row.noticed.append(LedgerNotice(witness, t_s - row.fault.at_s, diagnostic))
+        if witness not in [notice.witness for notice in row.notices]:
+            row.notices.append(LedgerNotice(witness, t_s - row.fault.at_s, diagnostic))
 
-    def _gate(self, t_s: float, weight: np.ndarray) -> None:
+    def _check_gate(self, t_s: float, weight: np.ndarray) -> None:
         refusals = int(np.sum(weight < 0.5))
         self._refusals_s.extend([t_s] * refusals)
         while self._refusals_s and t_s - self._refusals_s[0] > WINDOW_S:
@@ -201,11 +201,11 @@ class Ledger:
 
     def _channels(self, m: int) -> set[str] | None:
         """Return the names of the channels of m innovations, as "imu[2]"; None if they are unknown."""
-        channel_indices = innovations_of(self._estimator, self._sensors, m)
+        channel_indices = innovation_channels(self._estimator, self._sensors, m)
         names = [f"{n}[{c}]" for n, s in self._sensors._asdict().items() for c in range(s.size)]
         return None if channel_indices is None else {names[c] for c in channel_indices}
 
-    def _square(self, t_s: float, y: np.ndarray | None, S: np.ndarray | None) -> None:
+    def _test_innovations(self, t_s: float, y: np.ndarray | None, S: np.ndarray | None) -> None:
         """Add the innovations of a tick to the window, and test the sum over the window.  (1)"""
         if y is not None and self._used_channels is None and self._count == 0:
             self._used_channels = self._channels(len(y))
@@ -235,7 +235,7 @@ class Ledger:
                 self._add_notice("nis", t_s, note("ledger.nis", nis=mean, most=limit, window_s=WINDOW_S))
 
 
-def ledger_of(run: "Run", vehicle_file: "VehicleFile") -> Ledger:
+def fault_ledger(run: "Run", vehicle_file: "VehicleFile") -> Ledger:
     """Return the record of the faults of a recorded run.
 
     A run does not contain the weights of its innovations. So only a `Ledger` that is filled during the drive contains
@@ -256,7 +256,7 @@ def ledger_of(run: "Run", vehicle_file: "VehicleFile") -> Ledger:
     Examples
     --------
     >>> still = bq.simulate(bq.load("small"), np.zeros((20, 3)))
-    >>> ledger_of(still, bq.load("small")).rows
+    >>> fault_ledger(still, bq.load("small")).rows
     []
     """
     ledger, log, truth = Ledger(vehicle_file), run.estimate, run.truth

@@ -34,7 +34,7 @@ FORMS = {
 }
 
 
-def fields_of(text: str) -> JsonObject:
+def parse_fields(text: str) -> JsonObject:
     """Return the fields of the fault that a text describes. Raise UsageError for any other text."""
     match = FAULT_TEXT.fullmatch(text)
     form, example = FORMS.get(match[3] if match else "", (None, ""))

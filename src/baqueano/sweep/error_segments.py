@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.signals import NANOSECONDS, seconds
 
-PIECE_S = 10.0
+SEGMENT_S = 10.0
 MIN_SPANS = 4.0  # least length of a segment, in spans of a relative error
 MIN_LAST_LENGTH = (
     0.9  # least length of the last segment, in lengths; a shorter remainder is added to the previous segment
@@ -22,7 +22,7 @@ MIN_LAST_LENGTH = (
 WINDOW_TIMES = 5.0
 
 
-class Pieces(NamedTuple):
+class ErrorSegments(NamedTuple):
     """Sums over the B segments of a drive.  (1)
 
     Attributes
@@ -37,15 +37,15 @@ class Pieces(NamedTuple):
 
     squares: tuple[float, ...]
     samples: tuple[float, ...]
-    length_s: float = PIECE_S
+    length_s: float = SEGMENT_S
     correlation_s: float = 0.0
 
 
-def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
+def error_segments(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> ErrorSegments:
     """Return the segments of a series of errors (N,); each error covers the span `span_s` after its time."""
-    length_s = max(PIECE_S, MIN_SPANS * span_s)
+    length_s = max(SEGMENT_S, MIN_SPANS * span_s)
     if not len(t_ns):
-        return Pieces((), (), length_s)
+        return ErrorSegments((), (), length_s)
     t_s = seconds(t_ns, t_ns[0])
     count = max(1, int((t_s[-1] + span_s) / length_s + 1.0 - MIN_LAST_LENGTH))
     end_s = t_s + max(span_s - 1e-9, 0.0)
@@ -55,7 +55,7 @@ def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
         np.bincount(first_piece[is_inside], x[is_inside], count) for x in (e * e, np.ones(len(e)))
     )
     finite = np.isfinite(e)
-    return Pieces(
+    return ErrorSegments(
         tuple(squares.tolist()),
         tuple(samples.tolist()),
         length_s,

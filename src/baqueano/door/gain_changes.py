@@ -17,7 +17,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.frames.descriptions import adjustable_names
 from baqueano.drive.budget import BudgetedBlock, within
-from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.observers import EventLine, Observer
 from baqueano.errors import DiagnosticError, Invalid, error_text
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ PACE, WHO = "guide.pace", "holder"
 MAX_INTEGER = 2**53  # every smaller integer is exact as a float
 
 
-class Adjustable:
+class AdjustableController:
     """A wrapper of a controller whose parameters can change between two ticks."""
 
     def __init__(self, block: Tree) -> None:
@@ -90,7 +90,7 @@ class Adjustable:
         return replace(self.block, block=new_block)
 
 
-class Adjusting(Observer):
+class ChangeObserver(Observer):
     """Observer of one drive that applies the holder's changes; each change is recorded and sent to the clients."""
 
     def __init__(
@@ -101,22 +101,22 @@ class Adjusting(Observer):
     ) -> None:
         self._operator, self._tell = operator, broadcast
         self._blocks = dict(blocks or {})  # role → kind that replaces the file's, not recorded yet
-        self._controller = Adjustable(None)
+        self._controller = AdjustableController(None)
         self._set_pace: Callable[[str, float], None] | None = None
         self._pace = 1.0
-        operator.changes()  # drop changes from before this drive
+        operator.pop_changes()  # drop changes from before this drive
 
     def begin(self, blocks: "Blocks") -> "Blocks":
-        self._controller = Adjustable(blocks.controller)
-        self._set_pace = optional.of(blocks.guide, "set_pace")
+        self._controller = AdjustableController(blocks.controller)
+        self._set_pace = optional.attribute(blocks.guide, "set_pace")
         return blocks._replace(controller=self._controller)
 
-    def events(self) -> list[LastLine]:
-        lines: list[LastLine] = []
+    def events(self) -> list[EventLine]:
+        lines: list[EventLine] = []
         while self._blocks:
             role, kind = self._blocks.popitem()
             lines.append((SWAP, str(Severity.INFO), note("door.swapped", role=role, kind=kind)))
-        for path, value in self._operator.changes():
+        for path, value in self._operator.pop_changes():
             try:
                 diagnostic, level = self._change(path, value), Severity.INFO
             except Invalid as error:

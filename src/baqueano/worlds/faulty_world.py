@@ -24,9 +24,9 @@ from baqueano.errors import UsageError
 from baqueano.geometry import map_from_body
 from baqueano.sensors.sampling import difference
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY, ByName, Command, Motion, Slot, sensor_slots
-from baqueano.symbolic import function, put
+from baqueano.symbolic import function, with_value
 from baqueano.vehicles.state import Vehicle
-from baqueano.worlds.faults.disturbance import Disturbance, SensorDisturbance, Shaking
+from baqueano.worlds.faults.disturbance import Disturbance, DisturbanceConverter, SensorDisturbance
 from baqueano.worlds.faults.fault import SOURCE, Fault, FaultLike
 from baqueano.worlds.simulated import (
     DrawnNoise,
@@ -40,12 +40,12 @@ from baqueano.worlds.simulated import (
 MAX_FAULTS = 500  # of one drive
 
 
-def shaken_step(
+def disturbed_step(
     vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise,
     shake: Disturbance,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
     """Return the state, the true motion and the readings after a disturbed tick with the command `u` (n,).  (1)-(4)"""
-    vehicle = _weaken(vehicle, shake)
+    vehicle = _with_disturbed_motors(vehicle, shake)
     previous_state = state.vehicle
     a, _ = _acceleration(vehicle, previous_state.eta, shake)
     pushed_state = previous_state._replace(nu=previous_state.nu + 0.5 * dt_s * a)
@@ -56,7 +56,7 @@ def shaken_step(
         vehicle, vehicle_state.eta[2], vehicle_state.nu, nu
     )  # ν̇ of the tick is its value before the second half of the change
     vehicle_state = vehicle_state._replace(nu=nu, nu_dot=vehicle_state.nu_dot + drag_change + a)
-    truth = _disturb(motion, drag_change + a, gravity)._replace(nu=nu)
+    truth = _disturbed_motion(motion, drag_change + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
         begin, halfway, end = motion.tick
         first_drag_change = _drag_difference(
@@ -64,16 +64,16 @@ def shaken_step(
         )
         truth = truth._replace(
             tick=(
-                _disturb(begin, first_drag_change + a, gravity),
-                _disturb(halfway, a, gravity),
-                _disturb(end, drag_change + a, gravity),
+                _disturbed_motion(begin, first_drag_change + a, gravity),
+                _disturbed_motion(halfway, a, gravity),
+                _disturbed_motion(end, drag_change + a, gravity),
             )
         )
     states, slots = [], []
     for s, x, w, disturbance in zip(sensors, state.sensors, noise.sensors, shake.sensors, strict=True):
         next_state, slot = s.step(x, truth, dt_s, w)
         states.append(next_state)
-        slots.append(_disturb_reading(s, slot, disturbance))
+        slots.append(_disturbed_reading(s, slot, disturbance))
     readings = sensor_slots(tuple(sensors._fields))(*slots)
     return WorldState(vehicle_state, tuple(states)), truth._replace(tick=None), readings
 
@@ -82,27 +82,27 @@ def _with_gains(vehicle: Vehicle) -> Vehicle:
     """Return the vehicle with one gain per channel of its drivetrain, even if all channels share one gain."""
     drivetrain = vehicle.drivetrain
     gains = replace(drivetrain, gain=drivetrain.gain * np.ones(drivetrain.channels))
-    return put({"model": vehicle}, "model.drivetrain", gains)["model"]
+    return with_value({"model": vehicle}, "model.drivetrain", gains)["model"]
 
 
-def _weaken(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
+def _with_disturbed_motors(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
     """Return the vehicle with the disturbed voltage and the disturbed grip of its motors.  (3)"""
     tree, drivetrain = {"model": vehicle}, vehicle.drivetrain
-    tree = put(tree, "model.drivetrain.battery_v", drivetrain.battery_v * shake.supply)
-    return put(tree, "model.drivetrain.gain", drivetrain.gain * shake.grip)["model"]
+    tree = with_value(tree, "model.drivetrain.battery_v", drivetrain.battery_v * shake.supply_factor)
+    return with_value(tree, "model.drivetrain.gain", drivetrain.gain * shake.grip)["model"]
 
 
 def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tuple[np.ndarray, np.ndarray]:
     """Return the ν̇ (3,) that push and floor cause, and the gravity (2,) along the floor, in the body frame.  (2)"""
     body_from_map = map_from_body(eta[2])[:2, :2].T
     gravity = -STANDARD_GRAVITY * (body_from_map @ shake.slope)
-    a = shake.push_body + body_from_map @ shake.push_map + gravity
+    a = shake.force_in_body + body_from_map @ shake.force_in_map + gravity
     return vehicle.init(nu=np.array([a[0], a[1], 0.0])).nu, gravity
 
 
 def _drag_difference(vehicle: Vehicle, psi: float, nu: np.ndarray, next_nu: np.ndarray) -> np.ndarray:
     """Return the change of ν̇ (3,) from the velocity `nu` to `next_nu`, with zero effort."""
-    own_nu_dot, zero_command = optional.of(vehicle, "nu_dot"), np.zeros(vehicle.commands)
+    own_nu_dot, zero_command = optional.attribute(vehicle, "nu_dot"), np.zeros(vehicle.commands)
     return (
         np.zeros(3)
         if own_nu_dot is None
@@ -110,19 +110,19 @@ def _drag_difference(vehicle: Vehicle, psi: float, nu: np.ndarray, next_nu: np.n
     )
 
 
-def _disturb(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
+def _disturbed_motion(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
     return motion._replace(nu_dot=motion.nu_dot + a, gravity=motion.gravity + gravity)
 
 
-def _disturb_reading(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
+def _disturbed_reading(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
     has = slot.has * disturbance.keep
-    z, limit = disturbance.factor * slot.z + disturbance.offset, optional.of(sensor, "limit")
+    z, limit = disturbance.factor * slot.z + disturbance.offset, optional.attribute(sensor, "limit")
     limited = np.clip(difference(sensor, z, np.zeros(sensor.size)), -limit, limit)  # an angle is wrapped
     z = np.where(disturbance.offset != 0.0, limited, z)
     return slot._replace(has=has, z=np.where(has > 0.0, z, 0.0))
 
 
-class _ShakenBlock(NamedTuple):
+class _FaultyVehicle(NamedTuple):
     """A vehicle with faults and its sensors as one block, for the engine."""
 
     vehicle: Vehicle
@@ -132,12 +132,12 @@ class _ShakenBlock(NamedTuple):
         self, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise, shake: Disturbance
     ) -> tuple[WorldState, Motion, Tree]:
         return step_in_rows(
-            lambda state, row_s, unit: shaken_step(self.vehicle, self.sensors, state, u, row_s, unit, shake),
+            lambda state, row_s, unit: disturbed_step(self.vehicle, self.sensors, state, u, row_s, unit, shake),
             state, dt_s, noise,
         )  # fmt: skip
 
 
-class ShakenWorld(SimulatedWorld):
+class FaultyWorld(SimulatedWorld):
     """A simulated vehicle with faults as a world of the loop.
 
     Parameters
@@ -155,7 +155,7 @@ class ShakenWorld(SimulatedWorld):
     backend : str
         "auto", "c", "python" or "numpy".
     shake : sequence of Fault or str
-        The faults (see `worlds.Fault`); the method `shake` adds faults during the drive.
+        The faults (see `worlds.Fault`); the method `begin_fault` adds faults during the drive.
 
     Raises
     ------
@@ -169,7 +169,7 @@ class ShakenWorld(SimulatedWorld):
     Examples
     --------
     >>> robot = bq.load("small")
-    >>> world = ShakenWorld(robot.vehicle, robot.sensors, shake=["0.02 s: push 0.3 N s left"])
+    >>> world = FaultyWorld(robot.vehicle, robot.sensors, shake=["0.02 s: push 0.3 N s left"])
     >>> _ = world.read(t_ns=100_000_000)
     >>> print(f"{world.truth.nu[1]:.2f} m/s to the left")
     0.02 m/s to the left
@@ -179,27 +179,27 @@ class ShakenWorld(SimulatedWorld):
         self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float = 100.0, seed: int = 0,
         eta0: np.ndarray | None = None, backend: str = "auto", shake: Iterable[FaultLike] = (),
     ) -> None:  # fmt: skip
-        self._shaking = Shaking(vehicle, sensors, rate_hz, seed)
+        self._shaking = DisturbanceConverter(vehicle, sensors, rate_hz, seed)
         self.faults: list[Fault] = []  # the index of a fault is its number minus 1
         for description in shake:
-            self._append_fault(self._shaking.check(Fault.of_words(description)))
+            self._append_fault(self._shaking.check(Fault.parse(description)))
         self._requested_changes: deque[Fault | int] = deque()
         self._pending: list[tuple[int, Diagnostic | str]] = []
         self._started_numbers, self._ended_numbers = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
         vehicle, sensors = with_rows(vehicle, sensors, rate_hz)
         self._requested = self._u
-        block = _ShakenBlock(_with_gains(vehicle), sensors).step
+        block = _FaultyVehicle(_with_gains(vehicle), sensors).step
         no_disturbance = self._shaking.calm.disturbance()
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors, self._rows), no_disturbance)
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
-    def shake(self, fault_like: FaultLike) -> Fault:
+    def begin_fault(self, fault_like: FaultLike) -> Fault:
         """Begin a fault with the next tick, which sets `at_s`, and return the fault. Any thread can call this.
 
         Raise UsageError for a fault that this vehicle cannot have, or for more than MAX_FAULTS faults.
         """
-        valid_fault = self._shaking.check(Fault.of_words(fault_like))
+        valid_fault = self._shaking.check(Fault.parse(fault_like))
         if len(self.faults) + len(self._requested_changes) >= MAX_FAULTS:
             raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
         self._requested_changes.append(valid_fault)
@@ -224,10 +224,10 @@ class ShakenWorld(SimulatedWorld):
         k = self._tick
         self._apply_changes(k)
         for number, fault_ in enumerate(self.faults, 1):
-            if number not in self._started_numbers and self._shaking.first(fault_) <= k:
+            if number not in self._started_numbers and self._shaking.first_tick(fault_) <= k:
                 self._started_numbers.add(number)
                 self._pending.append((self._end_ns(k), fault_.message(number, float(self.truth.eta[2]))))
-        shake, command_arrives = self._shaking.inputs(self.faults, k)
+        shake, command_arrives = self._shaking.disturbance_at(self.faults, k)
         if command_arrives:
             self._u = self._requested
         self._state, self.truth, slots = self._compiled_step(self._state, self._u, dt_s, self._noise(), shake)
@@ -254,7 +254,7 @@ class ShakenWorld(SimulatedWorld):
         fault_, now_s = self.faults[number - 1], k / self._rate_hz
         if (
             number in self._ended_numbers
-            or self._shaking.last(fault_) <= k
+            or self._shaking.end_tick(fault_) <= k
             or number not in self._started_numbers
         ):
             return

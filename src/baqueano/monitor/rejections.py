@@ -6,42 +6,42 @@ from typing import Any, NamedTuple
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 
-REFUSED_SOURCE = "refused"  # source of the event
+REJECTIONS_SOURCE = "refused"  # source of the event
 OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the names of the counts of a channel
 
 
-class Refusals(NamedTuple):
+class Rejections(NamedTuple):
     """The numbers of rejected readings and of all readings of a channel in a run.
 
     Attributes
     ----------
     name : str
         Name of the channel, such as "imu[2]".
-    refused : int
+    rejected_count : int
         Number of rejected readings, to which the estimator gave a weight below 0.5.
-    arrived : int
+    reading_count : int
         Number of all readings.
 
     Examples
     --------
-    >>> Refusals("imu[2]", 3, 2000).refused
+    >>> Rejections("imu[2]", 3, 2000).rejected_count
     3
     """
 
     name: str
-    refused: int
-    arrived: int
+    rejected_count: int
+    reading_count: int
 
 
-def refusal_event(counts: Sequence[Refusals]) -> Diagnostic:
+def rejection_event(counts: Sequence[Rejections]) -> Diagnostic:
     """Return the message with the counts of all channels."""
-    values: dict[str, Any] = {count.name + OF_REFUSED: count.refused for count in counts}
-    values |= {count.name + OF_ARRIVED: count.arrived for count in counts}
-    texts = [f"{count.name}: {count.refused}/{count.arrived}" for count in counts]
+    values: dict[str, Any] = {count.name + OF_REFUSED: count.rejected_count for count in counts}
+    values |= {count.name + OF_ARRIVED: count.reading_count for count in counts}
+    texts = [f"{count.name}: {count.rejected_count}/{count.reading_count}" for count in counts]
     return note("estimator.refused", each=texts, **values)
 
 
-def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
+def rejections_in(events: Iterable[Tree]) -> tuple[Rejections, ...]:
     """Return the counts of rejected readings in the events of a run.
 
     Parameters
@@ -51,16 +51,16 @@ def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
 
     Returns
     -------
-    tuple of Refusals
+    tuple of Rejections
         An entry per channel; empty if the estimator does not report weights.
 
     Examples
     --------
-    >>> refusals_of(bq.simulate(bq.load("small"), np.zeros((10, 3))).events)
+    >>> rejections_in(bq.simulate(bq.load("small"), np.zeros((10, 3))).events)
     ()
     """
     refusals = [
-        e.diagnostic.figures for e in events if e.source == REFUSED_SOURCE and e.diagnostic is not None
+        e.diagnostic.figures for e in events if e.source == REJECTIONS_SOURCE and e.diagnostic is not None
     ]
     entries = [
         (values, key.removesuffix(OF_REFUSED))
@@ -69,6 +69,6 @@ def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
         if key.endswith(OF_REFUSED)
     ]
     return tuple(
-        Refusals(name, values_of_event[name + OF_REFUSED], values_of_event[name + OF_ARRIVED])
+        Rejections(name, values_of_event[name + OF_REFUSED], values_of_event[name + OF_ARRIVED])
         for values_of_event, name in entries
     )

@@ -9,11 +9,11 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import error_text, from_outside
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import rows_of, split_use
-from baqueano.monitor.agreement import Agreement
+from baqueano.estimators.readings.sensor_numbers import channel_indices, split_use
+from baqueano.monitor.agreement import AgreementMonitor
 from baqueano.monitor.findings import MODEL, Finding, finding_of
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
-from baqueano.monitor.refusals import Refusals
+from baqueano.monitor.rejections import Rejections
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import compile_block
 
@@ -25,7 +25,7 @@ class Notice(NamedTuple):
     finding: Finding | None = None  # the finding that began or became degraded
 
 
-class Watching:
+class SensorMonitor:
     """Monitor of the sensors during one drive.
 
     `model` is an AugmentedEkf without sensors in use. `estimator` is the estimator of the drive; `tick` and `estimate`
@@ -34,8 +34,8 @@ class Watching:
 
     def __init__(self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate) -> None:
         m = 0 if estimate.innovation is None else len(estimate.innovation)
-        self._channel_indices = innovations_of(estimator, model.sensors, m)
-        self._model, agreement = model, Agreement(model, self._channel_indices)
+        self._channel_indices = innovation_channels(estimator, model.sensors, m)
+        self._model, agreement = model, AgreementMonitor(model, self._channel_indices)
         self.channels = agreement.channels
         self._block = compile_block(agreement)
         self._block.step(agreement.init(), tick, estimate.innovation, estimate.innovation_cov)
@@ -62,10 +62,10 @@ class Watching:
     @property
     def is_suspect(self) -> bool:
         """Return True if a sensor disagrees and the monitor has not decided against the model."""
-        return any(sensor_finding.off != MODEL for sensor_finding in self._findings.values())
+        return any(sensor_finding.wrong_part != MODEL for sensor_finding in self._findings.values())
 
     @property
-    def refusals(self) -> tuple[Refusals, ...]:
+    def rejections(self) -> tuple[Rejections, ...]:
         """Return the counts of rejected readings until now; empty for an estimator that does not report weights."""
         if not self._has_weights:
             return ()
@@ -74,7 +74,7 @@ class Watching:
             f"innovation[{c}]" if self._channel_indices is None else self.channels.names[c] for c in indices
         ]
         return tuple(
-            Refusals(name, no, n) for name, no, n in zip(names, self._refusals, self._arrivals, strict=True)
+            Rejections(name, no, n) for name, no, n in zip(names, self._refusals, self._arrivals, strict=True)
         )
 
     def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
@@ -124,12 +124,14 @@ class Watching:
         return notices
 
 
-def innovations_of(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple[int, ...] | None:
+def innovation_channels(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple[int, ...] | None:
     """Return, for each of m innovations, the index of its channel from the estimator's `use`; None if unknown."""
     names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)
     try:
-        indices = tuple(names.index((split_use(use)[0], i)) for use in uses for i in rows_of(sensors, use))
+        indices = tuple(
+            names.index((split_use(use)[0], i)) for use in uses for i in channel_indices(sensors, use)
+        )
     except (AttributeError, TypeError, ValueError):
         return None
     return indices if len(indices) == m and m else None

@@ -22,7 +22,7 @@ from baqueano.diagnostics import Diagnostic
 from baqueano.errors import BaqueanoError
 from baqueano.messages import text
 from baqueano.messages.language import translate, use_language
-from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.visitor import Visitor
 
 if TYPE_CHECKING:
@@ -35,11 +35,11 @@ ROWS_PER_REQUEST = 2_000  # approximate number of rows in a request
 NAN = float("nan")
 
 
-class Identifying:
+class LiveIdentification:
     """The current or last drive, and the browsers that watch its identification."""
 
     def __init__(self, visitors: Callable[[], Iterable[Visitor]] = tuple) -> None:
-        self._lab, self._visitors = Lab(), visitors
+        self._lab, self._visitors = WorkerClient(), visitors
         self.vehicle = ""  # name or path of the vehicle file, or of a run that contains it
         self._looking: set[Visitor] = set()
         self._names: list[str] = []
@@ -58,31 +58,31 @@ class Identifying:
             k for k, name in enumerate(names) if has_time and (name == "t" or name[:2] in ("u.", "z."))
         ]
         self._names = [names[k] for k in self._at]
-        self._forget()
+        self._drop_rows()
         if ahead and self.vehicle and (self._asking is None or self._asking.done()):
             self._warm = self.vehicle
-            self._asking = asyncio.create_task(self._ask(once=True))
+            self._asking = asyncio.create_task(self._send_rows_periodically(once=True))
 
-    def take(self, rows: list[list[float | None]]) -> None:
+    def add_rows(self, rows: list[list[float | None]]) -> None:
         """Add ticks of the drive."""
         if not self._at:
             return
         if (rows[0][self._at[0]] or 0.0) < self._last_s:
-            self._forget()
+            self._drop_rows()
         values = (row[k] for row in rows for k in self._at)
         self._frames.append(array("f", [NAN if x is None else x for x in values]))
         self._last_s = rows[-1][self._at[0]] or 0.0
 
-    def look(self, visitor: Visitor, on: bool) -> None:
+    def set_subscription(self, visitor: Visitor, on: bool) -> None:
         """Begin to send the identification to this browser, or stop sending it if `on` is False."""
         if not on:
             self._looking.discard(visitor)
             return
         self._looking.add(visitor)
         if self._reply is not None:
-            self._say(visitor, self._reply)
+            self._send_reply(visitor, self._reply)
         if self._asking is None or self._asking.done():
-            self._asking = asyncio.create_task(self._ask())
+            self._asking = asyncio.create_task(self._send_rows_periodically())
 
     async def identify_run(self, path: Path, language: str) -> "JsonObject":
         """Return the identification of a run, with sentences in this language."""
@@ -97,30 +97,30 @@ class Identifying:
                 await self._asking
         await self._lab.close()
 
-    def _forget(self) -> None:
+    def _drop_rows(self) -> None:
         self._frames.clear()
         self._last_s = 0.0
         self._drive += 1
         self._reply = None
 
-    async def _ask(self, once: bool = False) -> None:
+    async def _send_rows_periodically(self, once: bool = False) -> None:
         """Send rows to the worker each second while a browser watches, and forward its answers."""
         if once:
-            await self._once()
+            await self._exchange_once()
         while self._looking:
             self._looking &= set(self._visitors())
-            if self.vehicle and (self._frames or self._busy or self._warm != self.vehicle):
+            if self.vehicle and (self._frames or self._is_busy or self._warm != self.vehicle):
                 self._warm = self.vehicle
-                await self._once()
+                await self._exchange_once()
             await asyncio.sleep(
                 0.0 if len(self._frames) > REQUEST_PERIOD_S * FRAMES_HZ * 2 else REQUEST_PERIOD_S
             )
 
     @property
-    def _busy(self) -> bool:
+    def _is_busy(self) -> bool:
         return self._reply is not None and bool(self._reply.get("busy"))
 
-    async def _once(self) -> None:
+    async def _exchange_once(self) -> None:
         drive, width = self._drive, len(self._names)
         rows: list[list[float]] = []
         while self._frames and len(rows) < ROWS_PER_REQUEST:
@@ -135,23 +135,23 @@ class Identifying:
         if drive == self._drive:
             self._reply = reply
             for visitor in self._looking:
-                self._say(visitor, reply)
+                self._send_reply(visitor, reply)
 
-    def _say(self, visitor: Visitor, reply: "JsonObject") -> None:
+    def _send_reply(self, visitor: Visitor, reply: "JsonObject") -> None:
         visitor.send({"is": "identify", "of": "live"} | with_sentences(reply, visitor.language))
 
 
 def with_sentences(reply: "JsonObject", language: str) -> "JsonObject":
     """Return an answer of the worker with its diagnostics as sentences in this language."""
     with use_language(language):
-        return {name: _in_words(value, name) for name, value in reply.items()}
+        return {name: _as_sentences(value, name) for name, value in reply.items()}
 
 
-def _in_words(value: Value, name: str) -> Value:
+def _as_sentences(value: Value, name: str) -> Value:
     if isinstance(value, dict):
         if "code" in value and "severity" in value:
             return text(Diagnostic.of_json(value))
-        return {key: _in_words(item, key) for key, item in value.items()}
+        return {key: _as_sentences(item, key) for key, item in value.items()}
     if isinstance(value, list) and value and isinstance(value[0], dict):
-        return [_in_words(item, "") for item in value]
+        return [_as_sentences(item, "") for item in value]
     return translate(value) if name == "verdict" and isinstance(value, str) else value

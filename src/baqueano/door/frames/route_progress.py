@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 MAX_ADVANCE_M = 0.3
 
 
-class AlongRoute:
+class RouteProgress:
     """A tracker of the progress of a vehicle that begins at the route's first pose."""
 
     def __init__(self, route: "Route") -> None:
@@ -31,7 +31,7 @@ class AlongRoute:
         self._closed, self.length_m = bool(route.closed), float(np.sum(self._length))
         self._progress_m = 0.0
 
-    def progress(self, eta: list[float]) -> tuple[float, float]:
+    def update(self, eta: list[float]) -> tuple[float, float]:
         """Return the progress over all laps [m], and the cross-track distance [m], positive to the left.  (1)
 
         Both are NaN for a position that is not finite, or a route without length.

@@ -15,7 +15,7 @@ class DriveEnded(FromOutside, KeyboardInterrupt):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hand:
+class ManualController:
     """Controller that requests each command from a person.
 
     It is the only block that is not pure, so a replay of its run uses the recorded commands.
@@ -28,7 +28,7 @@ class Hand:
     Examples
     --------
     >>> from baqueano.signals import Estimate
-    >>> hand = Hand(lambda: [0.3, 0.0, 0.1])
+    >>> hand = ManualController(lambda: [0.3, 0.0, 0.1])
     >>> hand.step(None, None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))[1].u
     array([0.3, 0. , 0.1])
     """

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.observers import EventLine, Observer
 from baqueano.errors import SafetyStop, UsageError
 from baqueano.signals import seconds
 from baqueano.worlds.faults.ledger import Ledger, LedgerRow
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from baqueano.door.operator import Operator
     from baqueano.door.simulated.missions import MissionPlan
     from baqueano.loop import Blocks, Record
-    from baqueano.worlds.shaken import ShakenWorld
+    from baqueano.worlds.faulty_world import FaultyWorld
 
 LEDGER_PERIOD_S = 0.5  # drive time between two messages `ledger` while a fault is active
 
@@ -36,30 +36,32 @@ class FaultRequests:
 
     def __init__(self, operator: "Operator", broadcast: "Callable[[JsonObject], None]") -> None:
         self._operator, self._tell = operator, broadcast
-        self._world: ShakenWorld | None = None  # the world of the present drive, None without one
-        self._last: tuple[JsonObject, bool, ShakenWorld] | None = None  # mission, attended, its world
+        self._world: FaultyWorld | None = None  # the world of the present drive, None without one
+        self._last: tuple[JsonObject, bool, FaultyWorld] | None = None  # mission, attended, its world
         self._by_hand = False
         self._next_mission: tuple[object, JsonObject, bool, float] | None = None
 
-    def begin(self, plan: "MissionPlan", world: "ShakenWorld", mission_json: str, attended: bool) -> Observer:
+    def begin(self, plan: "MissionPlan", world: "FaultyWorld", mission_json: str, attended: bool) -> Observer:
         """Store a drive that begins, and return the observer that keeps its record of faults."""
         mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
         self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
         self._world, self._last = world, (mission, attended, world)
-        return _LedgerKeeper(self, plan, world)
+        return _LedgerObserver(self, plan, world)
 
     def end(self) -> None:
         """Record that the drive has ended."""
         self._world = None
 
-    def take(self, request: JsonObject) -> None:
+    def handle(self, request: JsonObject) -> None:
         """Begin or end a fault. Raise UsageError if no drive is under way, or for an invalid fault."""
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
         if "over" in request:
             world.end_fault(int(request["over"]))
         else:
-            world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
+            world.begin_fault(
+                {name: value for name, value in request.items() if name not in ("do", "is", "at_s")}
+            )
 
     def repeat_mission(self, client: object, request: JsonObject) -> None:
         """Request the last mission again, and end the present drive first.
@@ -79,16 +81,16 @@ class FaultRequests:
         hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
         self._next_mission = client, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
         if self._operator.is_busy:
-            self._operator.end(client)
+            self._operator.request_end(client)
         else:
-            self.ask_again()
+            self.queue_repetition()
 
-    def ask_again(self) -> None:
+    def queue_repetition(self) -> None:
         """Queue the mission to repeat, if one is requested; call this when no mission is under way."""
         if self._next_mission is None:
             return
         (client, mission, attended, silence_s), self._next_mission = self._next_mission, None
-        if not self._operator.holds(client) and self._operator.is_busy:
+        if not self._operator.is_holder(client) and self._operator.is_busy:
             return
         try:
             self._operator.queue_mission(client, json.dumps(mission), attended, "again", silence_s)
@@ -97,13 +99,13 @@ class FaultRequests:
 
     def broadcast_ledger(self, ledger: Ledger) -> None:
         """Send the record of faults to all clients as the message `ledger`."""
-        self._tell({"is": "ledger", "rows": [_row(ledger, row) for row in ledger.rows]})
+        self._tell({"is": "ledger", "rows": [_fault_row(ledger, row) for row in ledger.rows]})
 
 
-class _LedgerKeeper(Observer):
+class _LedgerObserver(Observer):
     """Observer that keeps the record of the faults of a drive, and sends it after each change."""
 
-    def __init__(self, faults: FaultRequests, plan: "MissionPlan", world: "ShakenWorld") -> None:
+    def __init__(self, faults: FaultRequests, plan: "MissionPlan", world: "FaultyWorld") -> None:
         self._faults, self._file, self._world = faults, plan.vehicle_file, world
         self._ledger: Ledger | None = None
         self._published_s, self._changed = 0.0, True
@@ -121,32 +123,32 @@ class _LedgerKeeper(Observer):
         ledger, estimate = self._ledger, record.estimate
         if ledger is None:
             return
-        previous_count = sum(len(row.noticed) for row in ledger.rows)
+        previous_count = sum(len(row.notices) for row in ledger.rows)
         ledger.record_tick(
             record.tick.t_ns, estimate.innovation, estimate.innovation_cov, estimate.weight, estimate.eta,
             estimate.cov, self._world.truth.eta,
         )  # fmt: skip
         t_s = float(seconds(record.tick.t_ns))
         due = t_s - self._published_s >= LEDGER_PERIOD_S and any(row.covers(t_s) for row in ledger.rows)
-        if self._changed or due or previous_count != sum(len(row.noticed) for row in ledger.rows):
+        if self._changed or due or previous_count != sum(len(row.notices) for row in ledger.rows):
             self._changed, self._published_s = False, t_s
             self._faults.broadcast_ledger(ledger)
 
-    def end(self, reason: Diagnostic | None) -> "Iterable[LastLine]":
+    def end(self, reason: Diagnostic | None) -> "Iterable[EventLine]":
         self._faults.end()
         if self._ledger is not None and self._ledger.rows:
             self._faults.broadcast_ledger(self._ledger)
         return ()
 
 
-def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
+def _fault_row(ledger: Ledger, row: LedgerRow) -> JsonObject:
     until_s = None if row.until_s == float("inf") else row.until_s
     return {
         "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
         "fault": row.fault.to_json(), "what": row.message,
         "noticed": [
             {"who": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "said": notice.message}
-            for notice in row.noticed
+            for notice in row.notices
         ],
         "silent": [note(f"ledger.who-{source}") for source in row.silent_witnesses()],
         "nobody": ledger.unnoticed_diagnostic(row),

@@ -14,7 +14,7 @@ from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.tune.cost import Weights
 from baqueano.tune.margins import LoopMargins, loop_margins
-from baqueano.tune.rehearsal import TunedDrive
+from baqueano.tune.objective import DriveErrors
 from baqueano.tune.search import Descent
 from baqueano.tune.search_space import file_values
 
@@ -36,7 +36,7 @@ class Gain(NamedTuple):
     before: float  # value in the file; NaN if the file lacked it
     low: float
     high: float
-    limit: int  # −1 at the lower bound, +1 at the upper, else 0
+    bound_side: int  # −1 at the lower bound, +1 at the upper, else 0
     cost_less: float  # cost with 0.8 times the gain, relative to the least cost
     cost_more: float  # cost with 1.25 times the gain, relative to the least cost
 
@@ -76,7 +76,7 @@ class TuneResult(Result):
         Cost without any control.
     weights : Weights
         Settings of the cost.
-    drive : TunedDrive
+    drive : DriveErrors
         Errors of a drive with these gains.
     descents : tuple of Descent
         The descents, the least cost first.
@@ -90,13 +90,13 @@ class TuneResult(Result):
         The block with these gains.
     kind : str, type, block or None
         The controller that was tuned instead of the controller of the file; None for the controller of the file.
-    around : ndarray (p, k)
+    relative_costs : ndarray (p, k)
         Cost relative to the least cost, if one gain at a time is multiplied by each of k factors.
     speed_m_s : float
         Mean speed of the routes.
-    worst : WorstCase or None
+    worst_case : WorstCase or None
         Largest cost over drawn vehicles; None: only the vehicle of the file was used.
-    fresh : FreshSeeds or None
+    fresh_seeds : FreshSeeds or None
         Cost with other noise; None: the search was without noise.
 
     Examples
@@ -113,17 +113,17 @@ class TuneResult(Result):
     cost_before: float
     cost_uncontrolled: float
     weights: "Weights"
-    drive: TunedDrive
+    drive: DriveErrors
     descents: tuple["Descent", ...]
     history: np.ndarray
     loop: str
     backend: str
     controller: Controller
     kind: OwnBlock | None
-    around: np.ndarray
+    relative_costs: np.ndarray
     speed_m_s: float
-    worst: WorstCase | None = None
-    fresh: FreshSeeds | None = None
+    worst_case: WorstCase | None = None
+    fresh_seeds: FreshSeeds | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -152,9 +152,11 @@ class TuneResult(Result):
             distance_rms_m = self.drive.distance_rms_m
             return (note("tune.uncontrolled", Severity.ERROR, distance_m=distance_rms_m),)
         messages = []
-        for gain in (g for g in self.gains if g.limit and g.high > g.low):
+        for gain in (g for g in self.gains if g.bound_side and g.high > g.low):
             code, end = (
-                ("tune.at-lower-limit", gain.low) if gain.limit < 0 else ("tune.at-upper-limit", gain.high)
+                ("tune.at-lower-limit", gain.low)
+                if gain.bound_side < 0
+                else ("tune.at-upper-limit", gain.high)
             )
             messages.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
         if len(self.descents) > 1 and self.agreeing_descents == 1:
@@ -176,10 +178,10 @@ class TuneResult(Result):
         shared_columns |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreeing_descents}
         shared_columns["evaluations"] = len(self.history)
         shared_columns |= {
-            f"worst_{name}": x for name, x in (self.worst._asdict() if self.worst else {}).items()
+            f"worst_{name}": x for name, x in (self.worst_case._asdict() if self.worst_case else {}).items()
         }
         shared_columns |= {
-            f"fresh_{name}": x for name, x in (self.fresh._asdict() if self.fresh else {}).items()
+            f"fresh_{name}": x for name, x in (self.fresh_seeds._asdict() if self.fresh_seeds else {}).items()
         }
         for m in self.margins:
             margins = {k: x if np.isfinite(x) else None for k, x in m._asdict().items() if k != "channel"}
@@ -187,7 +189,7 @@ class TuneResult(Result):
         table_rows = []
         for g in self.gains:
             row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
-            row |= {"low": g.low, "high": g.high, "at_limit": bool(g.limit)}
+            row |= {"low": g.low, "high": g.high, "at_limit": bool(g.bound_side)}
             table_rows.append(
                 row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | shared_columns
             )
@@ -211,7 +213,9 @@ class TuneResult(Result):
         d, w = self.drive, self.weights
         cost_before_text = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
         worst_case_text = (
-            _(", as for the worst of {vehicles} vehicles", vehicles=self.worst.draws) if self.worst else ""
+            _(", as for the worst of {vehicles} vehicles", vehicles=self.worst_case.draws)
+            if self.worst_case
+            else ""
         )
         return [
             _(
@@ -240,21 +244,21 @@ class TuneResult(Result):
     def _check_lines(self) -> list[str]:
         """Return the lines with the cost on vehicles and noise that the search did not use."""
         lines = []
-        if self.worst:
+        if self.worst_case:
             lines.append(
                 _(
                     "worst of {judges} other vehicles: {cost:.4g} m², {nominal:.4g} m² with gains for the "
                     "vehicle of the file",
-                    judges=self.worst.judges,
-                    cost=self.worst.cost,
-                    nominal=self.worst.nominal,
+                    judges=self.worst_case.judges,
+                    cost=self.worst_case.cost,
+                    nominal=self.worst_case.nominal,
                 )
             )
-        if self.fresh:
+        if self.fresh_seeds:
             lines.append(
                 _(
                     "on {seeds} other seeds {cost:.4g} m², on the seeds of the search {searched:.4g} m²",
-                    **self.fresh._asdict(),
+                    **self.fresh_seeds._asdict(),
                 )
             )
         return lines  # fmt: skip

@@ -27,14 +27,20 @@ from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import parameters
-from baqueano.simulate.closed_loop import close_loop, closed_loop, references_of, start_of, ticks_of
+from baqueano.simulate.closed_loop import (
+    closed_loop,
+    loop_system,
+    sample_references,
+    start_pose,
+    tick_count_of,
+)
 from baqueano.simulate.many import draw_parameters
-from baqueano.simulate.open_loop import draw, tick_times
+from baqueano.simulate.open_loop import draw_noise, tick_times
 from baqueano.simulate.system import Input, System, SystemState, begin, parameter_vector
-from baqueano.symbolic import Scan, put
+from baqueano.symbolic import Scan, with_value
 from baqueano.tune.cost import Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
-from baqueano.worlds.noise import stream
+from baqueano.worlds.noise import random_stream
 from baqueano.worlds.simulated import rows_of_tick
 
 if TYPE_CHECKING:
@@ -52,7 +58,7 @@ MIN_BATCH_DRIVES = 32  # number of drives above which a batch is compiled for gr
 MIN_BATCH_TICKS = 1_000_000  # number of ticks of all drives above which a batch is compiled for costs
 
 
-class TunedDrive(NamedTuple):
+class DriveErrors(NamedTuple):
     """The errors of the drives with given gains."""
 
     distance_rms_m: float
@@ -61,7 +67,7 @@ class TunedDrive(NamedTuple):
     saturated: float  # fraction of the ticks at a limit of the command
 
 
-class RehearsalCase(NamedTuple):
+class ObjectiveCase(NamedTuple):
     """A route with its simulated loop, its kernels and the noise of its seeds."""
 
     system: System
@@ -76,26 +82,26 @@ class RehearsalCase(NamedTuple):
     def speed_m_s(self) -> float:
         """Return the median speed [m/s] of the route's reference."""
         sample_times = tick_times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SPEED_SAMPLES]
-        velocities = [reference.nu for reference in references_of(self.system, sample_times.tolist())]
+        velocities = [reference.nu for reference in sample_references(self.system, sample_times.tolist())]
         return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
-    def with_seeds(self, seeds: Sequence[int | None]) -> "RehearsalCase":
+    def with_seeds(self, seeds: Sequence[int | None]) -> "ObjectiveCase":
         """Return the same case with the noise of these seeds; the seed None gives a drive without noise."""
         t_ns, sensors = tick_times(self.ticks, self.rate_hz), self.system.sensors
         rows = rows_of_tick(1.0 / self.rate_hz)
-        noise = [None if seed is None else draw(sensors, seed, self.ticks, rows) for seed in seeds]
+        noise = [None if seed is None else draw_noise(sensors, seed, self.ticks, rows) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rehearsal:
+class Objective:
     """Routes, seeds and vehicles, and the cost of the drives with all these routes, seeds and vehicles."""
 
     space: SearchSpace
     weights: Weights
     loop: str  # "perfect pose" or "estimator in the loop"
-    cases: tuple[RehearsalCase, ...]
-    seeds: int  # number of seeds of the noise of each case
+    cases: tuple[ObjectiveCase, ...]
+    seed_count: int  # number of seeds of the noise of each case
     vehicles: np.ndarray  # (v, q) parameters that were drawn; (1, 0): only the file's own vehicle
 
     @property
@@ -104,9 +110,9 @@ class Rehearsal:
         return self.cases[0].cost.backend
 
     @property
-    def drives(self) -> int:
+    def drive_count(self) -> int:
         """Return the number of simulated drives for one value of the cost."""
-        return len(self.cases) * self.seeds * len(self.vehicles)
+        return len(self.cases) * self.seed_count * len(self.vehicles)
 
     def cost(self, gains: np.ndarray) -> float:
         """Return C [m²] for the gains (p,).  (1)"""
@@ -114,9 +120,9 @@ class Rehearsal:
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
         """Return C (k,) for k sets of gains (k, p).  (1)"""
-        return soft_maximum(self.of_vehicles(gains))
+        return soft_maximum(self.vehicle_costs(gains))
 
-    def of_vehicles(self, gains: np.ndarray) -> np.ndarray:
+    def vehicle_costs(self, gains: np.ndarray) -> np.ndarray:
         """Return the cost C_v (k, v) of each vehicle for k sets of gains (k, p)."""
         k, v = len(gains), len(self.vehicles)
         theta = np.concatenate([np.repeat(gains, v, axis=0), np.tile(self.vehicles, (k, 1))], axis=1)
@@ -134,7 +140,7 @@ class Rehearsal:
         )
         return cost, weight @ gradients
 
-    def drive(self, gains: np.ndarray) -> TunedDrive:
+    def drive_errors(self, gains: np.ndarray) -> DriveErrors:
         """Return the errors over all drives with the gains (p,)."""
         thetas = [np.concatenate([gains, v]) for v in self.vehicles]
         errors_of_drives = [
@@ -142,9 +148,9 @@ class Rehearsal:
             for case in self.cases for inputs in case.inputs for theta in thetas
         ]  # fmt: skip
         d, psi, saturated = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
-        return TunedDrive(rms(d), float(np.max(d)), rms(psi), float(np.mean(saturated)))
+        return DriveErrors(rms(d), float(np.max(d)), rms(psi), float(np.mean(saturated)))
 
-    def begun_with(self, gains: np.ndarray) -> "Rehearsal":
+    def with_initial_gains(self, gains: np.ndarray) -> "Objective":
         """Return the same drives; each starts with the initial state of a controller with these gains."""
         block = self.space.with_gains(gains)
         cases = tuple(case._replace(start=_with_initial_controller(case.start, block)) for case in self.cases)
@@ -161,14 +167,14 @@ class Rehearsal:
             for a, b in zip(_is_flat(current_state), _is_flat(new_state), strict=True)
         )
 
-    def nominal(self) -> "Rehearsal":
+    def nominal(self) -> "Objective":
         """Return the same drives with only the vehicle of the file."""
         return replace(self, vehicles=self.vehicles[:1])
 
-    def with_seeds(self, first_seed: int, count: int) -> "Rehearsal":
+    def with_seeds(self, first_seed: int, count: int) -> "Objective":
         """Return the same drives with the noise of `count` seeds, from `first_seed` on."""
         cases = tuple(case.with_seeds(range(first_seed, first_seed + count)) for case in self.cases)
-        return replace(self, cases=cases, seeds=count)
+        return replace(self, cases=cases, seed_count=count)
 
     def _mean(self, theta: np.ndarray, derivative_count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean cost (r,) over routes and seeds for each row of θ (r, p + q), and its gradient.
@@ -178,14 +184,16 @@ class Rehearsal:
         total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
         for case in self.cases:
             mean_cost = (
-                _mean_in_batch if self._batch_pays_off(case, len(theta), derivative_count) else _mean_in_turn
+                _mean_in_batch
+                if self._batch_pays_off(case, len(theta), derivative_count)
+                else _mean_one_by_one
             )
             cost, gradient = mean_cost(case, theta, derivative_count)
             total, steep = total + cost, steep + gradient
         return total / len(self.cases), steep / len(self.cases)
 
-    def _batch_pays_off(self, case: RehearsalCase, row_count: int, derivative_count: int) -> bool:
-        drives = row_count * self.seeds
+    def _batch_pays_off(self, case: ObjectiveCase, row_count: int, derivative_count: int) -> bool:
+        drives = row_count * self.seed_count
         return (
             drives >= MIN_BATCH_DRIVES
             if derivative_count
@@ -201,8 +209,8 @@ def soft_maximum(costs: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(worst[:, 0]), soft, np.inf)
 
 
-def _mean_in_turn(
-    case: RehearsalCase, theta: np.ndarray, derivative_count: int
+def _mean_one_by_one(
+    case: ObjectiveCase, theta: np.ndarray, derivative_count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes).
 
@@ -221,7 +229,7 @@ def _mean_in_turn(
 
 
 def _mean_in_batch(
-    case: RehearsalCase, theta: np.ndarray, derivative_count: int
+    case: ObjectiveCase, theta: np.ndarray, derivative_count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), as one batch.
 
@@ -234,7 +242,7 @@ def _mean_in_batch(
     return total / len(case.inputs), steep / len(case.inputs)
 
 
-def rehearse(
+def tuning_objective(
     vehicle_file: "VehicleFile",
     routes: Route | Guide | Sequence[Route | Guide],
     *,
@@ -253,7 +261,7 @@ def rehearse(
     draws: int = 0,
     seed: int = 0,
     backend: str = "auto",
-) -> Rehearsal:
+) -> Objective:
     """Return the cost of the drives along `routes`, as compiled functions of the gains.
 
     `controller` replaces the controller of the file. `gains` are the names of the tuned parameters, by default all,
@@ -265,7 +273,7 @@ def rehearse(
     of vehicles from the covariance of the fit. Raise UsageError for an invalid `aside_m` or weight, or without a
     route or seed.
     """
-    weights = weights_of(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
+    weights = checked_weights(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
         raise UsageError(fault("tune.aside", aside_m=aside_m))
     space = search_space(vehicle_file, gains, bounds, controller)
@@ -275,11 +283,11 @@ def rehearse(
     if not run_kernels or seeds < 1:
         raise UsageError(fault("tune.nothing-to-drive", routes=len(run_kernels), seeds=seeds))
     systems = [
-        without_quantisation(close_loop(vehicle_file, route, laps, not estimator, space.block))
+        without_quantisation(loop_system(vehicle_file, route, laps, not estimator, space.block))
         for route in run_kernels
     ]
     paths_and_delay, vehicles = (
-        drawn_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
+        draw_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
     )
     paths = (*(f"controller.{name}" for name in space.names), *paths_and_delay)
     systems = [
@@ -292,22 +300,22 @@ def rehearse(
     loop = N_("estimator in the loop") if estimator else N_("perfect pose")
     noise_seeds = range(seed, seed + seeds) if estimator else [None]
     each_leg = tuple(case.with_seeds(noise_seeds) for case in cases)
-    return Rehearsal(space, weights, loop, each_leg, len(noise_seeds), vehicles)
+    return Objective(space, weights, loop, each_leg, len(noise_seeds), vehicles)
 
 
 def _case(
     vehicle_file: "VehicleFile", system: System, paths: tuple[str, ...], weights: Weights, duration_s: float | None,
     aside_m: float, noise: bool, backend: str,
-) -> RehearsalCase:  # fmt: skip
+) -> ObjectiveCase:  # fmt: skip
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
-    tick_count = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+    tick_count = tick_count_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths)
-    start = begin(system, compose(start_of(system), np.array([-aside_m, aside_m, 0.0])))
+    start = begin(system, compose(start_pose(system), np.array([-aside_m, aside_m, 0.0])))
     kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(tick_errors, limit))
-    return RehearsalCase(system, rate, tick_count, start, *kernels)
+    return ObjectiveCase(system, rate, tick_count, start, *kernels)
 
 
-def drawn_vehicles(
+def draw_vehicles(
     vehicle_file: "VehicleFile", system: System, count: int, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Return paths and values (1 + count, q) of the parameters of the vehicles; the first is the file's vehicle."""
@@ -315,7 +323,7 @@ def drawn_vehicles(
     nominal = parameter_vector(system, paths)
     delay = getattr(getattr(system.model, "drivetrain", None), "delay_s", None)
     if delay is not None and DELAY_PATH not in paths:
-        delays_s = delay + stream(seed, "delay").uniform(-DELAY_SPREAD_S, DELAY_SPREAD_S, count)
+        delays_s = delay + random_stream(seed, "delay").uniform(-DELAY_SPREAD_S, DELAY_SPREAD_S, count)
         paths, nominal = (*paths, DELAY_PATH), np.append(nominal, delay)
         theta = np.column_stack([theta, np.maximum(delays_s, 0.0)])
     return paths, np.vstack([nominal, theta])
@@ -329,7 +337,7 @@ def _with_delay_slots(system: System, paths: tuple[str, ...], vehicles: np.ndarr
         float(np.max(vehicles[:, paths.index(DELAY_PATH)])) + DELAY_SPREAD_S
     )  # the vehicles of the test are drawn later
     slots = rows_of_tick(1.0 / rate_hz) * ceil(max_delay_s * rate_hz)
-    return put(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
+    return with_value(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 
 
 def _with_initial_controller(start: SystemState, controller: object) -> SystemState:
@@ -342,7 +350,7 @@ def without_quantisation(system: System) -> System:
     for path, block in [*blocks, *((f"sensors.{name}", s) for name, s in system.sensors._asdict().items())]:
         for field, _ in parameters(block) if is_dataclass(block) else ():
             if field.endswith("_step"):
-                system = put(system, f"{path}.{field}", 0.0 * getattr(block, field))
+                system = with_value(system, f"{path}.{field}", 0.0 * getattr(block, field))
     return system
 
 
@@ -351,7 +359,7 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def weights_of(
+def checked_weights(
     vehicle_file: "VehicleFile",
     radian_m: float | None,
     huber_m: float,
@@ -359,14 +367,14 @@ def weights_of(
     effort_m2: float = 0.0,
 ) -> Weights:
     """Return the settings of the cost; raise UsageError if one is out of range."""
-    radian_m = _radian(vehicle_file) if radian_m is None else radian_m
+    radian_m = _heading_weight_m(vehicle_file) if radian_m is None else radian_m
     weights = Weights(radian_m, huber_m, jerk_m2, effort_m2)
     if not (radian_m >= 0.0 and huber_m > 0.0 and jerk_m2 >= 0.0 and effort_m2 >= 0.0):
         raise UsageError(fault("tune.weights", **weights._asdict()))
     return weights
 
 
-def _radian(vehicle_file: "VehicleFile") -> float:
+def _heading_weight_m(vehicle_file: "VehicleFile") -> float:
     """Return half the track [m], else the platform's radius, else RADIAN_M."""
     geometry = vehicle_file.geometry
     if geometry.track_m is not None:

@@ -9,8 +9,8 @@ from baqueano.blocks import permit_blocks
 from baqueano.contracts.blocks import Controller, Guide, OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
-from baqueano.controllers import Hand, Schedule
-from baqueano.controllers.schedule import commands_of
+from baqueano.controllers import ManualController, Schedule
+from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.precautions import Precautions
@@ -174,11 +174,11 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     >>> run.duration_s, route.eta.shape, route.closed
     (2.0, (41, 3), False)
     """
-    run = lesson(vehicle_file, driver, **options)
+    run = drive_with_driver(vehicle_file, driver, **options)
     return TeachResult(run, route_of(run, closed))
 
 
-def lesson(
+def drive_with_driver(
     vehicle_file: VehicleFile, driver: Driver, hold: bool = False, kind: str = "teach", *,
     estimator: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
@@ -188,10 +188,10 @@ def lesson(
         driver = Repeat.along(driver)
     hand = None
     if callable(driver):
-        guide, hand = Idle(float("inf")), Hand(driver)
+        guide, hand = Idle(float("inf")), ManualController(driver)
         hand = with_heading_hold(hand, vehicle_file) if hold else hand
     elif isinstance(driver, list | tuple):
-        u = commands_of(driver, n, rate_hz)
+        u = script_commands(driver, n, rate_hz)
         guide, hand = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
     elif isinstance(driver, Guide):
         guide = driver
@@ -252,7 +252,7 @@ def repeat(
     >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
     9.4 s, 0.6 m wide
     """
-    care, options = Precautions.of(options)
+    care, options = Precautions.split_options(options)
     options = {"eta": route.eta[0], "backend": "auto"} | options
     if care.check:
         is_measured = not vehicle_file.is_guess or (
@@ -266,7 +266,7 @@ def repeat(
         vehicle_file.controller(controller),
         vehicle_file.supervisor(),
     )
-    full_guide = care.guide_of(
+    full_guide = care.wrap_guide(
         blocks.guide, route, vehicle_file, np.asarray(options["eta"]), blocks.estimator
     )
     options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
@@ -318,15 +318,15 @@ def replay(
     >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
     True
     """
-    vehicle_file = vehicle_of(run, allow_blocks) if vehicle_file is None else vehicle_file
+    vehicle_file = recorded_vehicle_file(run, allow_blocks) if vehicle_file is None else vehicle_file
     world = ReplayedWorld(run, vehicle_file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     with permit_blocks(allow_blocks):
-        blocks = blocks or blocks_of(run, vehicle_file, estimator, guide, controller)
-    return drive(blocks, vehicle_file, "replay", world=world, ticking=world.times, **options)
+        blocks = blocks or replay_blocks(run, vehicle_file, estimator, guide, controller)
+    return drive(blocks, vehicle_file, "replay", world=world, tick_times_ns=world.times, **options)
 
 
-def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
+def recorded_vehicle_file(run: Run, allow_blocks: bool = False) -> VehicleFile:
     """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file, and FileError
     for a user's block that the vehicle.toml of this folder does not name, except with `allow_blocks`.
     """
@@ -336,7 +336,7 @@ def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
         return parse(run.vehicle_text, f"the vehicle file of {run.name}")
 
 
-def blocks_of(
+def replay_blocks(
     run: Run, vehicle_file: VehicleFile, estimator: OwnBlock | None = None, guide: OwnBlock | None = None,
     controller: OwnBlock | None = None,
 ) -> Blocks:  # fmt: skip

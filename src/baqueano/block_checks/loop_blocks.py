@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.trial import AT_START, GaveUp, Trial
+from baqueano.block_checks.trial import AT_START, CheckAborted, Trial
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
@@ -21,7 +21,7 @@ ON_CIRCLE, REPEATED_TICK = note("when.circle"), note("when.repeated")
 OUTPUT_TOLERANCE = 1e-3  # of the magnitude of an output; times converted to floats cause an error of 1e-5
 
 
-def a_sensor() -> SensorBlocks:
+def default_sensors() -> SensorBlocks:
     """Return the default sensors for a check: an IMU."""
     imu = Imu(accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.01)
     return sensor_slots(("imu",))(imu)
@@ -56,13 +56,13 @@ def check_estimator(
     []
     """
     trial = Trial(block)
-    with suppress(GaveUp):
-        _estimate(trial, a_sensor() if sensors is None else sensors, commands)
-        _check_clock_start(trial, "estimator", a_sensor() if sensors is None else sensors, commands)
+    with suppress(CheckAborted):
+        _check_estimates(trial, default_sensors() if sensors is None else sensors, commands)
+        _check_clock_start(trial, "estimator", default_sensors() if sensors is None else sensors, commands)
     return trial.reported_faults()
 
 
-def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
+def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     belief, t_ns = trial.checked_call("init", AT_START), 0
     u = np.array([0.3, 0.0, 0.3])[:n] if n <= 3 else np.full(n, 0.2)
     estimate = None
@@ -92,7 +92,7 @@ def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnosti
     if not isinstance(estimate, Estimate):
         expected = "(belief, Estimate(t_ns, eta, nu, cov))"
         trial.add_fault("check.returns", "step", found=type(estimate).__name__, expected=expected)
-        raise GaveUp
+        raise CheckAborted
     trial.check_stamp(estimate, tick.t_ns, "tick", context)
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), context)
     trial.expect("Estimate.nu", estimate.nu, (3,), context)
@@ -134,21 +134,21 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     """
     trial = Trial(block)
     try:
-        u_plain = _steer(trial, commands, np.zeros(3), 0.0)
-        u_rotated = _steer(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
-        u_full_turn = _steer(trial, commands, np.zeros(3), 2.0 * np.pi)
+        u_plain = _circle_commands(trial, commands, np.zeros(3), 0.0)
+        u_rotated = _circle_commands(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
+        u_full_turn = _circle_commands(trial, commands, np.zeros(3), 2.0 * np.pi)
         scale = 1e-6 * (1.0 + np.max(np.abs(u_plain)))
         if np.max(np.abs(u_full_turn - u_plain)) > scale:
             trial.add_fault("check.full-turn", "step")
         elif np.max(np.abs(u_rotated - u_plain)) > scale:
             trial.add_fault("check.world-moved", "step")
-        _check_clock_start(trial, "controller", a_sensor(), commands)
-    except GaveUp:
+        _check_clock_start(trial, "controller", default_sensors(), commands)
+    except CheckAborted:
         pass
     return trial.reported_faults()
 
 
-def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
+def _circle_commands(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
     """Return the commands (80, n) along a circle at the pose `offset` (3,), with `turn` [rad] added to each heading.
 
     The last tick is repeated once.
@@ -159,22 +159,24 @@ def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
         position = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
         goal = position + np.array([0.02, 0.01, 0.15])
         estimate = Estimate(
-            t_ns, _shift(position, offset, 0.0), np.array([0.25, 0.0, YAW_RATE_RAD_S]), 1e-4 * np.eye(6)
+            t_ns, _moved_pose(position, offset, 0.0), np.array([0.25, 0.0, YAW_RATE_RAD_S]), 1e-4 * np.eye(6)
         )
-        reference = Reference(t_ns, _shift(goal, offset, turn), np.array([0.25, 0.0, YAW_RATE_RAD_S]), 0.0)
+        reference = Reference(
+            t_ns, _moved_pose(goal, offset, turn), np.array([0.25, 0.0, YAW_RATE_RAD_S]), 0.0
+        )
         context = ON_CIRCLE if k < 79 or len(command_rows) < 80 else REPEATED_TICK
         state, command = trial.step(context, state, reference, estimate)
         if not isinstance(command, Command):
             trial.add_fault(
                 "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
             )
-            raise GaveUp
+            raise CheckAborted
         trial.check_stamp(command, t_ns, "estimate", context)
         command_rows.append(trial.expect("Command.u", command.u, (n,), context))
     return np.array(command_rows[:80])
 
 
-def _shift(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
+def _moved_pose(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
     xy = offset[:2] + map_from_body(offset[2])[:2, :2] @ eta[:2]
     return np.array([xy[0], xy[1], wrap(eta[2] + offset[2]) + turn])
 
@@ -213,8 +215,8 @@ def check_guide(block: object) -> list[Diagnostic]:
             eta = np.array([0.003 * k, 0.0, wrap(0.05 * k)])
             state, reference = trial.step(context, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
             _check_reference(trial, reference, t_ns, context)
-        _check_clock_start(trial, "guide", a_sensor(), 3)
-    except GaveUp:
+        _check_clock_start(trial, "guide", default_sensors(), 3)
+    except CheckAborted:
         pass
     return trial.reported_faults()
 
@@ -223,7 +225,7 @@ def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Dia
     if not isinstance(reference, Reference):
         expected = "(state, Reference(t_ns, eta, nu, done))"
         trial.add_fault("check.returns", "step", found=type(reference).__name__, expected=expected)
-        raise GaveUp
+        raise CheckAborted
     trial.check_stamp(reference, t_ns, "estimate", context)
     eta = trial.expect("Reference.eta", reference.eta, (3,), context)
     trial.expect("Reference.nu", reference.nu, (3,), context)
@@ -258,18 +260,18 @@ def check_supervisor(
     []
     """
     trial = Trial(block)
-    sensors = a_sensor() if sensors is None else sensors
+    sensors = default_sensors() if sensors is None else sensors
     try:
         for subject, u, eta in (("Command", np.nan, 0.0), ("Estimate", 0.1, np.nan)):
-            _supervise(trial, sensors, commands, subject, u, eta)
-        _limits(trial, sensors, commands)
+            _check_stop(trial, sensors, commands, subject, u, eta)
+        _check_limits(trial, sensors, commands)
         _check_clock_start(trial, "supervisor", sensors, commands)
-    except GaveUp:
+    except CheckAborted:
         pass
     return trial.reported_faults()
 
 
-def _supervise(
+def _check_stop(
     trial: Trial, sensors: SensorBlocks, n: int, subject: str, bad_command: float, bad_position: float
 ) -> None:
     """Run ten good ticks, one bad tick, and ten good ticks. From the bad tick on, the commands must be zero."""
@@ -292,7 +294,7 @@ def _supervise(
             trial.add_fault("check.drives-again", "step", what=subject)
 
 
-def _limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:
+def _check_limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     state = trial.checked_call("init", AT_START)
     limit = np.asarray(getattr(trial.block, "limit", np.full(n, np.inf)), dtype=float)
     for sign in (1.0, -1.0):
@@ -320,7 +322,7 @@ def _supervised_command(
         trial.add_fault(
             "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
         )
-        raise GaveUp
+        raise CheckAborted
     trial.check_stamp(command, t_ns, "command", context)
     return state, trial.expect("Command.u", command.u, (len(u),), context)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.compare.consistency import Band, band
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
-from baqueano.drive import replay, stop_of
+from baqueano.drive import replay, stop_reason_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import text
@@ -16,12 +16,12 @@ from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolation import true_speed
 from baqueano.study.estimation.errors import BlockSums, EstimatedPath, block_errors
 from baqueano.study.estimation.references import dead_reckoning, open_loop
-from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
+from baqueano.study.estimation.subjects import SENSOR_SETS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.build import DEFAULT_KINDS
 
 
-class JudgedEstimate(NamedTuple):
+class EstimateEvaluation(NamedTuple):
     """The evaluation of an estimator on a run."""
 
     recording: str
@@ -36,7 +36,7 @@ class JudgedEstimate(NamedTuple):
 
 def evaluate(
     subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto"
-) -> list[JudgedEstimate]:
+) -> list[EstimateEvaluation]:
     """Return the evaluation of each estimator of `kinds` on the run of the subject. Without `kinds`, evaluate the
     estimator of its file.
     """
@@ -57,14 +57,14 @@ def evaluate(
         speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[rows, 3, 3])
         consistency = filter_consistency(replay_run), band(speed[:, None])
         judgements.append(
-            JudgedEstimate(
+            EstimateEvaluation(
                 f"{subject.name}, {sensors}",
                 sensors,
                 kind,
                 errors,
                 *consistency,
                 fit.verdict,
-                text(stop_of(replay_run)),
+                text(stop_reason_of(replay_run)),
             )
         )
     return judgements
@@ -74,7 +74,7 @@ def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[
     """Return the fit, and the file that `baqueano identify RUN --update` writes unless the fit is refused."""
     fit = identify(
         subject.fit_run,
-        with_sensors(subject.vehicle_file, SETUPS[sensors]),
+        with_sensors(subject.vehicle_file, SENSOR_SETS[sensors]),
         subject.free,
         options=FitOptions(backend=backend),
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.errors import BaqueanoError
 from baqueano.web.http import CONTENT_TYPES, REPORT_POLICY, Content
-from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.worker_client import WorkerClient
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MAX_LISTED_RUNS = 200  # most runs in a list
 
 
-class Shelf:
+class RunList:
     """The runs of a folder, and extra runs.
 
     A separate worker reads the list and writes the reports, so that a run can be opened at the same time.
@@ -29,9 +29,9 @@ class Shelf:
         self.folder, self._extra_runs = folder, extra
         self._key = secrets.token_bytes(32)
         self._lines: dict[str, JsonObject] = {}  # list entries by key
-        self._press, self._pages = Lab(), TemporaryDirectory(prefix="baqueano-page-")
+        self._press, self._pages = WorkerClient(), TemporaryDirectory(prefix="baqueano-page-")
 
-    def word(self, path: Path) -> str:
+    def key_of(self, path: Path) -> str:
         """Return the key of a run."""
         return hashlib.blake2b(
             str(path).encode("utf-8", "surrogateescape"), key=self._key, digest_size=12
@@ -46,29 +46,29 @@ class Shelf:
         candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]
         candidates.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         files = dict.fromkeys([*self._extra_runs, *candidates[:MAX_LISTED_RUNS]])
-        return {self.word(path): path for path in files if path.is_file()}
+        return {self.key_of(path): path for path in files if path.is_file()}
 
-    def runs(self) -> "list[JsonObject]":
+    def entries(self) -> "list[JsonObject]":
         """Return the list entry of each run, with None for fields not yet read."""
-        return [self.line(path) for path in self.paths().values()]
+        return [self.entry_of(path) for path in self.paths().values()]
 
-    def line(self, path: Path) -> "JsonObject":
+    def entry_of(self, path: Path) -> "JsonObject":
         """Return the list entry of a run, with None for fields not yet read."""
         unread = {"kind": None, "when": None, "seconds": None, "laps": None, "report": True}
-        name = self.word(path)
+        name = self.key_of(path)
         return {"id": name, "name": path.stem} | unread | self._lines.get(name, {})
 
-    async def read(self) -> "list[JsonObject]":
+    async def read_entries(self) -> "list[JsonObject]":
         """Let the worker read all runs, and return their list entries."""
         paths = self.paths()
         reply, _ = await self._press.request("runs", paths=[str(path) for path in paths.values()])
         self._lines = dict(zip(paths, reply["runs"], strict=True))
-        return [self.line(path) for path in paths.values()]  # a run written in the meantime is unread
+        return [self.entry_of(path) for path in paths.values()]  # a run written in the meantime is unread
 
-    async def body(self, path: str) -> Content | None:
+    async def content_at(self, path: str) -> Content | None:
         """Return the content of /run/KEY or /report/KEY; None if the run does not exist or its report fails."""
-        kind, _, word = path.removeprefix("/").partition("/")
-        run_path = self.paths().get(word) if kind in ("run", "report") else None
+        kind, _, key = path.removeprefix("/").partition("/")
+        run_path = self.paths().get(key) if kind in ("run", "report") else None
         if run_path is None:
             return None
         if kind == "run":
@@ -76,7 +76,7 @@ class Shelf:
                 "".join(c for c in run_path.name if c.isascii() and (c.isalnum() or c in "._-")) or "run.mcap"
             )
             return Content(CONTENT_TYPES[".mcap"], run_path, download=text_content)
-        page = Path(self._pages.name) / f"{word}-{run_path.stat().st_mtime_ns}.html"
+        page = Path(self._pages.name) / f"{key}-{run_path.stat().st_mtime_ns}.html"
         if not page.exists():
             try:
                 await self._press.request("report", path=str(run_path), to=str(page))

@@ -1,7 +1,7 @@
 """Implement one connection to the door: cut received bytes into lines, and send messages completely and in order.
 
-lines     at most MAX_BACKLOG lines wait, with LONG_BYTES bytes in total, and one mission; further lines are dropped,
-          except a stop                                                                                          (1)
+lines     at most MAX_BACKLOG lines wait, with MAX_SHORT_LINE_BYTES bytes in total, and one mission; further
+          lines are dropped, except a stop                                                                       (1)
 messages  at most MAX_PENDING_BYTES bytes wait; a client for which more bytes wait is disconnected                (2)
 frame     a frame is sent only if no other message waits, so that each frame is recent                           (3)
 """
@@ -18,45 +18,45 @@ from baqueano.door.wire import encode
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LONG_BYTES = 64 << 10  # bytes; a longer line can only be a mission
-MAX_BYTES = 64 << 20  # largest number of bytes of a line: an hour of commands
-MAX_PENDING_BYTES = 1 << 20  # bytes that wait for a guest that does not read
+MAX_SHORT_LINE_BYTES = 64 << 10  # bytes; a longer line can only be a mission
+MAX_LINE_BYTES = 64 << 20  # largest number of bytes of a line: an hour of commands
+MAX_PENDING_BYTES = 1 << 20  # bytes that wait for a client that does not read
 READ_BYTES = 16 << 10  # bytes that are read at once
 MAX_BACKLOG = 256  # most lines that wait
 MISSION_PATTERN = re.compile(rb'"do"\s*:\s*"mission"')  # at the beginning of each mission
 STOP_PATTERN = re.compile(rb'"do"\s*:\s*"stop"')  # in each stop; a line that contains it is read at once
 
 
-class Guest:
+class DoorClient:
     """A connection. Only the door's thread is allowed to use its lines; any thread can call `enqueue`."""
 
     def __init__(self, connection: socket.socket) -> None:
         self.line = connection
         self.lines: deque[bytes] = deque()
         self.dropped = 0  # lines dropped since the last refusal
-        self.answered = -1  # number of the last answered line, counted over all guests
+        self.answered = -1  # number of the last answered line, counted over all clients
         self.columns: tuple[int, ...] | None = None  # indices of the requested columns; None: all
         self.names: tuple[str, ...] | None = None  # names of the requested columns
         self.hz, self.turn = 0.0, 0  # frames per second; the period in which the last frame was sent
-        self.drive, self.shown = -1, 0  # the drive that was described to the guest; its rows that were sent
+        self.drive, self.shown = -1, 0  # the drive that was described to the client; its rows that were sent
         self._coming = bytearray()  # the beginning of a line
         self._backlog = 0  # bytes of the waiting lines, without the mission
         self._mission = (
-            False  # a line longer than LONG_BYTES waits, after which heartbeats must not be dropped
+            False  # a line longer than MAX_SHORT_LINE_BYTES waits, after which heartbeats must not be dropped
         )
         self._going: deque[bytes] = deque()
         self._sent_bytes, self._waiting = 0, 0  # bytes sent of the first message; bytes of all messages
         self._lock = threading.Lock()
 
     @property
-    def coming(self) -> int:
+    def partial_line_bytes(self) -> int:
         """Return the number of bytes of the last line, which is not complete yet."""
         return len(self._coming)
 
     @property
-    def may_be_a_mission(self) -> bool:
-        """Return False if the last line, longer than LONG_BYTES, cannot become a mission."""
-        return MISSION_PATTERN.search(self._coming, 0, LONG_BYTES) is not None
+    def can_be_mission(self) -> bool:
+        """Return False if the last line, longer than MAX_SHORT_LINE_BYTES, cannot become a mission."""
+        return MISSION_PATTERN.search(self._coming, 0, MAX_SHORT_LINE_BYTES) is not None
 
     @property
     def is_overloaded(self) -> bool:
@@ -64,7 +64,7 @@ class Guest:
         return self._waiting > MAX_PENDING_BYTES
 
     @property
-    def waiting(self) -> int:
+    def pending_bytes(self) -> int:
         """Return the number of bytes that wait to be sent to the client."""
         return self._waiting
 
@@ -110,25 +110,27 @@ class Guest:
         for line in [first_part, *(middle_part.split(b"\n") if separator else [])]:
             if STOP_PATTERN.search(line):
                 yield line
-            elif self._has_room(line):
+            elif self._fits_queue(line):
                 self.lines.append(line)
                 self._count(line, 1)
             else:
                 self.dropped += 1
 
-    def next(self) -> bytes:
+    def pop_line(self) -> bytes:
         """Remove and return the line that has waited longest."""
         line = self.lines.popleft()
         self._count(line, -1)
         return line
 
-    def _has_room(self, line: bytes) -> bool:
+    def _fits_queue(self, line: bytes) -> bool:
         if len(self.lines) >= MAX_BACKLOG:
             return False
-        return self._backlog < LONG_BYTES if len(line) <= LONG_BYTES else not self._mission
+        return (
+            self._backlog < MAX_SHORT_LINE_BYTES if len(line) <= MAX_SHORT_LINE_BYTES else not self._mission
+        )
 
     def _count(self, line: bytes, sign: int) -> None:
-        if len(line) > LONG_BYTES:
+        if len(line) > MAX_SHORT_LINE_BYTES:
             self._mission = sign > 0
         else:
             self._backlog += sign * len(line)

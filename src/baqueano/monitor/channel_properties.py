@@ -14,7 +14,7 @@ from baqueano.estimators.readings.sensor_numbers import (
     measurement_jacobian,
     uncertain_parameters,
 )
-from baqueano.symbolic import get, put
+from baqueano.symbolic import value_at_path, with_value
 
 
 class ChannelProperties(NamedTuple):
@@ -28,10 +28,10 @@ class ChannelProperties(NamedTuple):
     is_inertial: np.ndarray  # (m,) bool: it has a bias that walks
     groups: tuple[tuple[int, ...], ...]  # for each channel, those that fail with it, itself first
     bias_std: np.ndarray  # (m,) standard deviation of the bias in the file
-    walk: np.ndarray  # (m,) random walk of the bias in 1 s
-    rest: np.ndarray  # (m,) reading at rest
+    bias_walk: np.ndarray  # (m,) random walk of the bias in 1 s
+    reading_at_rest: np.ndarray  # (m,) reading at rest
     limit: np.ndarray  # (m,) end of the range
-    noise: np.ndarray  # (m,) standard deviation of a reading
+    noise_std: np.ndarray  # (m,) standard deviation of a reading
 
 
 @lru_cache(maxsize=64)
@@ -56,7 +56,7 @@ def channels_of(model: AugmentedEkf) -> ChannelProperties:
         np.any(jacobian[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
         biases[:, 0], np.maximum(biases[:, 1], 0.0),
         np.concatenate([sensor.h(REST_MOTION) for sensor in sensors]),
-        np.concatenate([optional.of(sensor, "limit") * np.ones(sensor.size) for sensor in sensors]),
+        np.concatenate([optional.attribute(sensor, "limit") * np.ones(sensor.size) for sensor in sensors]),
         np.concatenate([np.sqrt(np.diag(sensor.cov)) for sensor in sensors]),
     )  # fmt: skip
 
@@ -67,7 +67,7 @@ def _bias(sensors: SensorBlocks, name: str, channel: int) -> tuple[float, float]
     biases = [bias for bias in uncertain_parameters(sensors, name, (channel,), np.zeros(3)) if bias.walk]
     derivative = [
         (
-            put(sensor, bias.path, get(sensor, bias.path) + PARAMETER_STEP).h(REST_MOTION)
+            with_value(sensor, bias.path, value_at_path(sensor, bias.path) + PARAMETER_STEP).h(REST_MOTION)
             - sensor.h(REST_MOTION)
         )[channel]
         / PARAMETER_STEP

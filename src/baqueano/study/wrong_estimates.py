@@ -5,7 +5,7 @@ import numpy as np
 MAX_STANDARD_ERRORS, MAX_RELATIVE_ERROR = 5.0, 0.05  # standard errors, and part of the true value
 
 
-def wrong(estimate: np.ndarray, sd: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def wrong_mask(estimate: np.ndarray, sd: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return a mask (p,), True for each wrong parameter, and False if its error is not finite."""
     off = np.abs(estimate - truth)
     return (

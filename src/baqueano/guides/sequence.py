@@ -19,7 +19,7 @@ from baqueano.guides.route import Route
 from baqueano.signals import NANOSECONDS, Estimate, Reference
 
 
-class InTurnState(NamedTuple):
+class GuideSequenceState(NamedTuple):
     """The states of both guides, and a flag: 1 after the end of the first guide."""
 
     first: Tree
@@ -28,14 +28,14 @@ class InTurnState(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InTurn:
+class GuideSequence:
     """Guide that follows one guide until it is done, and then another.
 
     Parameters
     ----------
     first, second : Guide
         The guides.
-    joins : bool
+    starts_at_entry : bool
         True if `first` is a DriveTo onto the route of `second`.
 
     Notes
@@ -48,7 +48,7 @@ class InTurn:
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.signals import Estimate
     >>> lap = circle(0.5, 0.2)
-    >>> guide = InTurn.led_in(Repeat.along(lap), lap)
+    >>> guide = GuideSequence.with_lead_in(Repeat.along(lap), lap)
     >>> beside = Estimate(0, np.array([0.0, 0.2, 0.0]), np.zeros(3), np.eye(6))
     >>> print(guide.step(guide.init(), beside)[1].eta)  # it begins where the vehicle stands
     [0.  0.2 0. ]
@@ -58,21 +58,21 @@ class InTurn:
 
     first: Tree
     second: Tree
-    joins: bool = False
+    starts_at_entry: bool = False
 
     @classmethod
-    def led_in(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
+    def with_lead_in(cls, guide: Guide, route: Route, **limits: Value) -> "GuideSequence":
         """Return the guide with a path from the vehicle's pose onto its route; `limits` are arguments of DriveTo."""
-        return cls(DriveTo.join(route, **limits), guide, True)
+        return cls(DriveTo.to_route(route, **limits), guide, True)
 
     @classmethod
-    def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
+    def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "GuideSequence":
         """Return the guide with a path back to the start of its route; `limits` are arguments of DriveTo."""
         return cls(guide, DriveTo(route.eta[:1], **limits))
 
-    def init(self) -> InTurnState:
+    def init(self) -> GuideSequenceState:
         """Return the state at the start of the first guide."""
-        return InTurnState(self.first.init(), self.second.init(), 0.0)
+        return GuideSequenceState(self.first.init(), self.second.init(), 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference of the present guide: `first` until it is done, then `second`.  (1)"""
@@ -84,16 +84,16 @@ class InTurn:
             is_first_over > 0.0, second_reference, first_reference._replace(done=0.0 * first_reference.done)
         )
         first_state = _select(state.is_first_over > 0.0, state.first, first)
-        return InTurnState(
+        return GuideSequenceState(
             first_state, _select(is_first_over > 0.0, second, state.second), is_first_over
         ), reference
 
     def _entry(self, first: Tree, estimate: Estimate) -> Tree:
         """Return the state at which the second guide begins.  (2)"""
-        if not self.joins:
+        if not self.starts_at_entry:
             return self.second.init()
         tau_s = first.goal[0]
-        entry_at = optional.of(self.second, "entry_state")
+        entry_at = optional.attribute(self.second, "entry_state")
         if entry_at is not None:
             return entry_at(estimate.t_ns, tau_s)
         shifted_estimate = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))

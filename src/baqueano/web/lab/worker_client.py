@@ -16,7 +16,7 @@ MAX_ANSWER_BYTES = 64 << 20  # bytes of an answer
 MAX_LINE_BYTES = 16 << 20
 
 
-class Lab:
+class WorkerClient:
     """Client of the worker process of the page. The worker answers requests in the order in which they are sent."""
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Lab:
     async def _exchange(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         async with self._turn:
             try:
-                program = await self._running()
+                program = await self._running_process()
                 assert program.stdin is not None
                 assert program.stdout is not None
                 program.stdin.write(json.dumps(request).encode() + b"\n")
@@ -48,7 +48,7 @@ class Lab:
                 reply = json.loads(await program.stdout.readline())
                 return reply, await program.stdout.readexactly(min(reply["bytes"], MAX_ANSWER_BYTES))
             except (OSError, ValueError, asyncio.IncompleteReadError):
-                await self._end()
+                await self._end_process()
                 return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
 
     async def close(self) -> None:
@@ -56,9 +56,9 @@ class Lab:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        await self._end()
+        await self._end_process()
 
-    async def _running(self) -> asyncio.subprocess.Process:
+    async def _running_process(self) -> asyncio.subprocess.Process:
         if self._program is None or self._program.returncode is not None:
             self._program = await asyncio.create_subprocess_exec(
                 sys.executable, "-m", "baqueano.web.lab.worker",
@@ -66,7 +66,7 @@ class Lab:
             )  # fmt: skip
         return self._program
 
-    async def _end(self) -> None:
+    async def _end_process(self) -> None:
         program, self._program = self._program, None
         if program is None:
             return
