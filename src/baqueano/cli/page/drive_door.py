@@ -65,7 +65,10 @@ class DriveDoor:
         self._record: Record | None = None
         self._published_s = float("-inf")
         self._robot: Remote | None = None
-        words = {"viewers": self._on_viewers, "routes": lambda client, message: {"is": "routes", "routes": []}}
+        words = {
+            "viewers": self._on_viewers,
+            "routes": lambda client, message: {"is": "routes", "routes": []},
+        }
         for do in ("pause", "go", "pace"):
             words[do] = self._on_time
         self._door = Door(None, self.operator, folder, words | {"stop": self._on_stop, "set": self._on_set})
