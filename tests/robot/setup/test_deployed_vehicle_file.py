@@ -78,6 +78,22 @@ def test_root_writes_no_vehicle_file_through_a_link(programs, pi, wheels, vehicl
     assert (other.read_text(), vehicle_toml.read_text()) == ("of root", file.text)
 
 
+@pytest.mark.parametrize("when", ["2026-11-03T10:00:00Z", "2026-11-03T10:00:00", '"2026-11-03"'])
+def test_a_calibration_with_any_kind_of_date_is_compared(programs, pi, wheels, vehicle_toml, when):
+    vehicle_toml.write_text(calibrated(SMALL).text.replace("2026-11-03", when))
+    mine = calibrated(SMALL, {"robot.imu_axes": ["y", "-x", "z"]}, on=date(2026, 11, 2))
+    setup("r1", wheels, PI, vehicle=mine, root=str(pi))
+    kept = vehicle_file.load(vehicle_toml).robot.imu_axes
+    assert kept == (("y", "-x", "z") if '"' in when else ("-y", "x", "z"))
+
+
+@pytest.mark.parametrize("text", ["provenance = 3", "[provenance]\nmodel = 3"])
+def test_a_damaged_provenance_of_the_robot_is_replaced(programs, pi, wheels, vehicle_toml, text):
+    vehicle_toml.write_text(text)
+    setup("r1", wheels, PI, vehicle=SMALL, root=str(pi))
+    assert vehicle_toml.read_text() == SMALL.text
+
+
 def test_calibrated_values_of_the_robot_survive_a_new_vehicle_file(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []

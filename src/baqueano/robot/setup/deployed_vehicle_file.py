@@ -78,13 +78,15 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
 def _with_calibration(
     host: str, vehicle_file: "VehicleFile", robot_data: "JsonObject"
 ) -> tuple["VehicleFile", list[str]]:
-    provenance, leaves = robot_data.get("provenance", {}), _flat_values(robot_data)
+    provenance, leaves = robot_data.get("provenance"), _flat_values(robot_data)
     values: JsonObject = {}
     origins: JsonObject = {}
     lines: list[str] = []
-    for key, origin in provenance.items():
+    for key, origin in provenance.items() if isinstance(provenance, dict) else ():
         if not isinstance(origin, dict) or origin.get("run") != CALIBRATION_RUN or key not in leaves:
             continue
+        if not isinstance(origin.get("date"), date):
+            origin = {name: value for name, value in origin.items() if name != "date"}
         if not key_exists(vehicle_file.data, key, vehicle_file.folder):
             raise UsageError(
                 fault(
@@ -104,7 +106,7 @@ def _with_calibration(
         later = (
             own_provenance is not None
             and own_provenance.run == CALIBRATION_RUN
-            and (own_provenance.date or date.min) > (when or date.min)
+            and _day(own_provenance.date) > _day(when)
         )
         if not later:
             values[key], origins[key] = leaves[key], origin
@@ -133,6 +135,11 @@ def _with_calibration(
             )
         )
     return vehicle_file.with_values(values, origins) if origins else vehicle_file, lines
+
+
+def _day(value: object) -> date:
+    """Return the day of a date or a time in TOML; the first day of all for an unknown date."""
+    return date(value.year, value.month, value.day) if isinstance(value, date) else date.min
 
 
 def _value_text(leaves: "JsonObject", key: str) -> str:
