@@ -82,6 +82,14 @@ def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp
         assert events == []
 
 
+@pytest.mark.parametrize("message", [{"is": "pong"}, {"is": "no", "why": "x", "about": 5}])
+def test_a_malformed_message_during_a_drive_is_ignored(vehicle, mission, tmp_path, message):
+    own = vehicle.run("mine", 5)
+    vehicle.drives = lambda name: [message, vehicle.done(own, id=name)]
+    with connect(str(vehicle.door.path)) as remote:
+        assert len(remote.perform(mission, tmp_path / "here.mcap").t_ns) == 5
+
+
 @pytest.mark.parametrize("version", [None, 1, 3])
 def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mission, tmp_path, version):
     with connect(str(vehicle.door.path)) as remote:

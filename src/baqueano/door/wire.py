@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 DIAGNOSTIC_FIELDS = ("why", "said", "about", "imu_bus", "degraded")  # fields that can be diagnostics
 REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
-    "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
+    "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {"token": object},
     "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
-    "routes": {"routes": list}, "over": {"why": Diagnostic}, "ledger": {"rows": list},
+    "routes": {"routes": list}, "over": {"why": Diagnostic}, "ledger": {"rows": list}, "heard": {"do": str},
 }  # fmt: skip
 
 
@@ -34,7 +34,9 @@ def decode(line: bytes) -> "JsonObject | None":
         is_valid = all(
             isinstance(message[name], kind) for name, kind in REQUIRED_FIELDS[message["is"]].items()
         )
-        return message if is_valid and isinstance(message.get("code", 0), int) else None
+        is_valid &= isinstance(message.get("code", 0), int)
+        is_valid &= isinstance(message.get("about"), Diagnostic | None)
+        return message if is_valid else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
