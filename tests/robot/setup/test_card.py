@@ -105,6 +105,15 @@ def test_the_boot_files_have_lines_of_unix_even_from_windows(pi, monkeypatch):
         assert not [path.name for path in boot.iterdir() if b"\r" in path.read_bytes()]
 
 
+def test_a_value_that_contains_a_placeholder_is_not_changed(pi, tmp_path):
+    key = f"{KEY} me@country@lab"
+    write_card(pi / "boot/firmware", "robot-7", "ana", key, Network("@country@", "@connection@", "AR"))
+    start(pi, tmp_path)
+    assert (pi / "home/ana/.ssh/authorized_keys").read_text() == f"{key}\n"
+    connection = pi / "etc/NetworkManager/system-connections/baqueano.nmconnection"
+    assert "ssid=@country@\n" in connection.read_text()
+
+
 def test_cloud_init_starts_the_script_and_old_user_data_are_backed_up(pi):
     boot = pi / "boot/firmware"
     (boot / "user-data").write_text("#cloud-config\n# of the image\n")

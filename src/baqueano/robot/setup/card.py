@@ -144,8 +144,8 @@ def write_card(boot: Path, name: str, user: str, key: str, network: Network | No
         "name": name, "user": user, "key": key, "connection": connection_file(network, name) if network else "",
         "country": network.country if network else "",
     }  # fmt: skip
-    for placeholder, value in replacements.items():
-        script = script.replace(f"@{placeholder}@", shlex.quote(value))
+    placeholder_pattern = f"@({'|'.join(replacements)})@"  # all at once: a value can contain a placeholder
+    script = re.sub(placeholder_pattern, lambda match: shlex.quote(replacements[match[1]]), script)
     with (boot / "firstrun.sh").open("w", encoding="utf-8", newline="\n") as file:
         file.write(script)
     lines = [_("{path}: {user}@{name}.local, by key", path=boot / "firstrun.sh", user=user, name=name)]
