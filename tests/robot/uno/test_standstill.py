@@ -5,6 +5,7 @@ import time
 import pytest
 
 from baqueano.diagnostics import StopReason
+from baqueano.robot.uno.clock import WRAP_US, UnoClock
 from baqueano.robot.uno.frames import Config, Drive, DriveFlag, StateFlag
 from baqueano.robot.uno.link import Uno
 from baqueano.robot.uno.standstill import Standstill, boot_ns
@@ -85,3 +86,15 @@ def test_time_in_suspend_counts_as_a_gap(monkeypatch):
     stand.record_command()
     now[0] = 3_600_000 * MS  # one hour in suspend, which CLOCK_MONOTONIC does not count
     assert stand.check(300).figures["still_s"] == 3600.0
+
+
+@pytest.mark.parametrize("suspended_s", [0.2, 60.0, 3000.0])
+def test_timestamps_are_correct_after_a_suspension_of_the_host(suspended_s):
+    """The clock of the host stands still meanwhile, and that of the Uno does not."""
+    clock, errors_ms = UnoClock(), []
+    for k in range(200):
+        host_ns, suspended_us = k * 100_000_000, round(1e6 * suspended_s) if k >= 100 else 0
+        device_us = clock.unwrap((k * 100_000 + suspended_us) % WRAP_US)
+        clock.add_ping(host_ns - 500_000, device_us, host_ns + 500_000)
+        errors_ms.append(1e-6 * abs(clock.host_ns(device_us) - host_ns))
+    assert max(errors_ms) < 1.0

@@ -16,6 +16,7 @@ import numpy as np
 
 WINDOW_S = 20.0
 SECTION_S = 1.0
+MAX_SKEW = 0.02  # four times the error of a resonator
 FRAME_NS = 1_000_000  # of USB: a shorter trip is not more accurate
 WRAP_US = 1 << 32
 NS_PER_US = 1000
@@ -56,7 +57,10 @@ class UnoClock:
 
         `device_us` is a time that `unwrap` returned.
         """
-        self._answers.append(PongTimes(device_us, (sent_ns + received_ns) // 2, received_ns - sent_ns))
+        answer = PongTimes(device_us, (sent_ns + received_ns) // 2, received_ns - sent_ns)
+        if self._answers and _has_stood_still(self._answers[-1], answer):
+            self._answers.clear()
+        self._answers.append(answer)
         while received_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
         best_of_section: dict[int, PongTimes] = {}
@@ -80,3 +84,10 @@ class UnoClock:
         """Return the host time [ns] at a device time [µs] that `unwrap` returned.  (2)"""
         since_ns = (device_us - self._reference[0]) * NS_PER_US
         return self._reference[1] + since_ns + round(self.skew * since_ns)
+
+
+def _has_stood_still(previous: PongTimes, answer: PongTimes) -> bool:
+    """Return True if one of the clocks stood still between two answers, as the host's in a suspended computer.  (1)"""
+    host_ns = answer.middle_ns - previous.middle_ns
+    error_ns = (answer.device_us - previous.device_us) * NS_PER_US - host_ns
+    return abs(error_ns) > (previous.trip_ns + answer.trip_ns) / 2 + MAX_SKEW * host_ns
