@@ -49,10 +49,10 @@ def ssh_line(host: str, *words: str) -> str:
     """Return the line to type for a command at `host`, or for a login.
 
     >>> ssh_line("pilot@rover.local:2222", "sudo", "reboot")
-    'ssh_command -p 2222 pilot@rover.local sudo reboot'
+    'ssh -p 2222 pilot@rover.local sudo reboot'
     """
     *port_words, _dashes, name = host_args(host)
-    return shell_command("ssh_command", *port_words, name, *words)
+    return shell_command("ssh", *port_words, name, *words)
 
 
 def ssh_command(host: str, command: str, *options: str) -> list[str]:
