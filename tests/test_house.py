@@ -334,6 +334,9 @@ HARMLESS = {
     "repeat",
     "closure",
     "lap_closure",
+    "LapEnd",
+    "lap_end",
+    "closure_of_end",
     "MARK_SOURCE",
     "RoomWatch",
 }

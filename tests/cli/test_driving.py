@@ -325,14 +325,13 @@ def test_a_lap_that_stops_before_its_start_does_not_change_the_vehicle_file(baqu
     path = save_identified_robot(tmp_path)
     text = path.read_bytes()
 
-    def drive_by_hand(verb, file, robot, seed, backend, path, **_options):
-        lap = teach(file, eight(0.4, 0.3), seed=seed, backend=backend).run
-        return lap.cut(0.0, lap.duration_s - 0.7)  # 20 cm
-
-    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)
+    lap = teach(vehicle_file.load(path), eight(0.4, 0.3), backend="python").run
+    lap = lap.cut(0.0, lap.duration_s - 0.7)  # 20 cm
+    with refused("marks.lap-open", AnswerNo) as refusal:
+        lap_closure(lap, vehicle_file.load(path))
+    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", lambda *args, **options: lap)
     end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--update")
-    assert "this lap did not return to its start" in end.err
-    assert "baqueano teach ROUTE --driver keys --closed --update" in end.err
+    assert refusal.value.diagnostic.fix in end.err
     assert path.read_bytes() == text
 
 

@@ -146,9 +146,9 @@ def test_a_lap_that_closes_in_its_estimate_only_confirms_a_wrong_scale(file):
     true_file = file.with_values({"sensors.imu.gyro_scale": TRUE})
     world = SimulatedWorld(true_file.vehicle, true_file.sensors, file.rate_hz, 3)
     run = teach(file, eight(0.4, 0.3), world=world, backend="python").run
-    found = lap_closure(run, file)
+    closure = lap_closure(run, file)
     assert np.hypot(*(run.truth.eta[-1] - run.estimate.eta[-1])[:2]) > 0.06
-    assert abs(found.scale - file.sensors.imu.gyro_scale) < 3.0 * found.sd < 0.5 * (1.0 - TRUE)
+    assert abs(closure.scale - file.sensors.imu.gyro_scale) < 3.0 * closure.sd < 0.5 * (1.0 - TRUE)
 
 
 @pytest.mark.parametrize(("scale", "std", "most"), [(1.0, 0.001, 1.5), (1.11 * TRUE, 0.0, 10.0)])

@@ -16,7 +16,7 @@ holds for k = 0 too, as on an eight; (1) does not. Derivation: docs/derivations/
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -108,6 +108,28 @@ class Closure(Result):
         return "\n".join(lines)
 
 
+class LapEnd(NamedTuple):
+    """The estimated end of a lap relative to its start: e + J κ with the scale s₀ e^κ, and its covariance V."""
+
+    gyro: str
+    e: np.ndarray  # (3,)
+    J: np.ndarray  # (3,)
+    V: np.ndarray  # (3, 3)
+    turn_rad: float  # of the lap, with the scale s₀
+    old_e: np.ndarray  # (3,), computed with the scale s₀
+
+    @property
+    def std(self) -> float:
+        """Return σ̂, infinity if the lap does not determine a scale."""
+        information = float(self.J @ np.linalg.solve(self.V, self.J))
+        return information**-0.5 if information > 0.0 else np.inf
+
+    @property
+    def kappa(self) -> float:
+        """Return κ̂."""
+        return -(self.std**2) * float(self.J @ np.linalg.solve(self.V, self.e))
+
+
 def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) -> Closure:
     """Return the sensor scales that follow from the marks of `run`, for the vehicle of `vehicle_file`.
 
@@ -176,12 +198,16 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
     FileError
         If the file lacks the noise of its estimator: `identify` finds it.
     """
+    return closure_of_end(lap_end(run, vehicle_file, place_std_m), vehicle_file, run.name)
+
+
+def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> LapEnd:
+    """Return the estimated end of a lap, near its best scale; parameters and errors as for `lap_closure`."""
     if not (0.0 < place_std_m < np.inf):
         raise Invalid(fault("marks.place-std", found=place_std_m))
     name = _gyro_of(run, vehicle_file)
     sensor = getattr(vehicle_file.sensors, name)
     lap, from_ns, start = _marked_lap(run)
-    mark_cov = np.diag(np.square([place_std_m, place_std_m, MARK_STD_RAD]))
 
     def end(kappa: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Return e (3,), P (3, 3), and the turn of the lap [rad], with the scale s₀ e^κ."""
@@ -197,30 +223,31 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
         return np.array([e[0], e[1], wrap(e[2])]), P, float(turn_rad)
 
     e, P, turn_rad = end(0.0)
-    gap_m = float(np.hypot(e[0], e[1]))
     change = end(SCALE_STEP)[0] - e
-    J, V = np.array([change[0], change[1], wrap(change[2])]) / SCALE_STEP, P + mark_cov
-    information = float(J @ np.linalg.solve(V, J))  # σ̂⁻²
-    if not information * MAX_SCALE_ERROR**2 >= 1.0:
+    J = np.array([change[0], change[1], wrap(change[2])]) / SCALE_STEP
+    here = LapEnd(name, e, J, P + np.diag(np.square([place_std_m, place_std_m, MARK_STD_RAD])), turn_rad, e)
+    if not here.std <= MAX_SCALE_ERROR:
         figures = {"gyro": name, "within_percent": 100.0 * MAX_SCALE_ERROR}
         raise AnswerNo(fault("marks.lap-no-scale", name=run.name, **figures))
-    gain = -np.linalg.solve(V, J) / information
-    first_kappa = float(np.clip(gain @ e, -MAX_SCALE_ERROR, MAX_SCALE_ERROR))
-    e = end(first_kappa)[0] - J * first_kappa
-    kappa = float(gain @ e)
-    std, file_std = information**-0.5, sensor.gyro_scale_std
-    _require_return(run.name, name, e + J * kappa, V)
-    _require_agreement(run.name, name, sensor, kappa, std)
+    kappa = float(np.clip(here.kappa, -MAX_SCALE_ERROR, MAX_SCALE_ERROR))
+    return here._replace(e=end(kappa)[0] - J * kappa)
+
+
+def closure_of_end(end: LapEnd, vehicle_file: VehicleFile, run_name: str) -> Closure:
+    """Return the gyro scale that the end of a lap determines. Raise AnswerNo by (6) or (7)."""
+    sensor = getattr(vehicle_file.sensors, end.gyro)
+    kappa, std, file_std = end.kappa, end.std, sensor.gyro_scale_std
+    _require_return(run_name, end.gyro, end.e + end.J * kappa, end.V)
+    _require_agreement(run_name, end.gyro, sensor, kappa, std)
     share = file_std**2 / (file_std**2 + std**2) if file_std > 0.0 else 1.0
     scale = sensor.gyro_scale * float(np.exp(share * kappa))
-    scale_std, turns = scale * float(np.sqrt(share)) * std, round(turn_rad / (2.0 * np.pi))
-    return Closure(
-        name, turns, turn_rad, scale, scale_std, _gyro_values(name, scale, scale_std), {}, None, gap_m
-    )
+    scale_std, turns = scale * float(np.sqrt(share)) * std, round(end.turn_rad / (2.0 * np.pi))
+    values, gap_m = _gyro_values(end.gyro, scale, scale_std), float(np.hypot(*end.old_e[:2]))
+    return Closure(end.gyro, turns, end.turn_rad, scale, scale_std, values, {}, None, gap_m)
 
 
 def _require_return(run_name: str, gyro: str, residual: np.ndarray, V: np.ndarray) -> None:
-    """Raise AnswerNo if the end of a lap with its best scale, `residual` (3,), has a covariance other than `V`.  (6)"""
+    """Raise AnswerNo if `residual` (3,), the end of a lap with its best scale, is improbable for `V`.  (6)"""
     chi2 = float(residual @ np.linalg.solve(V, residual))
     if not chi2 <= MAX_RESIDUAL_CHI2:
         gaps = {"gap_m": float(np.hypot(*residual[:2])), "turn_deg": np.degrees(wrap(residual[2]))}
@@ -238,7 +265,7 @@ def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std
         figures = {"gyro": gyro, "found": sensor.gyro_scale * np.exp(kappa), "file": sensor.gyro_scale}
         percent = {"percent": 100.0 * kappa, "most_percent": 100.0 * most}
         fix = baqueano_command("drive", "--update")
-        raise AnswerNo(fault("marks.lap-other-scale", fix, name=run_name, **figures, **percent))
+        raise AnswerNo(fault("marks.lap-other-scale", fix, "", name=run_name, **figures, **percent))
 
 
 def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:

@@ -126,8 +126,8 @@ class TeachResult(NamedTuple):
         >>> noise = {"disturbance_std": [0.03, 0.8], "disturbance_fade_s": [1.0, 2.5], "velocity_walk_std": [0.01] * 3}
         >>> robot = load("small").with_values({f"estimator.{key}": value for key, value in noise.items()})
         >>> lesson = teach(robot.with_values({"sensors.imu.gyro_scale": 0.97}), eight(0.4, 0.3), closed=True)
-        >>> found = lesson.closure(robot)
-        >>> abs(found.scale - 0.97) < 3.0 * found.sd < 0.02
+        >>> closure = lesson.closure(robot)
+        >>> abs(closure.scale - 0.97) < 3.0 * closure.sd < 0.02
         True
         """
         from baqueano.drive.closure import lap_closure  # it replays the lap with this module
@@ -327,8 +327,8 @@ def replay(
 
 
 def recorded_vehicle_file(run: Run, allow_blocks: bool = False) -> VehicleFile:
-    """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file, and FileError
-    for a user's block that the vehicle.toml of this folder does not name, except with `allow_blocks`.
+    """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file.
+    Raise FileError for a user's block that the vehicle.toml of this folder does not name, except with `allow_blocks`.
     """
     if not run.vehicle_text:
         raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
