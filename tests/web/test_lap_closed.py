@@ -116,7 +116,8 @@ def test_the_driver_closes_a_lap_and_a_viewer_does_not(words, tmp_path):
                 await driver.send("write", lap="unknown")
                 assert (await driver.next("no"))["code"] == "web.no-run"
                 await driver.send("write", lap=run["id"], route="ring")
-                assert "± 0.0145; now it is 0.9" in (await driver.next("event"))["text"]
+                assert words["vehicle"].rpartition("/")[2] in (await driver.next("event"))["text"]
+        assert load(words["vehicle"]).provenance["sensors.imu.gyro_scale"].run == "0002-teach"
 
     run_page(job)
 
@@ -145,7 +146,7 @@ def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
     live.go("READY")
     live.put({"is": "runs", "runs": runs})
     tab.wait(f"!{closed}.hidden && !{closed}.disabled")
-    assert tab.js(f"{closed}.firstChild.textContent") == "It stands where it started"
+    assert tab.js(f"{closed}.firstChild.textContent") == "Back at its start"
     tab.press("c", code="KeyC")
     (word,) = until(lambda: live.words("write"))
     assert (word["lap"], word["route"]) == ("r9", "route-1")

@@ -263,11 +263,11 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     result = lap_closure(run, vehicle_file)
     origin, old = Provenance(run.name, verdict=Verdict.USABLE), getattr(vehicle_file.sensors, result.gyro)
     new_file = vehicle_file.with_values(result.values, dict.fromkeys(result.values, origin))
-    route, name = None, request["route"]
-    if name and (path := _routes(request).path(name)).is_file():
-        route = route_of(replay(run, new_file), closed=True)
+    path = _routes(request).path(request["route"]) if request["route"] else None
+    is_taught = path is not None and path.is_file()
+    route = route_of(replay(run, new_file), closed=True) if is_taught else None
     new_file.save()
-    if route is not None:
+    if path is not None and route is not None:
         write_route(route, path)
     figures = {"old": old.gyro_scale, "old_sd": old.gyro_scale * old.gyro_scale_std, "sd": result.sd}
     message = note(
