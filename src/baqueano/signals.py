@@ -225,7 +225,15 @@ def measured_ns(t_ns: int, slot: Slot) -> int:
 def sensor_slots(names: tuple[str, ...]) -> Callable[..., ByName[Tree]]:
     """Return the NamedTuple class with one Slot per sensor name; equal names return the same class."""
     slots_class: Tree = namedtuple("Sensors", names)
+    slots_class.__reduce__ = lambda slots: (
+        _slots_of,
+        (names, tuple(slots)),
+    )  # pickle cannot import the class
     return slots_class
+
+
+def _slots_of(names: tuple[str, ...], values: tuple[Tree, ...]) -> ByName[Tree]:
+    return sensor_slots(names)(*values)
 
 
 def silent(sizes: dict[str, int]) -> ByName[Slot]:

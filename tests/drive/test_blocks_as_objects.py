@@ -1,6 +1,7 @@
 """Blocks that are passed as classes or objects, and the information that the run stores about them."""
 
 import linecache
+import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
 from baqueano.signals import Command, Reference
 from baqueano.vehicle_file import load
+from tests.codes import refused
 
 SMALL, ROUTE = load("small"), circle(0.3, 0.2)
 CELL = """
@@ -193,3 +195,26 @@ def test_a_replay_of_a_run_without_a_vehicle_file_is_refused():
     with pytest.raises(UsageError) as error_info:
         replay(replace(drive_with(), vehicle_text=""))
     assert error_info.value.diagnostic.code == "drive.no-vehicle-in-run"
+
+
+@pytest.mark.parametrize(
+    ("code", "options"),
+    [
+        ("sweep.setting", {"controler": Push}),
+        ("drive.duration", {"duration_s": "3"}),
+        ("drive.duration", {"duration_s": -1.0}),
+        ("drive.duration", {"duration_s": np.nan}),
+        ("drive.seed", {"seed": 1.5}),
+        ("drive.seed", {"seed": -1}),
+        ("simulate.pose", {"eta": [1.0, 2.0]}),
+    ],
+)
+def test_an_invalid_option_of_a_drive_is_refused_by_its_name(code, options):
+    with refused(code, UsageError):
+        repeat(SMALL, ROUTE, **options)
+
+
+def test_a_vehicle_file_can_be_pickled():
+    copied = pickle.loads(pickle.dumps(SMALL))
+    assert type(copied.sensors) is type(SMALL.sensors)
+    assert copied.text == SMALL.text

@@ -213,6 +213,8 @@ def test_recorded_runs_are_replayed_only_through_estimators(small):
         ("sweep.nothing", {}),
         ("sweep.route", {"routes": [3]}),
         ("sweep.setting", {"routes": ROUTE, "lap": 3}),
+        ("sweep.seeds", {"routes": ROUTE, "seeds": 3}),
+        ("simulate.pose", {"routes": ROUTE, "start": (0.0, 1.0)}),
         ("sweep.numbers", {"routes": ROUTE, "laps": 0}),
         ("sweep.reference", {"routes": ROUTE, "reference": "lqx"}),
         ("block.unknown", {"routes": ROUTE, "controllers": "lqx"}),

@@ -13,7 +13,7 @@ from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, nearest, note, stop
 from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
@@ -53,6 +53,13 @@ class Conditions:
     tick_times_ns: Iterable[int] | None = None
     shake: Sequence[FaultLike] | None = None
 
+    def __post_init__(self) -> None:
+        is_number = isinstance(self.duration_s, int | float | np.number)
+        if self.duration_s is not None and not (is_number and 0.0 < self.duration_s < np.inf):
+            raise UsageError(fault("drive.duration", found=repr(self.duration_s)))
+        if self.start.shape not in ((3,), (6,)) or not np.all(np.isfinite(self.start)):
+            raise UsageError(fault("simulate.pose", name="eta", found=str(self.start.tolist())))
+
     @property
     def start(self) -> np.ndarray:
         """Return the pose (3,) at the start, or pose and velocity (6,); zeros by default."""
@@ -85,6 +92,9 @@ class Conditions:
         start_text = " ".join(map(repr, self.start.tolist()))
         backend = blocks.estimator.backend if isinstance(blocks.estimator, CompiledBlock) else "numpy"
         return {"kind": kind, "seed": str(self.seed), "start": start_text, "backend": backend}
+
+
+CONDITION_NAMES = tuple(field.name for field in fields(Conditions))
 
 
 def user_block_metadata(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
@@ -173,6 +183,10 @@ def drive(
     >>> run.duration_s
     0.5
     """
+    for name in conditions:
+        if name not in CONDITION_NAMES:
+            near = nearest(name, [*Blocks._fields[:3], "laps", "path", *CONDITION_NAMES])
+            raise UsageError(fault("sweep.setting", call=kind, found=name, near=near))
     settings = Conditions(**conditions)
     world = settings.make_world(vehicle_file)
     own_texts, text_notes = user_block_metadata(blocks, vehicle_file)

@@ -15,7 +15,7 @@ from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import warnings_of
-from baqueano.drive.session import drive
+from baqueano.drive.session import Conditions, drive
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
@@ -267,7 +267,7 @@ def repeat(
         vehicle_file.supervisor(),
     )
     full_guide = care.wrap_guide(
-        blocks.guide, route, vehicle_file, np.asarray(options["eta"]), blocks.estimator
+        blocks.guide, route, vehicle_file, Conditions(eta=options["eta"]).start, blocks.estimator
     )
     options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)

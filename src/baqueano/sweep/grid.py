@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from baqueano.compare.errors import ALIGNMENTS
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
@@ -98,13 +100,13 @@ def sweep(
         "guide": _as_list(guides),
     }
     sweep_settings = _checked_settings(settings)
+    if not isinstance(seeds, Iterable):
+        raise UsageError(fault("sweep.seeds", found=seeds))
     runs = [subject for subject in subjects if isinstance(subject, Run)]
     if runs and len(runs) == len(subjects):
         jobs = _run_jobs(runs, blocks_by_role, vehicle, sweep_settings, _as_list(routes))
     else:
-        jobs = _vehicle_jobs(
-            subjects, blocks_by_role, _by_name(routes), [int(seed) for seed in seeds], sweep_settings
-        )
+        jobs = _vehicle_jobs(subjects, blocks_by_role, _by_name(routes), list(seeds), sweep_settings)
     labels = list(dict.fromkeys(job.cell.label for job in jobs))
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
@@ -127,13 +129,16 @@ def _checked_settings(settings: dict) -> SweepSettings:
     names = SweepSettings._fields
     for name in settings:
         if name not in names:
-            raise UsageError(fault("sweep.setting", found=name, near=nearest(name, names)))
+            raise UsageError(fault("sweep.setting", call="sweep", found=name, near=nearest(name, names)))
     conditions = SweepSettings(**settings)
     if conditions.alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", found=conditions.alignment, known=ALIGNMENTS))
     if not (conditions.laps >= 1 and conditions.over_s > 0.0):
         raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
-    return conditions._replace(start=tuple(float(x) for x in conditions.start))
+    start = tuple(conditions.start)
+    if len(start) != 3 or not np.all(np.isfinite(start)):
+        raise UsageError(fault("simulate.pose", name="start", found=str(list(start))))
+    return conditions._replace(start=tuple(map(float, start)))
 
 
 def _by_name(routes: Tree) -> dict[str, Route]:

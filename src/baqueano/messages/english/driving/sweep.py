@@ -18,7 +18,8 @@ TEMPLATES: dict[str, str] = {
         "possible."
     ),
     "sweep.reference": "No cell is called {found}. {near}.",
-    "sweep.setting": "sweep() does not accept {found}. {near}.",
+    "sweep.setting": "{call}() does not accept {found}. {near}.",
+    "sweep.seeds": "seeds = {found}: expected several whole numbers, such as range(10).",
     "sweep.numbers": (
         "The sweep received {laps} laps and a span of {over_s:g} s. Expected 1 lap or more, and more than "
         "0 s."
