@@ -1,0 +1,49 @@
+"""A step that depends on more than its arguments: the present value of a global is used, hidden memory is refused."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from baqueano.symbolic import compile_block, function
+from tests.codes import refused
+
+FACTOR = 1.0
+
+
+@dataclass
+class GlobalBlock:
+    gain: float
+
+    def step(self, x):
+        return FACTOR * self.gain * x
+
+
+def test_a_compiled_step_uses_the_present_value_of_a_global(monkeypatch):
+    for factor in (2.0, 3.0):
+        monkeypatch.setitem(globals(), "FACTOR", factor)
+        assert compile_block(GlobalBlock(5.0), "python").step(1.0) == 5.0 * factor
+
+
+class WithMemory:
+    def __init__(self):
+        self.sum, self.history = 0.0, []
+
+    def add(self, x):
+        self.sum = self.sum + x
+        return self.sum
+
+    def append(self, x):
+        self.history.append(x)
+        return float(len(self.history)) * x
+
+    def draw(self, x):
+        return x + np.random.default_rng().normal()
+
+
+@pytest.mark.parametrize("name", ["add", "append", "draw"])
+def test_a_step_with_memory_or_noise_of_its_own_is_refused_and_its_block_is_unchanged(name):
+    block = WithMemory()
+    with refused("trace.not-pure"):
+        function(getattr(block, name), 1.0, backend="python")
+    assert vars(block) == {"sum": 0.0, "history": []}
