@@ -109,7 +109,7 @@ class SensorMonitor:
         notices, memory = [], Memory(*self._state.memory)
         for c, d in enumerate(doubt):
             if c not in self._since_ns:
-                if d < EVENT_S:
+                if not d >= EVENT_S:  # also a NaN of the vehicle model
                     continue
                 self._since_ns[c] = t_ns - round(1e9 * d)
                 self._findings[c] = finding_of(self.channels, c, memory, t_ns, d)

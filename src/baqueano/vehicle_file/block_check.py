@@ -84,9 +84,20 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
         )
     if role not in CHECKS:
         raise UsageError(fault("cli.block-role", found=role, near=nearest(role, CHECKS)))
-    diagnostics = block_checks.check(
-        role, _build(role, block, checked_vehicle), checked_vehicle.sensors, checked_vehicle.vehicle.commands
-    )
+    built_block = _build(role, block, checked_vehicle)
+    surroundings = checked_vehicle.sensors, checked_vehicle.vehicle.commands
+    diagnostics = block_checks.check(role, built_block, *surroundings)
+    if role in ("vehicle", "sensor") and not diagnostics:  # a block of another role may run uncompiled
+        diagnostics = [
+            fault(
+                "check.must-compile",
+                cause=cause,
+                subject=found.subject,
+                place=found.figures["place"],
+            )
+            for found in block_checks.notes(role, built_block, *surroundings)
+            if (cause := found.figures.get("cause")) is not None
+        ]
     name = (
         block
         if isinstance(block, str)

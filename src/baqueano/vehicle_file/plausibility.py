@@ -13,6 +13,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.errors import error_text, from_outside, user_code_place
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicle_file.head import Channels, Geometry, reach_m, solid_inertia
@@ -102,9 +103,26 @@ def _check_inertia(report: ReadReport, mass: float, inertia: float, geometry: Ge
 def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
     """Check that the vehicle can move, that a tick is short enough to integrate it, and that its speed is plausible."""
     _check_dead_zones(report, vehicle, channels)
-    if is_dynamic(vehicle):
+    if is_dynamic(vehicle) and _has_acceleration(report, vehicle):
         _check_steps(report, vehicle, rate_hz)
         _notice_speed(report, vehicle, channels)
+
+
+def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
+    """Return True if nu_dot returns an array (3,) at rest; otherwise add a problem."""
+    try:
+        found = vehicle.nu_dot(np.zeros(3), np.zeros(vehicle.commands))
+    except BaseException as error:
+        if from_outside(error):
+            raise
+        name = f"{type(vehicle).__name__} ({user_code_place(error)})"
+        report.add_table_problem(("model",), "vehicle.not-built", block=name, error=error_text(error))
+        return False
+    if isinstance(found, np.ndarray) and found.shape == (3,):
+        return True
+    figures = {"vehicle": type(vehicle).__name__, "found": repr(found)}
+    report.add_problem(("model", "kind"), "vehicle.acceleration", **figures)
+    return False
 
 
 def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels) -> None:

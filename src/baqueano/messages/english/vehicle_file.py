@@ -109,6 +109,10 @@ TEMPLATES: dict[str, str] = {
     "vehicle.sensor-name": "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first.",
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
     "vehicle.table-lacks": "{place} needs {keys}.",
+    "vehicle.acceleration": (
+        "{place}: {vehicle}.nu_dot() returns {found}: expected an array (3,), forward, sideways and turning. Write "
+        "np.array([a, 0.0, 0.0])"
+    ),
     "vehicle.refused": "{block} does not accept {place}: {error}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
     "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",

@@ -98,6 +98,9 @@ TEMPLATES: dict[str, str] = {
         "from the first tick: keep t_ns in the state, -1 before the first tick."
     ),
     "check.slow": "{place}: {subject} works, but it cannot be compiled, so simulations with it are slow: {cause}",
+    "check.must-compile": (
+        "{place}: {subject} cannot be compiled, but simulations, estimators and fits need this: {cause}"
+    ),
     "check.not-compiled": "{place}: {subject} works, but cannot be compiled: {error}",
     "check.compiled-otherwise": (
         "{place}: {subject} gives other values when it is compiled. It must depend only on its "

@@ -1,0 +1,60 @@
+"""A vehicle of the user whose acceleration is unusable is refused with the reason, or named by its check."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import baqueano as bq
+from baqueano.drive import stop_of
+from baqueano.errors import FileError
+from tests.codes import refused
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def with_body(tmp_path):
+    """Return a function that writes the servo axis with another body of nu_dot, and returns its vehicle file."""
+
+    def write(body):
+        source = (EXAMPLES / "servo_axis.py").read_text(encoding="utf-8")
+        head = source[: source.index("        v = nu[0]")]
+        (tmp_path / "servo_axis.py").write_text(f"{head}        {body}\n", encoding="utf-8")
+        text = (EXAMPLES / "servo_axis.toml").read_text(encoding="utf-8")
+        (tmp_path / "axis.toml").write_text(text, encoding="utf-8")
+        return tmp_path / "axis.toml"
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ("return [effort[0] - nu[0], 0.0, 0.0]", "vehicle.acceleration"),
+        ("return effort[0] - nu[0]", "vehicle.acceleration"),
+        ("return np.array([effort[0] - nu[0], 0.0])", "vehicle.acceleration"),
+        ("return {}['drag']", "vehicle.not-built"),
+    ],
+)
+def test_an_acceleration_that_is_not_an_array_of_three_is_refused(with_body, body, code):
+    with refused(code, FileError):
+        bq.load(with_body(body), allow_blocks=True)
+
+
+def test_the_check_names_an_acceleration_that_cannot_be_compiled(with_body):
+    vehicle = bq.load(
+        with_body("return np.array([effort[0] - nu[0] * (2.0 if nu[0] > 0.0 else 3.0), 0.0, 0.0])"), True
+    )
+    (finding,) = bq.check(vehicle.vehicle, vehicle).findings
+    assert (finding.code, finding.figures["cause"].code) == ("check.must-compile", "trace.decides")
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_a_drive_whose_model_becomes_nan_ends_with_a_run_and_a_reason(with_body):
+    vehicle = bq.load(
+        with_body("return np.array([-effort[0] - np.sqrt(nu[0]), 0.0, 0.0])"), allow_blocks=True
+    )
+    run = bq.experiment(vehicle, np.full((1000, 1), 5.0))
+    assert len(run.t_ns) > 1000
+    assert stop_of(run).code == "block.returned"
