@@ -27,7 +27,7 @@ def test_a_compiled_step_uses_the_present_value_of_a_global(monkeypatch):
 
 class WithMemory:
     def __init__(self):
-        self.sum, self.history = 0.0, []
+        self.sum, self.time, self.history = 0.0, 0.0, []
 
     def add(self, x):
         self.sum = self.sum + x
@@ -37,13 +37,17 @@ class WithMemory:
         self.history.append(x)
         return float(len(self.history)) * x
 
+    def integrate_to(self, t):  # a second call at the same time gives the same result
+        self.sum, self.time = self.sum + (t - self.time), t
+        return self.sum
+
     def draw(self, x):
         return x + np.random.default_rng().normal()
 
 
-@pytest.mark.parametrize("name", ["add", "append", "draw"])
+@pytest.mark.parametrize("name", ["add", "append", "integrate_to", "draw"])
 def test_a_step_with_memory_or_noise_of_its_own_is_refused_and_its_block_is_unchanged(name):
     block = WithMemory()
     with refused("trace.not-pure"):
         function(getattr(block, name), 1.0, backend="python")
-    assert vars(block) == {"sum": 0.0, "history": []}
+    assert vars(block) == {"sum": 0.0, "time": 0.0, "history": []}

@@ -6,9 +6,10 @@ are in the carry. Otherwise, the step is traced again without that assumption.
 """
 
 import copy
+from collections import deque
 from collections.abc import Callable, Iterable
 from itertools import islice
-from types import MethodType
+from types import FunctionType, MethodType, ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +17,9 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import USER_MODULE_PREFIX, Invalid
-from baqueano.symbolic.arrays.array import TracedArray, as_array
+from baqueano.symbolic.arrays.array import TracedArray, as_array, has_scalars
 from baqueano.symbolic.arrays.linalg import is_symmetric
+from baqueano.symbolic.arrays.scalar import Scalar
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.errors import TraceError, locate_errors
 from baqueano.symbolic.graph.node import Graph, Node
@@ -42,19 +44,19 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
     """Return the trace of a function of trees of these shapes; its result is the output, without a carry.
 
     A method of the user is traced on a copy of its block, and twice. Raise TraceError if the second call gives other
-    nodes, because then the method has memory, noise or a clock of its own.
+    nodes, or if the block then contains nodes: such a method has memory, noise or a clock of its own.
     """
     graph = Graph()
     kinds: dict[Node, str] = {}
-    of_user = isinstance(f, MethodType) and not _is_ours(type(f.__self__))
-    g = _on_copy(f) if of_user else f
+    g = _on_copy(f) if isinstance(f, MethodType) and not _is_ours(type(f.__self__)) else f
     with tracing(), locate_errors():
         symbols = [(shape, _symbols(graph, shape, kinds)) for shape in shapes]
-        results = [g(*(_argument(*pair) for pair in symbols)) for _ in range(1 + of_user)]
+        results = [g(*(_argument(*pair) for pair in symbols)) for _ in range(1 if g is f else 2)]
     shape, outputs = _flat_nodes(graph, results[0], "output", kinds)
     for result in results[1:]:
         other_shape, others = _flat_nodes(graph, result, "output", kinds)
-        if other_shape != shape or any(a is not b for a, b in zip(outputs, others, strict=True)):
+        is_same = other_shape == shape and all(a is b for a, b in zip(outputs, others, strict=True))
+        if not is_same or _has_scalars_inside(g, set()):
             raise TraceError(fault("trace.not-pure", function=_name(f)))
     return Trace(graph, [], [x for _, nodes in symbols for x in nodes], None, [], [], outputs, shape, None)
 
@@ -219,9 +221,26 @@ def _is_ours(block_class: type) -> bool:
 def _on_copy(method: MethodType) -> Callable[..., Tree]:
     """Return the method of a copy of its block; of the block itself if it cannot be copied."""
     try:
-        return MethodType(method.__func__, copy.deepcopy(method.__self__))
+        block = copy.deepcopy(method.__self__)
     except Exception:  # a block of the user can contain any object
-        return method
+        block = method.__self__
+    return MethodType(method.__func__, block)
+
+
+def _has_scalars_inside(x: Tree, visited: set[int]) -> bool:
+    """Return True if a scalar is in the attributes or entries of a block, at any depth."""
+    if isinstance(x, Scalar | np.ndarray):
+        return has_scalars(x)
+    if id(x) in visited or isinstance(x, type | ModuleType | FunctionType):
+        return False
+    visited.add(id(x))
+    if isinstance(x, MethodType):
+        return _has_scalars_inside(x.__self__, visited)
+    parts: list[Tree] = list(x.values()) if isinstance(x, dict) else []
+    parts += x if isinstance(x, list | tuple | set | frozenset | deque) else []
+    slots = [name for c in type(x).__mro__ for name in getattr(c, "__slots__", ()) if isinstance(name, str)]
+    parts += [getattr(x, name, None) for name in slots] + list(getattr(x, "__dict__", {}).values())
+    return any(_has_scalars_inside(part, visited) for part in parts)
 
 
 def _name(f: Callable[..., Tree]) -> str:
