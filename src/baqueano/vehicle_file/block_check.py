@@ -95,7 +95,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
                 subject=found.subject,
                 place=found.figures["place"],
             )
-            for found in block_checks.notes(role, built_block, *surroundings)
+            for found in block_checks.compilation_notes(role, built_block, *surroundings)
             if (cause := found.figures.get("cause")) is not None
         ]
     name = (

@@ -19,7 +19,7 @@ def c_struct(layout: type[Any]) -> list[str]:
     for field, hint in get_type_hints(layout, include_extras=True).items():
         code, *annotations = hint.__metadata__
         if not isinstance(code, str):
-            times = f"[{annotations[0].count}]" if annotations else ""
+            times = f"[{annotations[0].repetitions}]" if annotations else ""
             lines.append(f"    {snake_case(code.__name__)}_t {field}{times};")
             continue
         lines.append(f"    {C_TYPES[code]} {field};")

@@ -34,9 +34,9 @@ class ValueRange(NamedTuple):
 
 
 class Repetition(NamedTuple):
-    """A nested layout, repeated `count` times."""
+    """A nested layout, repeated `repetitions` times."""
 
-    count: int
+    repetitions: int
 
 
 U8 = Annotated[int, "B"]
@@ -287,7 +287,7 @@ def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
                 Field(path + name, code, annotations[0] if annotations else integer_range(code))
             )
         elif annotations:
-            for index in range(annotations[0].count):
+            for index in range(annotations[0].repetitions):
                 layout_fields += fields(code, f"{path}{name}[{index}].")
         else:
             layout_fields += fields(code, f"{path}{name}.")
@@ -327,7 +327,7 @@ def unflatten(layout: type[Any], numbers: list[int]) -> Any:
         if isinstance(code, str):
             values.append(numbers.pop(0))
         elif annotations:
-            values.append(tuple(unflatten(code, numbers) for _ in range(annotations[0].count)))
+            values.append(tuple(unflatten(code, numbers) for _ in range(annotations[0].repetitions)))
         else:
             values.append(unflatten(code, numbers))
     return layout(*values)

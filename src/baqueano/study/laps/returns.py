@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.drive.closure import LapEnd, closure_of_end, lap_end
 from baqueano.errors import AnswerNo
 from baqueano.study.corridor.vehicles import vehicles
-from baqueano.study.laps.team import MARK_M, taught_laps
+from baqueano.study.laps.team import MARK_M, simulate_taught_laps
 from baqueano.vehicle_file import VehicleFile
 
 DIRECTIONS = 24
@@ -28,7 +28,7 @@ def ends_of_laps(
 ) -> list[tuple[LapEnd, VehicleFile]]:
     """Return the end of a lap of each robot, with its file. A robot without a file does not drive."""
     usable = {seed: file for seed, file in zip(seeds, files, strict=True) if file is not None}
-    laps = taught_laps(vehicles([*usable]), [*usable], [*usable.values()], shape)
+    laps = simulate_taught_laps(vehicles([*usable]), [*usable], [*usable.values()], shape)
     return [(lap_end(lap, file, MARK_M), file) for lap, file in zip(laps, usable.values(), strict=True)]
 
 

@@ -115,7 +115,7 @@ class FoxgloveServer:
             return
         fields = self._about()["fields"]
         self._advertise_again()
-        stamps_ns = [self._stamp(row) for row in rows]
+        stamps_ns = [self._wall_time_ns(row) for row in rows]
         bodies: dict[str, list[tuple[int, bytes]]] = {}
         for client in self._clients.values():
             messages = []

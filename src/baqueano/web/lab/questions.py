@@ -143,7 +143,7 @@ class Questions:
         if message.keys() & {"lap"}:
             lap, route = str(self.path_of(message["lap"])), str(message.get("route") or "")[:MAX_NAME_LETTERS]
             reply, _ = await self.slow.request(
-                "lap closure", **(self.about({}) | {"run": lap, "route": route})
+                "lap closure", **(self.subject_of({}) | {"run": lap, "route": route})
             )
             return Diagnostic.of_json(reply["message"])
         arguments = {"gains": message["gains"]} | self._tuning_request({"route": message.get("route")})

@@ -249,9 +249,9 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
     from baqueano.vehicle_file.provenance import Provenance
-    from baqueano.web.lab.tuning import file_of, route_of_run
+    from baqueano.web.lab.tuning import requested_vehicle_file, route_of_run
 
-    vehicle_file, run = file_of(request), read_run(Path(request["run"]))
+    vehicle_file, run = requested_vehicle_file(request), read_run(Path(request["run"]))
     if vehicle_file.path is None:
         raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=vehicle_file.name))
     by_hand = run.metadata.get("kind") == "teach" and route_of_run({"path": request["run"]}) is None
