@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import baqueano as bq
-from baqueano.drive import stop_of
+from baqueano.drive.session import stop_reason_of
 from baqueano.errors import FileError
 from tests.codes import refused
 
@@ -57,4 +57,4 @@ def test_a_drive_whose_model_becomes_nan_ends_with_a_run_and_a_reason(with_body)
     )
     run = bq.experiment(vehicle, np.full((1000, 1), 5.0))
     assert len(run.t_ns) > 1000
-    assert stop_of(run).code == "block.returned"
+    assert stop_reason_of(run).code == "block.returned"
