@@ -16,8 +16,10 @@ def test_a_simulated_clock_ends_each_tick_on_a_whole_nanosecond():
 
 
 def test_a_clock_without_a_duration_is_endless():
-    tick_times_ns = clock.simulated_ticks(100.0)
-    assert [next(tick_times_ns) for _ in range(500)][-1] == 5_000_000_000
+    for duration_s in (None, float("inf")):
+        ticking = clock.simulated_ticks(100.0, duration_s)
+        assert [next(ticking) for _ in range(500)][-1] == 5_000_000_000
+    assert next(iter(clock.Wall(100.0, float("inf"), lambda: 0, lambda _: None))) == 10_000_000
 
 
 def test_the_clock_of_a_run_returns_its_tick_times():

@@ -4,6 +4,7 @@ A missed tick is skipped and not executed later: the next tick is again on the g
 ticks.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -12,9 +13,9 @@ from baqueano.signals import NANOSECONDS, Tick
 
 
 def simulated_ticks(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
-    """Yield the ends of the ticks [ns] up to `duration_s`, without waiting; endlessly if `duration_s` is None."""
+    """Yield the ends of the ticks [ns] up to `duration_s`, without waiting; endlessly if it is None or infinite."""
     k = 1
-    while duration_s is None or k <= round(duration_s * rate_hz):
+    while _is_tick_within(k, rate_hz, duration_s):
         yield round(k * NANOSECONDS / rate_hz)
         k += 1
 
@@ -32,7 +33,7 @@ class Wall:
     def __iter__(self) -> Iterator[int]:
         start_ns = self.now_ns()
         k = 1
-        while self.duration_s is None or k <= round(self.duration_s * self.rate_hz):
+        while _is_tick_within(k, self.rate_hz, self.duration_s):
             due_ns = start_ns + round(k * NANOSECONDS / self.rate_hz)
             wait_ns = due_ns - self.now_ns()
             if wait_ns > 0:
@@ -45,8 +46,12 @@ class Wall:
 
 
 def wall(rate_hz: float, duration_s: float | None = None) -> Wall:
-    """Return a clock of real time, for a vehicle; endless if `duration_s` is None."""
+    """Return a clock of real time, for a vehicle; endless if `duration_s` is None or infinite."""
     return Wall(rate_hz, duration_s)
+
+
+def _is_tick_within(k: int, rate_hz: float, duration_s: float | None) -> bool:
+    return duration_s is None or duration_s == math.inf or k <= round(duration_s * rate_hz)
 
 
 def tick_times_of_run(ticks: Iterable[Tick]) -> Iterator[int]:
