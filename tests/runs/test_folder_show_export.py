@@ -194,6 +194,13 @@ def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
         export_tum(run, tmp_path / "y.tum", "camera")
 
 
+def test_a_diverged_heading_is_exported_as_nan(run, tmp_path):
+    run.truth.eta[1, 2] = np.inf
+    lines = export_tum(run, tmp_path / "x.tum", "truth").read_text(encoding="utf-8").splitlines()
+    assert lines[2].split()[-2:] == ["nan", "nan"]
+    assert len(lines) == 1 + len(run.truth.t_ns)
+
+
 @pytest.fixture
 def route():
     draw = np.random.default_rng(0).normal

@@ -114,6 +114,8 @@ def newest_at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> 
 def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     """Write a trajectory for evo and similar tools: time [s], x and y [m], heading as a quaternion.
 
+    A heading that is not finite becomes a quaternion of NaN.
+
     Parameters
     ----------
     run : Run
@@ -150,7 +152,8 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
         stream.write("# t_s x y z qx qy qz qw\n")
         for t_ns, (x, y, psi) in zip(log.t_ns.tolist(), log.eta.tolist(), strict=True):
             t = f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"
-            stream.write(f"{t} {x!r} {y!r} 0 0 0 {math.sin(0.5 * psi)!r} {math.cos(0.5 * psi)!r}\n")
+            half = 0.5 * psi if math.isfinite(psi) else math.nan
+            stream.write(f"{t} {x!r} {y!r} 0 0 0 {math.sin(half)!r} {math.cos(half)!r}\n")
     return path
 
 
