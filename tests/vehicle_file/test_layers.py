@@ -91,6 +91,24 @@ def test_an_invalid_setting_on_the_command_line_is_a_usage_error(setting, part):
     assert error_info.value.exit_code == 2
 
 
+LARGE = ["geometry.radius_m=0.7", "model.mass_kg=61", "model.inertia_kg_m2=15"]
+
+
+@pytest.mark.parametrize(
+    "settings", [LARGE, LARGE[::-1], ["controller.e_max=[0.2, 0.1, 0.3]", "controller.kind=lqr"]]
+)
+def test_settings_that_are_valid_only_together_are_accepted_in_any_order(settings):
+    file = override(load("small"), settings)
+    assert file.layers[1:] == tuple(f"--set {setting}" for setting in settings)
+    with pytest.raises(UsageError):
+        override(load("small"), settings[:1])
+
+
+def test_the_last_of_settings_of_the_same_key_has_priority():
+    file = override(load("small"), [*LARGE, "model.mass_kg=60", "model.mass_kg=62"])
+    assert file.vehicle.mass_kg == 62.0
+
+
 def test_a_user_block_is_loaded_from_beside_the_vehicle_file(workshop):
     file = load(workshop / "my.toml")
     controller = file.controller()

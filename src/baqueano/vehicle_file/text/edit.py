@@ -59,6 +59,20 @@ def override(vehicle_file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
     >>> heavy.layers, heavy.vehicle.mass_kg
     (('garage: small', '--set model.mass_kg=0.7'), 0.7)
     """
+    settings, changed_file = [*settings], vehicle_file
+    try:
+        for setting in settings:
+            changed_file = _with_settings(changed_file, [setting])
+        return changed_file
+    except UsageError:
+        if len(settings) < 2:
+            raise
+    return _with_settings(vehicle_file, settings)  # each value might be valid only with the others
+
+
+def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFile:
+    """Return the file with the values of all settings, checked together. Raise UsageError as `override`."""
+    values: JsonObject = {}
     for setting in settings:
         key, equals, value_text = setting.partition("=")
         if not equals or not value_text.strip():
@@ -67,22 +81,18 @@ def override(vehicle_file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
             value = tomllib.loads(f"x = {value_text}")["x"]
         except tomllib.TOMLDecodeError:
             value = value_text.strip()  # a word needs no quotes on the command line
-        try:
-            if isinstance(value, str) and ".py:" in value:
-                read_module(
-                    value.rpartition(":")[0], vehicle_file.folder
-                )  # the user names it here, not the file
-            text = _text_with(vehicle_file, {key.strip(): value}, keep_comments=_has_tomlkit())
-            vehicle_file = parse(
-                text,
-                vehicle_file.label,
-                vehicle_file.path,
-                (*vehicle_file.layers, f"--set {setting}"),
-                vehicle_file.on_disk,
-            )
-        except FileError as error:
-            raise UsageError(fault("vehicle.set", setting=setting, cause=error.diagnostic)) from error
-    return vehicle_file
+        values.pop(key.strip(), None)  # a later setting replaces an earlier one
+        values[key.strip()] = value
+    try:
+        for value in values.values():
+            if isinstance(value, str) and ".py:" in value:  # the user names it here, not the file
+                read_module(value.rpartition(":")[0], vehicle_file.folder)
+        text = _text_with(vehicle_file, values, keep_comments=_has_tomlkit())
+        layers = (*vehicle_file.layers, *(f"--set {setting}" for setting in settings))
+        return parse(text, vehicle_file.label, vehicle_file.path, layers, vehicle_file.on_disk)
+    except FileError as error:
+        joined = " --set ".join(settings)
+        raise UsageError(fault("vehicle.set", setting=joined, cause=error.diagnostic)) from error
 
 
 def edit_text(
