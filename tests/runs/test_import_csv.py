@@ -39,6 +39,14 @@ def test_gzip_spaces_comments_and_quotes_are_read(lab):
     assert import_run(lab.folder / "lab.toml").run == plain
 
 
+@pytest.mark.parametrize("format", [{"sep": ";", "decimal": ","}, {"sep": "\t"}, {}])
+def test_the_first_line_of_excel_names_the_separator(lab, format):
+    plain = lab.run(**format).run
+    path = lab.folder / "board.csv"
+    path.write_text(f"sep={format.get('sep', ',')}\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
+    assert import_run(lab.folder / "lab.toml").run == plain
+
+
 def raw(lab, text, encoding="utf-8"):
     """Return the refusal of a board file with this text."""
     lab.save()

@@ -1,7 +1,7 @@
 """Read a CSV file as columns of text, and the numbers in these columns, without silent guesses.
 
-The encoding is detected (lines.py), the separator if only one fits every line, and the decimal comma if all numbers are
-unambiguous. Otherwise an error message contains the line that the map needs.
+The encoding is detected (lines.py), the separator if only one fits every line or if the first line is `sep=;`, and the
+decimal comma if all numbers are unambiguous. Otherwise an error message contains the line that the map needs.
 """
 
 import csv
@@ -34,6 +34,7 @@ DIGIT_CELLS, INTEGER_CELLS = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9
 _EXCHANGE = bytes.maketrans(b".,", b",.")
 _BLANK = re.compile(rb"[^\S\0]|[\x80-\xff]")  # a blank, or a byte that can belong to a blank
 _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
+_DECLARATION = re.compile(r'"?sep=([,;|\t])"?', re.IGNORECASE)  # the first line of a file for Excel
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 
@@ -176,9 +177,14 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     lines = Lines(path, options.get("encoding"), label)
     with_data = _lines_with_data(lines, options.get("comment", "#"))
     start = [line for _, line in zip(range(200), with_data, strict=False)]
+    declaration = _DECLARATION.fullmatch(start[0][1].rstrip("\r")) if start else None
+    if declaration:
+        start = start[1:]
     if not start:
         raise FileError(fault("table.no-data", file=label))
-    delimiter = options.get("delimiter") or _separator([line for _, line in start], label)
+    delimiter = options.get("delimiter") or (
+        declaration[1] if declaration else _separator([line for _, line in start], label)
+    )
     rows = _rows(label, chain(start, with_data), delimiter)
     line_number, first = next(rows)
     names = _header([cell.strip() for cell in first], options, label)
