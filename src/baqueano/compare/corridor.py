@@ -85,7 +85,7 @@ def corridor_of(run: Run) -> Corridor | None:
     log = run.estimate
     if log is None or not len(log.t_ns) or not np.any(log.cov[:, :3, :3]):
         return None
-    return corridor(seconds(log.t_ns, run.t_ns[0]), log.eta, log.cov, _lap_s(run))
+    return corridor(seconds(log.t_ns, run.start_ns), log.eta, log.cov, _lap_s(run))
 
 
 def corridor_row(corridor: Corridor | None) -> dict[str, float]:

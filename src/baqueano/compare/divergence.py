@@ -34,7 +34,7 @@ def diverged_s(run: Run) -> float:
     log = run.estimate
     if log is None or not len(log.t_ns):
         return float("nan")
-    t_s = seconds(log.t_ns, run.t_ns[0])
+    t_s = seconds(log.t_ns, run.start_ns)
     p, limit = log.eta[:, :2], MAX_SPEED_M_S * (t_s + 1.0)
     distances = np.hypot(*(p - p[0]).T)
     if run.truth is not None and len(run.truth.t_ns) > 1:
@@ -58,7 +58,7 @@ def cut_at_divergence(run: Run) -> Run:
     log, at_s = run.estimate, diverged_s(run)
     if log is None or not at_s > 0.0:
         return run
-    is_before = seconds(log.t_ns, run.t_ns[0]) < at_s
+    is_before = seconds(log.t_ns, run.start_ns) < at_s
     return replace(run, estimate=log._make(None if x is None else x[is_before] for x in log))
 
 
@@ -73,5 +73,5 @@ def invalid_covariance(run: Run) -> InvalidCovariance | None:
     if not is_invalid.any():
         return None
     return InvalidCovariance(
-        int(is_invalid.sum()), len(is_invalid), float(seconds(log.t_ns, run.t_ns[0])[np.argmax(is_invalid)])
+        int(is_invalid.sum()), len(is_invalid), float(seconds(log.t_ns, run.start_ns)[np.argmax(is_invalid)])
     )

@@ -78,7 +78,7 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
         d = d[np.isfinite(d)]
         closure_gap = end_poses[k + 1] - end_poses[k]
         max_distance = float(np.max(d)) if d.size else float("nan")
-        begin_and_duration = float(seconds(a, run.t_ns[0])), float(seconds(b, a))
+        begin_and_duration = float(seconds(a, run.start_ns)), float(seconds(b, a))
         closure = float(np.hypot(closure_gap[0], closure_gap[1])), float(wrap(closure_gap[2]))
         laps.append(DriveLap(k + 1, *begin_and_duration, errors.rms(d), max_distance, *closure))
     return tuple(laps)

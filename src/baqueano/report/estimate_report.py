@@ -156,7 +156,7 @@ def _errors_against_truth(run: Run, truth_of: Run, alignment: str) -> tuple[np.n
     error = _aligned_path(run, alignment) - interpolate_poses(log.t_ns, truth.t_ns, truth.eta)
     error[:, 2] = wrap(error[:, 2])
     nu_true = interpolate_rows(log.t_ns, truth.t_ns, truth.nu)
-    return seconds(log.t_ns, run.t_ns[0]), np.column_stack([error, log.nu[:, 0] - nu_true[:, 0]])
+    return seconds(log.t_ns, run.start_ns), np.column_stack([error, log.nu[:, 0] - nu_true[:, 0]])
 
 
 def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
@@ -168,7 +168,7 @@ def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]
     )
     parts: list[Table | Drawing] = [Table(rows, caption)]
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
-        t, two = seconds(log.t_ns, run.t_ns[0]), np.full(len(log.t_ns), 2.0)
+        t, two = seconds(log.t_ns, run.start_ns), np.full(len(log.t_ns), 2.0)
         std = np.sqrt(np.diagonal(log.innovation_cov, axis1=1, axis2=2))
         panels = [
             (_("innovation {k}", k=k), {"±2σ": (t, two), "residual": (t, y)})

@@ -45,7 +45,7 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     """
     comparison = compare([run] if beside is None else [run, beside], alignment=alignment)
     run_figures = comparison.runs[0]
-    row, drove = run_figures.row(), comparison.of_drives
+    row, drove = run_figures.row(), comparison.of_drives and len(run.t_ns) > 0
     run = cut_at_divergence(run)
     drawings = paths(run, alignment, beside)
     sections = [Section(_("Path"), sentence_of_path(run_figures, alignment), drawings)] if drawings else []
@@ -130,7 +130,7 @@ def sensors_of(run: Run) -> Drawing:
     """Return the drawing of the readings of the sensors, a panel per channel."""
     panels = []
     for name, channel in run.sensors.items():
-        t = seconds(channel.t_ns, run.t_ns[0])
+        t = seconds(channel.t_ns, run.start_ns)
         for k in range(channel.z.shape[1]):
             label = IMU[k] if name == "imu" and channel.z.shape[1] == 3 else f"{name}[{k}]"
             panels.append((label, {"measured": (t, channel.z[:, k])}))
@@ -149,7 +149,7 @@ def speed_drawing(run: Run) -> Drawing | None:
     curves = {}
     for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.guide_reference)):
         if log is not None and np.isfinite(log.nu[:, 0]).any():
-            curves[name] = seconds(log.t_ns, run.t_ns[0]), log.nu[:, 0]
+            curves[name] = seconds(log.t_ns, run.start_ns), log.nu[:, 0]
     if not curves:
         return None
     return draw(
@@ -187,7 +187,7 @@ class _CommandCurve(NamedTuple):
 
 def commands_section(run: Run) -> Section:
     """Return the section with each command, and each wheel after the mixing, with its limit."""
-    t = seconds(run.t_ns, run.t_ns[0])
+    t = seconds(run.t_ns, run.start_ns)
     panels, rows = [], []
     for name, curves, command, limit in _command_curves(run):
         is_at_limit = np.abs(command) >= evenness.LIMIT_SHARE * limit
@@ -254,7 +254,7 @@ def _command_names(run: Run) -> tuple[list[str], str]:
 
 def _events_table(run: Run) -> list[Table | Drawing]:
     rows = [
-        {"t [s]": float(seconds(e.t_ns, run.t_ns[0])), "level": e.level, "by": e.source, "what": e.sentence}
+        {"t [s]": float(seconds(e.t_ns, run.start_ns)), "level": e.level, "by": e.source, "what": e.sentence}
         for e in run.events
         if e.source != REJECTIONS_SOURCE
     ]

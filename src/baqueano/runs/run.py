@@ -170,9 +170,14 @@ class Run(Result):
         return float(seconds(self.t_ns[-1], self.t_ns[0])) if len(self.t_ns) else 0.0
 
     @property
+    def start_ns(self) -> int:
+        """Return the time of the first tick [ns]; 0 for a run without ticks."""
+        return int(self.t_ns[0]) if len(self.t_ns) else 0
+
+    @property
     def t_s(self) -> np.ndarray:
         """Return the time (N,) of each tick [s], from 0 at the first tick."""
-        return seconds(self.t_ns, self.t_ns[0]) if len(self.t_ns) else np.zeros(0)
+        return seconds(self.t_ns, self.start_ns)
 
     @property
     def guide_reference(self) -> ReferenceLog | None:
@@ -223,10 +228,9 @@ class Run(Result):
         )
 
     def _instant(self, t_s: float) -> int:
-        start = int(self.t_ns[0]) if len(self.t_ns) else 0
         if not abs(t_s) < 1e9:
             return int(np.iinfo(np.int64).max if t_s > 0 else np.iinfo(np.int64).min)
-        return start + round(t_s * NANOSECONDS)
+        return self.start_ns + round(t_s * NANOSECONDS)
 
 
 def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:

@@ -44,7 +44,7 @@ class ShownRun:
     def rows(self) -> list["TableRow"]:
         """Return a flat dict per topic; an unknown value is None."""
         run = self.run
-        start = int(run.t_ns[0]) if len(run.t_ns) else 0
+        start = run.start_ns
         rows = [_row(N_("command applied"), run.t_ns, run.applied, start)]
         for name in COMMAND_TITLES:
             if getattr(run, name) is not None:
@@ -87,7 +87,7 @@ class ShownRun:
                 f"{_topic(r['topic']):{topic_width}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest_text:>10} "
                 f"{r['nan_rows']:>5} {delay:>9}  {r['size']}"
             )
-        start = int(run.t_ns[0]) if len(run.t_ns) else 0
+        start = run.start_ns
         for event in run.events[:MAX_SHOWN_EVENTS]:
             t_s = (event.t_ns - start) / NANOSECONDS
             lines.append(f"{number(t_s):10.3f} s  {_(event.level):8} {_(event.source)}: {event.sentence}")
@@ -99,7 +99,7 @@ class ShownRun:
 
     def events(self) -> list["TableRow"]:
         """Return all events as flat dicts, times in seconds since the first tick."""
-        start = int(self.run.t_ns[0]) if len(self.run.t_ns) else 0
+        start = self.run.start_ns
         return [
             {
                 "t_s": (e.t_ns - start) / NANOSECONDS,
