@@ -111,7 +111,7 @@ def _parts(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePart]:
         )
     if spec.split_gap_s is None:
         return [SourcePart(value, value, table.select(rows_of_group)) for value, rows_of_group in groups]
-    t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name)
+    t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name, [])
     parts = []
     for value, rows_of_group in groups:
         timed_rows = np.flatnonzero(is_known[rows_of_group])  # a row without a time does not split a run
@@ -330,7 +330,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[Import
     """Return the rows with a known, increasing time; with `new_when`, only the rows of a new measurement.
     Raise FileError if no time is known.
     """
-    t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name)
+    t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name, findings)
     if not is_known.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not is_known.all():

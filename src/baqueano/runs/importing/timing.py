@@ -28,14 +28,15 @@ _ZONE = re.compile(r":\d\d(?:\.\d+)?\s*([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0
 _UTC = re.compile(r"\s*(Z|UTC)?\s*$", re.IGNORECASE)
 NO_TIME_NS = int(np.datetime64("NaT", "ns").astype(np.int64))
 MAX_DISORDER_SHARE = 0.1  # of the rows: if more are out of order, they are another run, not late rows
+OVERFLOW_NS = 2**32 * 1000  # period of a counter of microseconds with 32 bits: 71.6 min
 MAX_TIME_NS = 9e18  # the largest time that fits in 64 bits
 MIN_CLOCK_JUMP_S = 600.0  # a longer pause is probably a clock that was set
 
 
 def row_times(
-    table: LogTable, spec: "FileSpec", start_ns: int, map_name: str
+    table: LogTable, spec: "FileSpec", start_ns: int, map_name: str, findings: list[ImportFinding]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times (rows,) int64 [ns], and a mask of the known times.
+    """Return the times (rows,) int64 [ns], and a mask of the known times. Add a finding if their counter overflows.
     Raise FileError for times that are not plausible.
     """
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
@@ -66,6 +67,7 @@ def row_times(
                     fault("import.beyond-2038", table=table.label, t_s=largest_s, in_unit=spec.time_unit)
                 )
             t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
+        t_ns = _without_overflows(table, t_ns, is_known, shift, findings)
     if spec.time_rest is not None:
         second_part = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si_factor * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
         is_known &= np.isfinite(second_part)
@@ -93,6 +95,27 @@ def row_times(
             )
         )
     return t_ns, is_known
+
+
+def _without_overflows(
+    table: LogTable, t_ns: np.ndarray, is_known: np.ndarray, shift: int, findings: list[ImportFinding]
+) -> np.ndarray:
+    """Return the times (rows,) [ns] without the overflows of a counter of microseconds with 32 bits."""
+    rows = np.flatnonzero(is_known)
+    step_ns = np.diff(t_ns[rows]) + OVERFLOW_NS
+    is_overflow = (step_ns > 0) & (step_ns <= MAX_STEP_S * NANOSECONDS)
+    if not is_overflow.any():
+        return t_ns
+    t_ns = t_ns.copy()
+    t_ns[rows[1:]] += OVERFLOW_NS * np.cumsum(is_overflow)
+    first = rows[1:][is_overflow][0]
+    reason = note(
+        "recording.counter-overflow",
+        table=table.label, line=table.lines[first], count=np.count_nonzero(is_overflow),
+        added_s=OVERFLOW_NS / NANOSECONDS,
+    )  # fmt: skip
+    findings.append(ImportFinding("counter overflow", "warning", int(t_ns[first]) + shift, reason))
+    return t_ns
 
 
 def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:

@@ -119,6 +119,10 @@ TEMPLATES = {
         "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps): {lost} rows up to "
         "there were excluded"
     ),
+    "recording.counter-overflow": (
+        "{table}: a counter of microseconds with 32 bits overflows at line {line} ({count} such steps): "
+        "{added_s:.3f} s were added to the later times"
+    ),
     "recording.repeats": (
         "{table}: {count} rows repeat the time of the previous row, the first at line {line}; one row of "
         "each time was kept"
