@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import Verdict
-from baqueano.errors import UsageError
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import move_route
-from baqueano.guides.shapes import circle, sinuous_circle
+from baqueano.guides.shapes import circle, line, sinuous_circle
 from baqueano.messages import verdict_line
+from baqueano.routes import examine
 from baqueano.simulate import simulate_loop
 from baqueano.tune import tune
 from baqueano.tune.objective import Objective, tuning_objective
-from baqueano.vehicle_file import ParameterCov, load
+from baqueano.vehicle_file import ParameterCov, load, override
 from tests.codes import refused
 from tests.papers_pd import with_papers_pd
 
@@ -236,6 +237,15 @@ def test_several_seeds_have_equal_weight_and_other_seeds_check_the_result(small)
     assert tuning.fresh_seeds.seeds == 30
     assert tuning.fresh_seeds.searched == pytest.approx(tuning.cost, rel=1e-9)
     assert "on 30 other seeds" in tuning.table()
+
+
+@pytest.mark.parametrize("setting", ["command.limit=[1, 0, 0]", "model.actuator_matrix[2,2]=0"])
+def test_a_vehicle_that_cannot_turn_is_refused_on_a_circle(small, setting):
+    file = override(small, [setting])
+    with refused("tune.no-effect", AnswerNo):
+        tune(file, circle(0.4, 0.3), starts=1, duration_s=1.0)
+    assert examine(circle(0.4, 0.3), file).findings[0].code == "route.turns-too-fast"
+    assert rehearse(file, line(1.0, 0.2), duration_s=0.1).cases
 
 
 def test_the_weight_of_effort_adds_the_squared_commands_to_the_cost(small):

@@ -5,7 +5,8 @@
 
 v is the speed, r the yaw rate, ε the effort, u the command. A share above 1 exceeds the limits of the motors. A vehicle
 that cannot turn at rest, such as a car, steers before its path requires this; so ṙ is not required. Friction, dead
-zones, unequal motors and the battery are included, as in the identified model.
+zones, unequal motors and the battery are included, as in the identified model. If no command with a limit above 0
+affects v or r, the share of such a motion is infinite.
 """
 
 from collections.abc import Callable
@@ -24,6 +25,8 @@ NEWTON_STEPS = 4
 NEWTON_DAMPING = (
     1e-9  # of the Newton step, for an effort without effect, such as the steering of a car at rest
 )
+MIN_EFFECT = 1e-9  # a smaller derivative by the effort is treated as 0
+MIN_MOTION = 0.01  # a slower motion [m/s, rad/s] is not required from a command without an effect
 HALVING_COUNT = 24
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, MAX_ACCELERATION_M_S2 = 100.0, 100.0, 100.0  # upper ends of the searches
 
@@ -75,20 +78,23 @@ def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray
         return (vehicle.nu_dot(nu, effort) if is_dynamic else vehicle.velocity(effort))[::2]
 
     at_rest = np.abs(jacobian(lambda effort: motion_of(np.zeros(3), effort))(np.zeros(commands)))
-    can_turn = bool(np.any(at_rest[1] > 1e-9))
+    can_turn = bool(np.any(at_rest[1] > MIN_EFFECT))
     is_active, wheels = limit > 0.0, np.broadcast_to(drivetrain.limit, (drivetrain.channels,))
 
     def step(carry: float, motion: np.ndarray) -> tuple[float, Value]:
         v, r, v_dot, r_dot = motion
         nu = np.array([v, 0.0, r])
         target = np.array([v_dot, r_dot if can_turn else 0.0 * r_dot]) if is_dynamic else np.array([v, r])
-        effort = np.zeros(commands)
+        effort, B = np.zeros(commands), np.zeros((2, commands))
         for _ in range(NEWTON_STEPS):
-            B = jacobian(lambda effort: motion_of(nu, effort))(effort)
+            B = jacobian(lambda effort: motion_of(nu, effort))(effort) * is_active
             remainder = target - motion_of(nu, effort)
             effort = effort + B.T @ np.linalg.solve(B @ B.T + NEWTON_DAMPING * np.eye(2), remainder)
         u = drivetrain.inverse(effort)
         share = np.max(np.abs(u[is_active]) / limit[is_active]) if np.any(is_active) else 0.0
-        return carry, np.maximum(share, np.max(np.abs(drivetrain.mix(u)) / wheels))
+        share = np.maximum(share, np.max(np.abs(drivetrain.mix(u)) / wheels))
+        is_unaffected = np.max(np.abs(B), axis=1) < MIN_EFFECT
+        is_required = (np.abs(motion[:2]) > MIN_MOTION) & (np.abs(v) > MIN_MOTION)
+        return carry, np.where(np.any(is_unaffected & is_required), np.inf, share)
 
     return step

@@ -22,11 +22,12 @@ import numpy as np
 
 from baqueano.contracts.blocks import Guide, OwnBlock
 from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import parameters
+from baqueano.routes.capability import Capability
 from baqueano.simulate.closed_loop import (
     closed_loop,
     loop_system,
@@ -271,7 +272,7 @@ def tuning_objective(
     `aside_m` is the distance of the vehicle's start behind and to the left of the route's start; 0 in the paper.
     `estimator` adds the estimator to the loop, with the noise of `seeds` seeds from `seed` on. `draws` is the number
     of vehicles from the covariance of the fit. Raise UsageError for an invalid `aside_m` or weight, or without a
-    route or seed.
+    route or seed. Raise AnswerNo if a command that a route needs has no effect.
     """
     weights = checked_weights(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
@@ -282,6 +283,8 @@ def tuning_objective(
     )
     if not run_kernels or seeds < 1:
         raise UsageError(fault("tune.nothing-to-drive", routes=len(run_kernels), seeds=seeds))
+    for route in run_kernels:
+        _check_motion(vehicle_file, route)
     systems = [
         without_quantisation(loop_system(vehicle_file, route, laps, not estimator, space.block))
         for route in run_kernels
@@ -301,6 +304,16 @@ def tuning_objective(
     noise_seeds = range(seed, seed + seeds) if estimator else [None]
     each_leg = tuple(case.with_seeds(noise_seeds) for case in cases)
     return Objective(space, weights, loop, each_leg, len(noise_seeds), vehicles)
+
+
+def _check_motion(vehicle_file: "VehicleFile", route: Route | Guide) -> None:
+    """Raise AnswerNo if the commands do not affect the speed or the yaw rate that a route needs."""
+    if not isinstance(route, Route):
+        return
+    v, _, r = route.nu[np.argmax(np.abs(route.nu[:, 2]))]
+    if np.isinf(Capability(vehicle_file, "numpy").share(v, r)):
+        figures = {"vehicle": vehicle_file.name, "speed_m_s": float(v), "yaw_rate_rad_s": float(r)}
+        raise AnswerNo(fault("tune.no-effect", **figures))
 
 
 def _case(

@@ -25,6 +25,11 @@ TEMPLATES: dict[str, str] = {
         "{vehicle}: with every gain in the search the simulated vehicle diverges. Limit the "
         "command ([command] limit), or give smaller bounds."
     ),
+    "tune.no-effect": (
+        "{vehicle}: the commands do not affect the speed of {speed_m_s:.2g} m/s or the yaw rate of "
+        "{yaw_rate_rad_s:.2g} rad/s that the route needs. Look at [command] limit and at the forces of the commands "
+        "in [model]."
+    ),
     "tune.no-gains": (
         "{kind} does not declare a gain to tune. Write each gain as a field with unit and bounds. Use "
         'baqueano.parameter: k: float = parameter("unit of u per m", "command per along-track error", low=0.0, '
