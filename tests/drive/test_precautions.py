@@ -50,6 +50,12 @@ def test_an_impossible_route_is_refused_by_repeat_and_by_a_mission():
             drive(fitted, fast)
 
 
+@pytest.mark.parametrize("room", ["2x2", (2.0, 2.0)])
+def test_a_room_that_is_not_an_object_is_a_usage_error(room):
+    with refused("drive.room-object", UsageError):
+        repeat(SMALL, LAP, room=room)
+
+
 def test_the_anyway_option_permits_high_speed_but_not_nan():
     run = repeat(SMALL, circle(1.0, 2.0), anyway=True, duration_s=0.1)
     assert len(run.t_ns) > 5

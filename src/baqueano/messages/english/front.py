@@ -47,6 +47,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "front.width-unknown": "The width {found} is not valid. Expected millimetres, or a name. {near}.",
     "front.width-mm": "The width {found:g} mm is out of range. Expected 20 to 2000 mm.",
+    "drive.room-object": (
+        'room = {found}: expected a room. Write room_of(vehicle_file, "2x2"), with room_of from '
+        "baqueano.identify.design.room."
+    ),
     "drive.text-unknown": (
         "This run does not contain the code of {role} {block}, because Python cannot find it. Write the "
         "class in a file or in a notebook cell."
