@@ -245,7 +245,7 @@ def test_a_vehicle_that_cannot_turn_is_refused_on_a_circle(small, setting):
     with refused("tune.no-effect", AnswerNo):
         tune(file, circle(0.4, 0.3), starts=1, duration_s=1.0)
     assert examine(circle(0.4, 0.3), file).findings[0].code == "route.turns-too-fast"
-    assert rehearse(file, line(1.0, 0.2), duration_s=0.1).cases
+    assert tuning_objective(file, line(1.0, 0.2), duration_s=0.1).cases
 
 
 def test_the_weight_of_effort_adds_the_squared_commands_to_the_cost(small):

@@ -346,7 +346,7 @@ def replay_blocks(
     repeated, except for a repetition whose file has gains.
     """
     ref, log = run.guide_reference, run.reference
-    end_ns = log.t_ns[log.done > 0.0][:1] if log is not None else ()
+    end_ns = np.zeros(0) if log is None else log.t_ns[log.done > 0.0]
     leader = Playback(*ref) if ref is not None else Idle(
         float(seconds(end_ns[0], run.t_ns[0])) if len(end_ns) else float("inf"))  # fmt: skip
     if guide is not None:
