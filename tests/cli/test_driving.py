@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.diagnostics import StopReason
+from baqueano.diagnostics import StopReason, note
 from baqueano.drive import teach
 from baqueano.drive.by_hand.terminal_heartbeat import MAX_FIRST_ANSWER_S, MAX_SILENCE_S
 from baqueano.drive.closure import closure, lap_closure
 from baqueano.drive.session import mark_times_ns, stop_reason_of
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import circle, eight
+from baqueano.messages import text
 from baqueano.runs import read_run
 from baqueano.vehicle_file.provenance import Provenance
 from tests.codes import refused
@@ -256,7 +257,7 @@ def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypat
         "baqueano.cli.driving.drive.drive_by_hand",
         lambda *args, **options: replace(run, events=run.events[-1:]),
     )
-    assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
+    assert text(note("cli.marks-too-few")) in baqueano("drive", "--vehicle", "small").err
 
 
 def test_a_program_such_as_tmux_that_hides_the_terminal_is_named(monkeypatch, baqueano, capsys):
@@ -266,7 +267,7 @@ def test_a_program_such_as_tmux_that_hides_the_terminal_is_named(monkeypatch, ba
         lambda: ["python3", "bash", "tmux: server", "systemd"],
     )
     end = baqueano("drive", "--vehicle", "small")
-    assert "tmux answers in place of your terminal" in end.err
+    assert text(note("cli.terminal-of-another", another="tmux")) in end.err
     assert end.code == 2
 
 

@@ -92,11 +92,11 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
             fault(
                 "check.must-compile",
                 cause=cause,
-                subject=found.subject,
-                place=found.figures["place"],
+                subject=entry.subject,
+                place=entry.figures["place"],
             )
-            for found in block_checks.compilation_notes(role, built_block, *surroundings)
-            if (cause := found.figures.get("cause")) is not None
+            for entry in block_checks.compilation_notes(role, built_block, *surroundings)
+            if (cause := entry.figures.get("cause")) is not None
         ]
     name = (
         block

@@ -111,16 +111,16 @@ def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channel
 def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
     """Return True if nu_dot returns an array (3,) at rest; otherwise add a problem."""
     try:
-        found = vehicle.nu_dot(np.zeros(3), np.zeros(vehicle.commands))
+        acceleration = vehicle.nu_dot(np.zeros(3), np.zeros(vehicle.commands))
     except BaseException as error:
         if from_outside(error):
             raise
         name = f"{type(vehicle).__name__} ({user_code_place(error)})"
         report.add_table_problem(("model",), "vehicle.not-built", block=name, error=error_text(error))
         return False
-    if isinstance(found, np.ndarray) and found.shape == (3,):
+    if isinstance(acceleration, np.ndarray) and acceleration.shape == (3,):
         return True
-    figures = {"vehicle": type(vehicle).__name__, "found": repr(found)}
+    figures = {"vehicle": type(vehicle).__name__, "found": repr(acceleration)}
     report.add_problem(("model", "kind"), "vehicle.acceleration", **figures)
     return False
 

@@ -90,7 +90,7 @@ def test_time_in_suspend_counts_as_a_gap(monkeypatch):
 
 @pytest.mark.parametrize("suspended_s", [0.2, 60.0, 3000.0])
 def test_timestamps_are_correct_after_a_suspension_of_the_host(suspended_s):
-    """The clock of the host stands still meanwhile, and that of the Uno does not."""
+    """During a suspension the clock of the host stops, and the clock of the Uno continues."""
     clock, errors_ms = UnoClock(), []
     for k in range(200):
         host_ns, suspended_us = k * 100_000_000, round(1e6 * suspended_s) if k >= 100 else 0

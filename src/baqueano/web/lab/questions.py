@@ -140,8 +140,8 @@ class Questions:
 
     async def write_gains(self, visitor: Visitor, message: "JsonObject") -> Diagnostic:
         """Write gains, or the gyro scale of a `lap`, into the vehicle file, and return the message that confirms it."""
-        if "lap" in message:
-            lap, route = str(self.path_of(message["lap"])), str(message.get("route") or "")[:MAX_NAME_LETTERS]
+        if lap := message.get("lap"):
+            lap, route = str(self.path_of(lap)), str(message.get("route") or "")[:MAX_NAME_LETTERS]
             reply, _ = await self.slow.request(
                 "lap closure", **(self.subject_of({}) | {"run": lap, "route": route})
             )
