@@ -129,24 +129,6 @@ def test_rows_with_decreasing_time_are_refused_or_removed(lab):
     assert (np.diff(run.t_ns) > 0).all()
 
 
-@pytest.mark.parametrize("lowest_us", [0, -(2**31)])
-def test_a_counter_of_microseconds_that_overflows_is_unwrapped(lab, lowest_us):
-    plain = lab.run().run
-    count = np.round(lab.board["t"] * 1e6).astype(np.int64)
-    shift_s = (2**32 + lowest_us - int(count[700])) * 1e-6
-    lab.board["t"] = [str((k + 2**32 - int(count[700])) % 2**32 + lowest_us) for k in count.tolist()]
-    lab.camera["t"] = lab.camera["t"] + shift_s
-    board_unit = (
-        'time = "t"\ntime_unit = "s"\n[files.camera]',
-        'time = "t"\ntime_unit = "us"\n[files.camera]',
-    )
-    run, findings = lab.edit("start_ns = 1000000000", "start_ns = 3000000000000").edit(*board_unit).run()
-    assert findings[0].code == "counter overflow"
-    assert includes(findings[0].reason, "recording.counter-overflow", table="board.csv", count=1, line=702)
-    assert len(run.t_ns) == len(plain.t_ns)
-    assert np.abs(run.t_s - plain.t_s).max() < 2e-6
-
-
 def test_identical_repeated_rows_are_removed_and_contradicting_repeats_are_refused(lab):
     for name, column in lab.board.items():
         lab.board[name] = np.repeat(column, np.where(np.arange(1500) % 500 == 7, 2, 1))

@@ -6,6 +6,7 @@ import pytest
 from baqueano.block_checks import check_sensor
 from baqueano.sensors import Encoders
 from baqueano.signals import Motion
+from baqueano.vehicle_file import load, parse
 
 
 def rolling(speed, turning=0.0):
@@ -45,6 +46,16 @@ def test_a_counter_overflow_causes_no_jump_of_the_speed(speed):
         Encoders(track_m=0.1, count_m=0.001, counter=16.0, rate_hz=100.0), [rolling(speed)] * 60
     )
     assert z[1:] == pytest.approx(np.full((59, 2), speed))
+
+
+def test_the_covariance_is_that_of_a_tick_that_is_longer_than_a_reading():
+    """At ticks of 10 ms, the error is that of a reading of 100 Hz, although rate_hz is 1000."""
+    table = '[sensors.wheels]\nkind = "encoders"\ntrack_m = 0.12\ncount_m = 0.004\nrate_hz = 1000.0\n'
+    encoders = parse(f"{load('small').text}\n{table}", "x.toml").sensors.wheels
+    speeds = np.linspace(0.0, 0.8, 20_000)
+    z, age_s = readings_of(encoders, [rolling(v) for v in speeds])
+    assert age_s == pytest.approx(np.full(20_000, 0.005))
+    assert np.var(z[:, 0] - speeds) == pytest.approx(encoders.cov[0, 0], rel=0.05)
 
 
 def test_in_a_left_turn_the_right_wheel_counts_more():

@@ -5,7 +5,8 @@
     Q = (σ² + c²/(6 δ²)) I                                                                                (3)
 
 n is the counter, n₋ its previous reading, c the distance of one count. The counter restarts at 0 after N counts. δ =
-1/rate_hz is the time between two readings, σ = noise_std. wheels.py defines ν_x, ν_ψ, s_l, s_r and b.
+1/rate_hz is the time between two readings, or a tick if that is longer; σ = noise_std. wheels.py defines ν_x, ν_ψ, s_l,
+s_r and b.
 
 A mean speed belongs to the middle of δ, so the slot of a reading has the age ½ δ. Counts are rounded at both ends of δ,
 each time with the variance c²/12. The errors of successive readings cancel: the error of their sum is at most c. At a
@@ -19,7 +20,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.parameter import document, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import PHASE_TOLERANCE
 from baqueano.sensors.wheels import (
     radii_parameter,
@@ -49,6 +50,11 @@ class EncodersState(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoders:
     """Sensor of z = (v_l, v_r) [m/s], the mean speeds of the left and the right wheel since the previous reading.
+
+    Parameters
+    ----------
+    tick_rate_hz : float
+        Rate of the loop; the readings cannot be more frequent.
 
     Notes
     -----
@@ -80,6 +86,7 @@ class Encoders:
         default=65536.0,
         role="known",
     )
+    tick_rate_hz: float = INF
     rate_hz: float = parameter("Hz", "readings per second", low=1e-3, high=1e5, default=50.0)
     radius_scale: np.ndarray = radii_parameter()
     noise_std: float = parameter(
@@ -103,7 +110,8 @@ class Encoders:
         """Return Q (2, 2), the covariance of one measurement.  (3)"""
         if self.measurement_noise_cov is not None:
             return self.measurement_noise_cov
-        return np.eye(2) * (self.noise_std**2 + (self.count_m * self.rate_hz) ** 2 / 6.0)
+        rate_hz = np.minimum(self.rate_hz, self.tick_rate_hz)
+        return np.eye(2) * (self.noise_std**2 + (self.count_m * rate_hz) ** 2 / 6.0)
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the speeds of the wheels (2,) [m/s] without noise.  (2)"""

@@ -200,6 +200,8 @@ def construct(
         values["commands"] = commands
     if "delay_slots" in names and "delay_s" in names:
         values["delay_slots"] = ceil(values.get("delay_s", 0.0) * context.rate_hz - 1e-9)
+    if "tick_rate_hz" in names:
+        values["tick_rate_hz"] = surroundings.rate_hz
     try:
         return block_class(**values)
     except (ValueError, TypeError) as error:

@@ -24,6 +24,7 @@ if typing.TYPE_CHECKING:
 
 DERIVED_KEYS = {
     "delay_slots",
+    "tick_rate_hz",
     "has_lag",
     "has_low_pass",
     "servos",
