@@ -161,3 +161,17 @@ def test_the_complementary_filter_passes_the_block_check_and_compiles(name):
     block = file.estimator(kind="complementary")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []
     assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []
+
+
+def test_the_bias_stays_while_the_gyro_is_silent():
+    block, noise = blended(), np.random.default_rng(0)
+    slots = type(block.sensors)
+    belief = block.init()
+    for k in range(1, 4001):
+        is_silent = k > 1000
+        z = np.array([0.0, 0.0, 0.02 + 0.005 * noise.standard_normal()])
+        slot = Slot(0.0, np.zeros(3)) if is_silent else Slot(1.0, z)
+        belief, _ = block.step(belief, Tick(k * 10_000_000, np.zeros(3), slots(slot)))
+        if k == 1000:
+            bias = belief.bias
+    assert belief.bias == bias

@@ -8,8 +8,8 @@
 δ is the tick, v the speed, a the acceleration of the model. η = (x, y, ψ) is the pose with covariance Σ_η, J the
 rotation from body to map. a is available at once, but its errors add up: (1) uses only its changes faster than T.
 The wheels are noisy but correct on average: (1) uses only their changes slower than T. Without wheels, v follows the
-model. ω is the yaw rate of the gyro. Its bias b is estimated while |ω − b| < 0.1 rad/s and the last command is at least
-1 s old. V is the covariance of the errors of ν, which are treated as independent after each T.
+model. ω is the yaw rate of the gyro. Its bias b is estimated while readings arrive, |ω − b| < 0.1 rad/s and the last
+command is at least 1 s old. V is the covariance of the errors of ν, which are treated as independent after each T.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,13 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import boxplus
 from baqueano.estimators.pauses import filter_row, rows_before, step_in_rows, tree_where
-from baqueano.estimators.readings.velocity_readings import Reading, measured_velocity, velocity_readings
+from baqueano.estimators.readings.sensor_numbers import has_measurement
+from baqueano.estimators.readings.velocity_readings import (
+    TURNING_INDEX,
+    Reading,
+    measured_velocity,
+    velocity_readings,
+)
 from baqueano.geometry import map_from_body
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
@@ -115,7 +121,8 @@ class Complementary:
         omega = measured_nu[2] - belief.bias
         v = predicted_nu[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (measured_nu[0] - predicted_nu[0])
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + dt_s)
-        learnt = np.where((rest_s > 1.0) & (np.abs(omega) < 0.1), 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
+        is_learning = (rest_s > 1.0) & (np.abs(omega) < 0.1) & (self._turning_count(tick) > 0.0)
+        learnt = np.where(is_learning, 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
         nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning
         J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)
         F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
@@ -125,3 +132,12 @@ class Complementary:
             row.is_new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief
         )
         return belief, Estimate(tick.t_ns, belief.eta, belief.nu, block_diagonal([belief.cov, V]))
+
+    def _turning_count(self, tick: Tick) -> Value:
+        """Return the number of readings of the yaw rate in this tick."""
+        has_readings = [
+            has_measurement(getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name))
+            for reading in self.readings
+            if TURNING_INDEX in reading.entries
+        ]
+        return sum((np.where(has_reading, 1.0, 0.0) for has_reading in has_readings), 0.0)
