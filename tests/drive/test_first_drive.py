@@ -209,6 +209,27 @@ def test_inertial_motion_does_not_depend_on_the_rate_of_the_loop(rate_hz):
     np.testing.assert_allclose(motion.eta, [0.05, 0.0, 0.1], atol=0.01)
 
 
+def test_inertial_motion_ignores_readings_that_are_nan_or_not_newer():
+    slots, ends = sensor_slots(("imu",)), []
+    for is_damaged in (False, True):
+        inertial = Inertial()
+        state = inertial.init()
+        for k in range(1, 201):
+            moves = k > 100
+            z = np.array([0.4 * moves, 0.0, 0.2 * moves])
+            state, motion = inertial.step(
+                state, Tick(k * 10**7, np.full(3, float(moves)), slots(Slot(1.0, z)))
+            )
+            if is_damaged and k % 20 == 0:
+                for t_ns, reading in ((k * 10**7 + 10**6, z * np.nan), ((k - 5) * 10**7, z + 1.0)):
+                    state, motion = inertial.step(
+                        state, Tick(t_ns, np.full(3, float(moves)), slots(Slot(1.0, reading)))
+                    )
+        ends.append(motion)
+    np.testing.assert_array_equal(ends[0].eta, ends[1].eta)
+    np.testing.assert_array_equal(ends[0].nu, ends[1].nu)
+
+
 def test_inertial_distance_error_matches_its_covariance():
     """The vehicle is at rest, with and without the later knowledge that its speed was noise."""
     slots, ends = sensor_slots(("imu",)), {False: [], True: []}

@@ -71,10 +71,13 @@ class Inertial:
         return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
-        """Return the belief, and the estimate: pose relative to the start, body velocity, variances of (2) and (3)."""
+        """Return the belief, and the estimate: pose relative to the start, body velocity, variances of (2) and (3).
+
+        The heading is not wrapped. A reading that is not finite, or not newer than the last one, is ignored.
+        """
         since_ns = tick.t_ns if state.since_ns < 0 or np.any(tick.u != 0.0) else state.since_ns
         slot, s = getattr(tick.sensors, self.sensor), state._replace(since_ns=since_ns)
-        if not slot.has > 0.5:
+        if not (slot.has > 0.5 and np.all(np.isfinite(slot.z)) and tick.t_ns > s.t_ns):
             return s, _estimate(s, tick.t_ns)
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         is_at_rest = (
