@@ -147,6 +147,27 @@ def test_an_unknown_block_is_refused_with_the_list_of_blocks(baqueano, lab):
     assert baqueano(*shlex.split(end.fix)[1:]).code == 0
 
 
+def test_the_keys_are_a_driver_and_not_a_route(baqueano):
+    end = baqueano("tune", "--vehicle", "small", "--route", "keys")
+    assert end.reason.code == "cli.driver-unknown"
+    assert "keys" not in end.reason.figures["near"].figures["known"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [("mi.py:Mine", "cli.own-name"), ("my.py:Mime", "cli.own-name"), ("broken.py:Mine", "cli.own-file")],
+)
+def test_a_check_is_advised_only_for_a_block_of_that_name(baqueano, tmp_path, kind, code):
+    (tmp_path / "my.py").write_text("class Mine: ...\n", encoding="utf-8")
+    (tmp_path / "broken.py").write_text("class Mine\n", encoding="utf-8")
+    end = baqueano("sweep", "--vehicle", "small", "--controller", kind)
+    assert (end.code, end.reason.code) == (3, code)
+    right = (
+        "sweep --vehicle small --controller my.py:Mine" if code == "cli.own-name" else f"blocks check {kind}"
+    )
+    assert end.fix == f"baqueano {right}"
+
+
 def test_a_name_error_reports_an_empty_list_of_names():
     near = nearest("lap", [])
     assert near.code == "name.none"

@@ -295,17 +295,14 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
                 else None,
             )
         except FileError as error:
-            raise FileError(
-                fault(
-                    "cli.own-block",
-                    baqueano_command("blocks", "check", kind)
-                    if ":" in kind
-                    else baqueano_command("blocks", "ls"),
-                    role=role,
-                    kind=kind,
-                    cause=error.diagnostic,
-                )
-            ) from error
+            own = ":" in kind
+            if own and "near" in error.diagnostic.figures:
+                raise FileError(
+                    fault("cli.own-name", role=role, kind=kind, cause=error.diagnostic)
+                ) from error
+            code, fix = ("cli.own-file", ("check", kind)) if own else ("cli.own-block", ("ls",))
+            command = baqueano_command("blocks", *fix)
+            raise FileError(fault(code, command, role=role, kind=kind, cause=error.diagnostic)) from error
     return kind
 
 

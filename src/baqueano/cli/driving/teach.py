@@ -100,7 +100,7 @@ def command(
         drive = drive_from_page(folder, pace) if shown else partial(drive_by_hand, pad=pad)
         run, is_closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), closed
     else:
-        target_route = shape_or_route(driver, speed_m_s, size_m)
+        target_route = shape_or_route(driver, speed_m_s, size_m, others=("keys",))
         with (
             live.live_page(shown, robot, vehicle_file, folder, pace) as page,
             open_target(robot, vehicle_file, seed, backend, page=page) as target,
@@ -153,22 +153,20 @@ def command(
     print_message(note("cli.taught", repeat=baqueano_command("repeat", route, *vehicle_options), tune=tune))
 
 
-def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
-    """Return a shape by its name, or a stored route. Raise UsageError for an unknown name."""
+def shape_or_route(name: str, speed_m_s: float, size_m: float, others: tuple[str, ...] = ()) -> Any:
+    """Return a shape by its name, or a stored route.
+
+    Raise UsageError for an unknown name. `others`: further names that the option accepts.
+    """
     from baqueano.guides.shapes import shape
 
-    if driver in SHAPES:
-        return shape(driver, size_m, speed_m_s)
-    if "." in driver or options.route_path(driver).is_file():
-        return options.find_route(driver)
-    raise _unknown_driver_error(driver)
-
-
-def _unknown_driver_error(name: str) -> UsageError:
-    """Return the error for a name that is not a shape or a stored route."""
+    if name in SHAPES:
+        return shape(name, size_m, speed_m_s)
+    if "." in name or options.route_path(name).is_file():
+        return options.find_route(name)
     stored_names = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
-    suggestion = nearest(name, [*SHAPES, "keys", *stored_names])
-    return UsageError(fault("cli.driver-unknown", found=name, near=suggestion))
+    suggestion = nearest(name, [*SHAPES, *others, *stored_names])
+    raise UsageError(fault("cli.driver-unknown", found=name, near=suggestion))
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,6 @@ TEMPLATES: dict[str, str] = {
         "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {from_s:g} s to {to_s:g} s."
     ),
     "cli.stopped": "The vehicle was stopped: {cause}. The recording until then is in {path}. To see it: {fix}",
-    "cli.routes": "The stored routes: {stored}",
     "cli.route-stored": (
         "The route is stored as {path}. To check it with your vehicle: {check}. To drive it: {repeat}"
     ),
@@ -70,6 +69,7 @@ TEMPLATES: dict[str, str] = {
         "room, such as 0.5,-0.2,90."
     ),
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
+    "cli.routes": "The stored routes: {stored}",
     "cli.no-routes": "That folder does not contain routes yet",
     "cli.runs-named-oddly": (
         "{host} has {count} runs with names that cannot be used: {found}. Expected a plain name "
@@ -140,6 +140,8 @@ TEMPLATES: dict[str, str] = {
         "x_m, y_m, psi_rad and velocities. To drive one: {fix}"
     ),
     "cli.own-block": "--{role} {kind}: {cause}. To see all blocks: {fix}",
+    "cli.own-file": "--{role} {kind}: {cause}. To check your block: {fix}",
+    "cli.own-name": "--{role} {kind}: {cause}.",
     "cli.drive-interrupted": "stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
     "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of the two options.",
     "cli.hex-from-afar": (

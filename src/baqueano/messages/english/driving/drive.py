@@ -12,7 +12,7 @@ TEMPLATES: dict[str, str] = {
         "this terminal cannot read single keys: give the drive as a list of commands."
     ),
     "keys.no-terminal": (
-        "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
+        "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, use ssh -t."
     ),
     "drive.duration": "duration_s = {found}: expected a number of seconds above 0.",
     "drive.seed": "seed = {found}: expected a whole number, 0 or more.",
