@@ -37,6 +37,18 @@ def test_a_recording_given_as_a_map_is_refused(baqueano, tmp_path, file_name):
     assert end.fix == f"baqueano runs import {file_name} --draft {file_name.partition('.')[0]}.toml"
 
 
+def test_advised_imports_name_the_files_of_the_folder(baqueano, tmp_path):
+    (tmp_path / "log.csv").write_text("t,ax\n0.0,0.1\n", encoding="utf-8")
+    (tmp_path / "log.toml").write_text(MAP_EXAMPLE.partition("\b\n")[2], encoding="utf-8")
+    end = baqueano("runs", "import", "log.csv", "log.toml")
+    assert (end.code, end.reason.code) == (2, "cli.map-second")
+    assert end.fix == "baqueano runs import log.toml log.csv"
+    assert baqueano("runs", "import", "log.csv").fix == "baqueano runs import log.csv --draft MAP.toml"
+    end = baqueano("runs", "import", "log.toml")
+    assert end.reason.code == "import.no-path"
+    assert end.fix == "baqueano runs import log.toml FILE"
+
+
 def test_a_map_is_recognised_by_its_content(baqueano, tmp_path):
     text = MAP_EXAMPLE.partition("\b\n")[2]
     (tmp_path / "rover.map").write_text(text, encoding="utf-8")

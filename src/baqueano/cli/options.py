@@ -237,7 +237,7 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
 
     if out is not None:
         if out.exists():
-            raise FileError(fault("cli.file-exists", "-o another name", out=out))
+            raise FileError(fault("cli.file-exists", "-o FILE", out=out))
         return out
     path = reserve_path(folder, label)
     click.get_current_context().call_on_close(lambda: release_path(path))

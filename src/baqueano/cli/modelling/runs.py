@@ -10,6 +10,7 @@ from baqueano.cli.blocks import RowsResult
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Verdict, fault, note
+from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.messages import texts
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -65,7 +66,6 @@ def show(run: str, folder: str, as_json: bool) -> None:
 @options.runs_folder
 @options.out
 def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | None) -> None:
-    from baqueano.errors import UsageError
     from baqueano.runs import write_run
 
     if from_s == 0.0 and to_s is None:
@@ -157,6 +157,10 @@ def import_(
 ) -> None:  # fmt: skip
     if draft is not None:
         return _draft_map(map, draft)
+    if files and files[0].suffix == ".toml" and Path(map).is_file() and Path(map).suffix != ".toml":
+        raise UsageError(
+            fault("cli.map-second", baqueano_command("runs", "import", files[0], map, *files[1:]))
+        )
     from baqueano.runs import write_run
     from baqueano.runs.importing import ImportedRuns, import_runs
 
@@ -197,11 +201,10 @@ def import_(
 
 def _draft_map(recording: str, path: Path) -> None:
     """Write the draft of a map for a recording to the file `path`."""
-    from baqueano.errors import FileError
     from baqueano.runs.importing.draft import draft
 
     if path.exists():
-        raise FileError(fault("cli.file-exists", "--draft another-name.toml", out=path))
+        raise FileError(fault("cli.file-exists", "--draft FILE.toml", out=path))
     path.write_text(draft(recording), encoding="utf-8", newline="\n")
     print_result(note("cli.drafted", fix=baqueano_command("runs", "import", path, recording), path=path))
 
@@ -251,8 +254,6 @@ def _path_in(out: Path | None, folder: str, name: str) -> Path:
     """Return the file for a run of that name in the folder `out`. If `out` is None, return a numbered file in
     `folder`. Raise UsageError if `out` is a file."""
     if out is not None and out.suffix:
-        from baqueano.errors import UsageError
-
         raise UsageError(fault("cli.several-runs", f"-o {out.stem}", out=out))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
@@ -285,7 +286,6 @@ def calibrate(
     run: str, turns: int | None, map_: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.errors import AnswerNo
     from baqueano.identify.hand_turn_calibration import calibrate_by_hand_turns, is_turned_by_hand
     from baqueano.identify.sensor_calibration import calibrate
 

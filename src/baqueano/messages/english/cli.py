@@ -133,7 +133,8 @@ TEMPLATES: dict[str, str] = {
         "stopped from the keyboard: the table shows the recordings evaluated so far; no report was written."
     ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
-    "cli.file-exists": "{out} exists already, and a run does not replace a file. Type: {fix}",
+    "cli.file-exists": "{out} exists already, and this command does not replace it. Type: {fix}",
+    "cli.map-second": "The map comes first, and the recordings follow. Type: {fix}",
     "cli.route-absent": "Route {found} does not exist: {missing} is not a file. {there}. To drive it once: {fix}",
     "cli.route-not-text": (
         "{path} is not a route: it contains bytes that are not text. Expected a text file (CSV) with the columns t_s, "

@@ -21,7 +21,7 @@ from baqueano.errors import FileError
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.timing import increasing_rows, row_times
-from baqueano.runs.maps.column_map import data_folders
+from baqueano.runs.maps.column_map import data_folders, maps_folder
 from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
 from baqueano.runs.tables import bag
 from baqueano.runs.tables.table import LogTable, read_table
@@ -262,7 +262,9 @@ def _path_of(m: ColumnMap, spec: FileSpec) -> Path:
         raise FileError(
             fault(
                 "import.no-path",
-                baqueano_command("runs", "import", m.path.stem, "FILE"),
+                baqueano_command(
+                    "runs", "import", m.path.stem if m.path.parent == maps_folder() else m.path, "FILE"
+                ),
                 map=m.path.name,
                 file=spec.name,
             )

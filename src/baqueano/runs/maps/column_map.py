@@ -99,7 +99,8 @@ def _not_a_map_note(path: Path, error: ValueError) -> Diagnostic:
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
-    fix, error_words = baqueano_command("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
+    draft_name = f"{path.stem}.toml" if not Path(f"{path.stem}.toml").exists() else "MAP.toml"
+    fix, error_words = baqueano_command("runs", "import", path, "--draft", draft_name), str(error)
     # tomllib gives the place only in its text
     position = re.search(r"at line (\d+), column (\d+)", error_words)
     if position is None:
