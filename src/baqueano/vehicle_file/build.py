@@ -201,7 +201,7 @@ def construct(
     if "delay_slots" in names and "delay_s" in names:
         values["delay_slots"] = ceil(values.get("delay_s", 0.0) * context.rate_hz - 1e-9)
     if "tick_rate_hz" in names:
-        values["tick_rate_hz"] = surroundings.rate_hz
+        values["tick_rate_hz"] = context.rate_hz
     try:
         return block_class(**values)
     except (ValueError, TypeError) as error:
