@@ -194,6 +194,12 @@ def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
         export_tum(run, tmp_path / "y.tum", "camera")
 
 
+def test_a_run_without_ticks_is_exported_as_a_header(run, tmp_path):
+    empty = replace(run, t_ns=run.t_ns[:0], applied=run.applied[:0], requested=None, sent=None)
+    (head,) = export_csv(empty, tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
+    assert "imu.z1" in head.split(",")
+
+
 def test_a_diverged_heading_is_exported_as_nan(run, tmp_path):
     run.truth.eta[1, 2] = np.inf
     lines = export_tum(run, tmp_path / "x.tum", "truth").read_text(encoding="utf-8").splitlines()

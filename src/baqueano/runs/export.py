@@ -81,7 +81,7 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
             yield from ((f"{stage}.{name}", values[:, i]) for i, name in enumerate(names))
     for name, channel in run.sensors.items():
         rows = newest_at_ticks(
-            t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, t_ns[:1])])
+            t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, run.start_ns)])
         )
         for i in range(channel.z.shape[1]):
             yield f"{name}.z{i + 1}", rows[:, i]
