@@ -168,6 +168,13 @@ def test_a_check_is_advised_only_for_a_block_of_that_name(baqueano, tmp_path, ki
     assert end.fix == f"baqueano {right}"
 
 
+def test_the_tolerance_of_a_vehicle_with_two_wheels_is_refused_without_another_sensor_to_use(baqueano, lab):
+    run = str(next((lab / "runs").glob("0001*")))
+    line = "--vehicle", "small", "--use", "imu", "--tolerance", "sensors.imu.gyro_scale=0.01"
+    end = baqueano("identify", run, *line)
+    assert (end.code, end.reason.code, end.reason.fix) == (2, "cli.tolerance-car", "")
+
+
 def test_a_name_error_reports_an_empty_list_of_names():
     near = nearest("lap", [])
     assert near.code == "name.none"

@@ -276,6 +276,8 @@ def _with_tolerances(
         return vehicle_file
     conflicts = _plain_fit_options(arguments)
     if conflicts or not is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
+        if not conflicts and not is_imu_only(vehicle_file, runs, ("imu",), arguments["free"]):
+            raise UsageError(fault("cli.tolerance-car", given=tolerances[0]))
         code = "cli.tolerance-beside" if conflicts else "cli.tolerance-unused"
         raise UsageError(fault(code, "--use imu", given=tolerances[0], other=conflicts[:1]))
     fractions = {}

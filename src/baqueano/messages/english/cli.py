@@ -112,6 +112,9 @@ TEMPLATES: dict[str, str] = {
         "--tolerance {given} is for a car that is fitted only with its IMU. Remove the option, or use "
         "only the IMU. Type: {fix}"
     ),
+    "cli.tolerance-car": (
+        "--tolerance {given} is for a car that is fitted only with its IMU. Remove the option."
+    ),
     "cli.tolerance-beside": (
         "--tolerance {given} cannot be combined with {other}: it is for a car that is fitted only with "
         "its IMU. Remove one of the two options. Type: {fix}"
