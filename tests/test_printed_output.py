@@ -39,7 +39,7 @@ def texts(language: str) -> list[str]:
 @cache
 def templates(language: str) -> list[re.Pattern[str]]:
     """Return the patterns of the texts with fields."""
-    parts = [FIELD.split(text) for text in texts(language) if FIELD.search(text)]
+    parts = [FIELD.split(text.strip()) for text in texts(language) if FIELD.search(text)]
     return [
         re.compile("(.+?)".join(map(re.escape, pieces)))
         for pieces in parts
@@ -56,8 +56,10 @@ def printed_in(language: str, cell: str) -> bool:
         return True
     if any(pattern.fullmatch(cell) for pattern in templates(language)):
         return True
-    verdict, colon, reason = cell.partition(": ")
-    return bool(colon) and verdict in texts(language) and printed_in(language, reason)
+    if cell[0] + cell[-1] == "()":
+        return all(printed_in(language, part) for part in cell[1:-1].split(", "))
+    head, colon, reason = cell.partition(": ")
+    return bool(colon) and printed_in(language, head) and printed_in(language, reason)
 
 
 def outputs(language: str, page: str) -> list[str]:

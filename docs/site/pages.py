@@ -20,7 +20,7 @@ ELSEWHERE = {  # page of the site → file outside docs/
     "firmware": ROOT / "firmware" / "uno" / "README.md",
 }
 ORDER = {  # heading of the menu → its pages; the second also lists each page of docs/ that is not named here
-    "Begin": ("first-evening", "architecture", "python"),
+    "Begin": ("first-evening", "course", "architecture", "python"),
     "How to": (
         "identification", "controllers", "routes", "estimators", "sweep", "importing", "own-vehicle", "driving",
         "vehicle-file"),
