@@ -163,7 +163,7 @@ def computing(build: Any, seconds: float) -> float:
             robot.wait(seconds)
             wait_s += time.thread_time() - start_s
 
-        service.sleep, service.healthy = wait, lambda: marks.append(time.thread_time() - wait_s)
+        service.sleep, service.notify_watchdog = wait, lambda: marks.append(time.thread_time() - wait_s)
         drive(service, spin(seconds, 0.3))
     robot.close()
     return median(np.diff(marks).tolist())

@@ -39,7 +39,7 @@ HAVE_ONE = """
     identify.noise.comparison: compare_noise
     identify.design.signals: excitation
     robot.emulated: emulate_vehicle
-    robot.imu.driver: open
+    robot.imu.driver: open_imu
     robot.uno.link: Uno
     door.remote: connect
     robot.uno.serial_port: open_uno
@@ -130,7 +130,7 @@ def an_imu_on_the_bus(request, monkeypatch):
     chip = MpuEmulator(now_ns=time.monotonic_ns, start_ns=time.monotonic_ns())
     connect(monkeypatch, {str(bus): EmulatedBus({0x68: chip}, lambda ns: None)})
     buses = {"/dev/i2c-1": str(bus)}
-    monkeypatch.setattr(imu, "find", lambda path, addresses: mpu6050.find_chip(buses[path], addresses))
+    monkeypatch.setattr(imu, "find_chip", lambda path, addresses: mpu6050.find_chip(buses[path], addresses))
     yield
 
 

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from baqueano.door.outcome import outcome_of
+from baqueano.door.outcome import mission_outcome
 from baqueano.door.remote import Remote
 from baqueano.errors import (
     AnswerNo,
@@ -39,5 +39,5 @@ def test_an_error_of_the_vehicle_is_raised_on_the_laptop(kind):
 
 
 def test_a_refused_value_keeps_its_code_at_the_end_of_a_mission():
-    reason, code = outcome_of(lambda: shape("circel", 1.0, 0.2))
+    reason, code = mission_outcome(lambda: shape("circel", 1.0, 0.2))
     assert (reason.code, code) == ("shape.unknown", UsageError.exit_code)

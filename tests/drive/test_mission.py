@@ -51,7 +51,7 @@ def test_a_repetition_sent_as_text_gives_the_same_estimate(tmp_path):
 def test_a_repetition_without_patience_is_sent_as_text(tmp_path):
     care = Precautions(patience_s=np.inf)
     mission = Mission("repeat", route=shapes.circle(0.3, 0.4), precautions=care.to_json())
-    assert Precautions.of_json(Mission.of_json(mission.json()).precautions) == care
+    assert Precautions.from_json(Mission.from_json(mission.to_json()).precautions) == care
 
 
 def test_user_blocks_are_packed_into_the_mission(tmp_path, monkeypatch):

@@ -59,10 +59,10 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
         hold(robot, pins)
 
     during(service, robot, 0.5, hangs)
-    healthy = service.healthy
-    service.healthy = lambda: (healthy(), early.extend(pins.read()["calls"]))
+    healthy = service.notify_watchdog
+    service.notify_watchdog = lambda: (healthy(), early.extend(pins.read()["calls"]))
     done, run = drive(service, spin(3.0))
-    service.healthy = lambda: None
+    service.notify_watchdog = lambda: None
     assert done["why"].code == StopReason.SENSOR_SILENT
     assert stop_reason_of(run) == done["why"]
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
@@ -89,10 +89,10 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
 
 def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
     pins, states = lines([0] * 9), []
-    service.healthy = lambda: states.append(service.machine.state)
+    service.notify_watchdog = lambda: states.append(service.machine.state)
     hold(robot, pins)
     looked_on(service, robot, 2.0)
-    service.healthy = lambda: None
+    service.notify_watchdog = lambda: None
     assert [a for a, b in pairwise([*states, None]) if a is not b] == [
         DoorState.READY,
         DoorState.DISARMED,

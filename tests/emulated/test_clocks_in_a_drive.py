@@ -27,7 +27,7 @@ class Stamps:
         self.service, self.robot = service, robot
         self.uno_rate, self.host_rate = 1.0 + 1e-6 * ppm, 1.0 + 1e-6 * host_ppm
         self.late_ms, self.skew_error, self.n = np.zeros(room), np.zeros(room), 0
-        service.healthy = self.look
+        service.notify_watchdog = self.look
 
     def look(self):
         if self.service.machine.state is not DoorState.MISSION:
@@ -102,7 +102,7 @@ def test_rt18_memory_does_not_grow_in_five_minutes_with_a_fast_clock(firmware, m
                 sys.getallocatedblocks(),
             )
 
-    service.healthy = look
+    service.notify_watchdog = look
     done, run = drive(service, spin(301.0, file=file))
     robot.close()
     assert done["why"] is None

@@ -35,7 +35,7 @@ def test_uno_and_imu_are_opened_from_the_vehicle_file_and_closed(firmware, monke
         calls.append((bus, address, settings.axes, settings.accel_range_g))
         return Chip()
 
-    monkeypatch.setattr(imu, "open", chip)
+    monkeypatch.setattr(imu, "open_imu", chip)
     with on_pty(firmware) as live:
         hardware = replace(vehicle_file.load("small").robot, port=live.path, imu_axes=("-y", "x", "z"))
         with open_hardware(hardware, print, in_chip_axes=in_chip_axes) as bench:
@@ -57,7 +57,7 @@ def test_service_calibration_and_doctor_open_the_same_imu(tmp_path, monkeypatch)
         calls.append((bus, address, settings))
         raise RobotUnreachable("it is only looked at")
 
-    monkeypatch.setattr(imu, "open", chip)
+    monkeypatch.setattr(imu, "open_imu", chip)
     (tmp_path / "dev").mkdir()
     (tmp_path / "dev/i2c-7").touch()
     (check,) = doctor.check_imu(hardware, tmp_path)

@@ -244,7 +244,7 @@ def test_fw7_a_restarted_uno_stops_the_drive_and_can_be_cleared(vehicle, acciden
 
 def test_a_short_battery_sag_at_motor_start_does_not_stop_the_drive(vehicle):
     robot, service = vehicle("robot.least_battery_v=6.6")
-    service.healthy = lambda: robot.board.set_battery(
+    service.notify_watchdog = lambda: robot.board.set_battery(
         7.4 - abs(robot.board.duty(0)) - abs(robot.board.duty(1))
     )
     pushes = np.tile(np.repeat([[0.0, 0.0, 0.6], [0.0, 0.0, 0.0]], [120, 40], axis=0), (2, 1))
@@ -343,7 +343,7 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(vehicle, with_stop):
 
     during(service, robot, 2.0, fills_up)
     try:
-        service.take(spin(7.0), False)
+        service.execute_request(spin(7.0), False)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     done = service.messages[-1]

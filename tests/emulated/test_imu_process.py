@@ -27,7 +27,7 @@ from baqueano.robot.imu import driver as imu
 def print_event(**what):
     print(json.dumps(what), flush=True)
 
-device = imu.open(1, notify=None)
+device = imu.open_imu(1, notify=None)
 print_event(event="open", chip=device.identity.chip)
 samples, printed = [], 0
 while not select.select([sys.stdin], [], [], 0.01)[0]:
@@ -238,6 +238,6 @@ def test_a_wrong_address_is_error_121_in_smbus2(machine):
 
 
 def test_a_sleeping_machine_without_a_chip_is_reported_in_one_paragraph(machine):
-    code = "from baqueano.robot.imu import driver as imu; imu.open(1, address=0x69)"
+    code = "from baqueano.robot.imu import driver as imu; imu.open_imu(1, address=0x69)"
     errors = machine().run(sys.executable, "-c", code).stderr
     assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in errors

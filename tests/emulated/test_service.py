@@ -53,7 +53,7 @@ def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, ro
                 service.operator.record_heartbeat(me)
                 stops_ns[-1:] = [robot.now_ns]
 
-    service.healthy = healthy
+    service.notify_watchdog = healthy
     done, run = drive(service, spin(3.0), attended=True)
     assert done["why"].code == StopReason.HOLDER_SILENT
     moving = np.flatnonzero(np.abs(run.applied[:, 2]) > 0.0)
@@ -122,7 +122,7 @@ def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
             if robot.now_ns - starts_ns[0] > 1.5e9:
                 service.operator.request_end(me)
 
-    service.healthy = healthy
+    service.notify_watchdog = healthy
     done, run = drive(service, pack(Mission("teach"), vehicle_file.load("small")), attended=True)
     assert done["why"].code == StopReason.INTERRUPTED
     assert service.machine.state is DoorState.READY

@@ -116,7 +116,7 @@ def test_a_freeze_during_a_write_moves_motors_for_one_tick_at_most(robot, tmp_pa
     """The command is computed but not yet sent; only this command is still sent."""
     service = serve(robot, vehicle_file.load("small"), tmp_path)
     freeze = Freeze(robot, service, "after log", 0.8)
-    service.healthy = lambda: None
+    service.notify_watchdog = lambda: None
     write = robot.write
 
     def slow(data):

@@ -10,7 +10,7 @@ from baqueano.guides import Repeat, RepeatByProgress, SinuousCircle
 from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
-from baqueano.simulate.closed_loop import loop_system, reference_duration, references_of, start_pose
+from baqueano.simulate.closed_loop import loop_system, reference_duration, sample_references, start_pose
 from baqueano.supervisor import Supervisor
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -56,7 +56,7 @@ def test_the_duration_of_a_route_by_progress_does_not_depend_on_its_place(vehicl
     for start in (np.zeros(3), np.array([0.4, 0.1, 0.0]), np.array([-0.3, -0.1, 0.0])):
         system = loop_system(vehicle, RepeatByProgress.along(move_route(ROUTE, start)))
         assert reference_duration(system) == pytest.approx(ROUTE.t_s[-1], abs=0.02)
-        references = references_of(system, [0, 10**9, 2 * 10**9])
+        references = sample_references(system, [0, 10**9, 2 * 10**9])
         assert [reference.nu[0] for reference in references] == pytest.approx([0.3] * 3)
 
 

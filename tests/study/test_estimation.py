@@ -184,7 +184,7 @@ def test_the_odometer_of_a_recording_is_used_for_fit_and_judgement(cpm_recording
 def vehicles():
     """Return a robot on a slope and one with a slow motor, 10 s each."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulated, "SECONDS", 10.0)
+        patch.setattr(simulated, "DURATION_S", 10.0)
         return simulated._subjects(simulated.EstimationJob("robot", (2, 3), (), "auto"))
 
 

@@ -15,7 +15,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.diagnostics import Severity, note
-from baqueano.web.foxglove.bridge import MESSAGE_LAYOUT, SUBPROTOCOLS, Foxglove
+from baqueano.web.foxglove.bridge import MESSAGE_LAYOUT, SUBPROTOCOLS, FoxgloveServer
 from baqueano.web.guard import Role
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import WAIT_S, run_page
@@ -157,8 +157,8 @@ def test_a_row_has_the_same_time_in_each_topic():
         count(0, 10**6),
         Line(),
     )
-    bridge = Foxglove(lambda: {"fields": fields}, now_ns=lambda: next(clock))
-    bridge.welcome(line)
+    bridge = FoxgloveServer(lambda: {"fields": fields}, now_ns=lambda: next(clock))
+    bridge.add_client(line)
     subscriptions = [{"id": k, "channelId": k} for k in (1, 2)]
     asyncio.run(bridge.receive(line, {"op": "subscribe", "subscriptions": subscriptions}))
     for first in (0, 2):

@@ -193,7 +193,7 @@ from baqueano.robot.imu import mpu6050
 from baqueano.robot.imu import sample_clock
 from baqueano.errors import UsageError
 try:
-    imu.open()
+    imu.open_imu()
 except UsageError as error:
     print(error)
 """

@@ -14,6 +14,6 @@ AT_REST = SimpleNamespace(tilt_rad=0.0, battery_v=math.nan)
 def test_a_removed_folder_of_runs_does_not_end_the_service(tmp_path):
     folder, limits = tmp_path / "runs", replace(vehicle_file.load("small").robot, least_disk_mb=1e12)
     health = ComputerHealth(limits, folder, lambda: 0, tmp_path / "no thermometer")
-    assert health.before(AT_REST) is None
+    assert health.start_obstacle(AT_REST) is None
     folder.mkdir()
-    assert health.before(AT_REST).code == StopReason.DISK_FULL
+    assert health.start_obstacle(AT_REST).code == StopReason.DISK_FULL

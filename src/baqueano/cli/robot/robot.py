@@ -107,7 +107,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
     from baqueano.runs.folder import is_run_name
 
     with _connection(host) as remote:
-        names = remote.runs()
+        names = remote.run_names()
         for name in filter(is_run_name, names):
             local_path = Path(folder) / name
             if fetch and not lexists(local_path):
