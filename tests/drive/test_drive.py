@@ -38,7 +38,7 @@ FILE = SimpleNamespace(
     vehicle=VEHICLE,
     sensors=SENSORS,
     envelope=None,
-    noiseless=(),
+    sensors_without_noise=(),
     estimator=lambda kind=None: Ekf(VEHICLE, SENSORS, R),
     controller=lambda kind=None: Pd(alpha=8.0, beta=20.0, gamma=1.0),
     guide=lambda route, kind=None: Repeat.along(route),

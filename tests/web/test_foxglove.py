@@ -147,7 +147,7 @@ class Line:
     def send(self, message):
         pass
 
-    def show(self, picture):
+    def send_latest(self, picture):
         self.pictures += picture
 
 
@@ -162,7 +162,7 @@ def test_a_row_has_the_same_time_in_each_topic():
     subscriptions = [{"id": k, "channelId": k} for k in (1, 2)]
     asyncio.run(bridge.receive(line, {"op": "subscribe", "subscriptions": subscriptions}))
     for first in (0, 2):
-        bridge.show([[0.01 * k, 0.5, 0.25] for k in (first, first + 1)])
+        bridge.send_rows([[0.01 * k, 0.5, 0.25] for k in (first, first + 1)])
     times, data = {1: [], 2: []}, line.pictures
     while data:
         _, number, t_ns = MESSAGE_LAYOUT.unpack_from(data, 2)
