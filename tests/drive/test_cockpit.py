@@ -45,7 +45,7 @@ class Terminal:
             self.coming += [(due, KeyEvent(KITTY))] * (self.kitty and b"\x1b[?u" in data)
             self.coming += [(due, KeyEvent(ALIVE))] * data.count(QUERY)
 
-    def change(self, on, off):
+    def set_mode(self, on, off):
         self.changes.append((on, off))
 
     def size(self):

@@ -112,10 +112,10 @@ SIMPLE = [
     (lambda x, y: apply("min", x, INF), "x"),
     (lambda x, y: apply("max", -INF, x), "x"),
     (lambda x, y: apply("min", x, x), "x"),
-    (lambda x, y: x < x, False),
-    (lambda x, y: (x < y) & False, False),
-    (lambda x, y: (x < y) | True, True),
-    (lambda x, y: apply("isnan", x < y), False),
+    (lambda x, y: x < x, np.False_),
+    (lambda x, y: (x < y) & False, np.False_),
+    (lambda x, y: (x < y) | True, np.True_),
+    (lambda x, y: apply("isnan", x < y), np.False_),
 ]
 EQUAL = [
     (lambda x, y: x + y, lambda x, y: y + x),
@@ -137,6 +137,7 @@ EQUAL = [
     (lambda x, y: x > y, lambda x, y: y < x),
     (lambda x, y: (x < y) & (x < y), lambda x, y: x < y),
     (lambda x, y: (x < y) & True, lambda x, y: x < y),
+    (lambda x, y: (x < y) & ~(x < x), lambda x, y: x < y),
     (lambda x, y: (x < y) | False, lambda x, y: x < y),
     (lambda x, y: apply("where", apply("not", x < y), x, y), lambda x, y: apply("where", x < y, y, x)),
     (lambda x, y: apply("where", x < y, 1.0, 0.0), lambda x, y: x < y),

@@ -284,7 +284,7 @@ def connect(host: str, **first: Any) -> Iterator[Remote]:
     ssh, if the vehicle does not answer within GREETING_TIMEOUT_S.
 
     >>> with connect("here") as robot:
-    ...     print(robot.state["state"], robot.runs())
+    ...     print(robot.state["state"], robot.run_names())
     READY ['0001-experiment.mcap']
     """
     if host == "here" or ("/" in host and not host.startswith("-")):

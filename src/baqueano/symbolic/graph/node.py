@@ -36,7 +36,7 @@ class Node(Scalar):
         node = graph.make(op, *map(graph.node, args), value=value)
         if node.op != "const":
             return node
-        return bool(node.value) if op in ieee.LOGICAL else node.value
+        return np.bool_(node.value) if op in ieee.LOGICAL else node.value
 
     @property
     def is_truth(self) -> bool:
