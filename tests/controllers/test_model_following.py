@@ -54,7 +54,7 @@ def settled(controller, eta_r, nu_r, eta, nu, ticks=200):
 def test_the_command_for_a_steady_circle_makes_the_model_follow_the_circle(name, v, w, law):
     file = load(name)
     controller = file.controller(law, k_i=0.0)
-    late_s = controller.late_s
+    late_s = controller.response_delay_s
     vehicle, nu_y = compile_block(file.vehicle), 0.0
     for _ in range(3):  # the sideslip of the model at this circle
         nu = np.array([v, nu_y, w])

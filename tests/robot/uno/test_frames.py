@@ -68,7 +68,7 @@ def test_default_settings_are_within_their_ranges():
 def test_a_number_out_of_range_is_named_with_its_field():
     ways = (frames.WheelCurve(),) * 3 + (frames.WheelCurve(slope_permille=99),)
     fault = frames.first_out_of_range(frames.Settings(curves=ways))
-    assert fault == ("ways[3].slope_permille", 99, ValueRange(100, 3000))
+    assert fault == ("curves[3].slope_permille", 99, ValueRange(100, 3000))
 
 
 def test_a_number_without_a_stated_range_is_limited_by_its_bits():
