@@ -40,8 +40,8 @@ class Freeze:
             "after read": (robot.imu, "events"),
             "before write": (robot.uno, "drive"),
             "between write and log": (service.operator, "pop_mark_count"),
-            "after log": (service, "healthy"),
-            "in a block": (service.health, "during"),
+            "after log": (service, "notify_watchdog"),
+            "in a block": (service.health, "stop_reason"),
         }[phase]
         call = getattr(place, name)
 
