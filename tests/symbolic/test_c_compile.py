@@ -16,7 +16,7 @@ EXPORT = "#ifdef _WIN32\n__declspec(dllexport)\n#endif\n"
 SCRIPT = """
 import sys
 from baqueano.symbolic.c_code import compile
-library = compile.load(open(sys.argv[1], encoding="utf-8").read())
+library = compile.load_library(open(sys.argv[1], encoding="utf-8").read())
 print(library.answer())
 """
 

@@ -100,9 +100,9 @@ def _not_a_map_note(path: Path, error: ValueError) -> Diagnostic:
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
     draft_name = f"{path.stem}.toml" if not Path(f"{path.stem}.toml").exists() else "MAP.toml"
-    fix = baqueano_command("runs", "import", path, "--draft", draft_name)
-    place = r"at line (\d+), column (\d+)"  # tomllib gives the place only in its text
-    if (position := re.search(place, str(error))) is None:
+    fix, error_words = baqueano_command("runs", "import", path, "--draft", draft_name), str(error)
+    # tomllib gives the place only in its text
+    if (position := re.search(r"at line (\d+), column (\d+)", error_words)) is None:
         return fault("map.recording", fix, path=path)
     return fault("map.recording-or-wrong", fix, path=path, line=int(position[1]), column=int(position[2]))
 
