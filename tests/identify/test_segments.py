@@ -166,6 +166,8 @@ def test_a_free_clock_of_an_unused_sensor_is_refused(case, case_run):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 
-def test_segments_need_a_positive_length(case, case_run):
+def test_segments_need_a_positive_length_and_several_rows(case, case_run):
+    with pytest.raises(UsageError, check=of_code("segment.short", rows=10, shortest_s=pytest.approx(0.1))):
+        identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.05))
     with pytest.raises(UsageError, check=of_code("segment.length", length_s=0.0)):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))

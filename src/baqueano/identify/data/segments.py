@@ -19,9 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, Measurements
 
 # of the largest eigenvalue of a start's information: directions below it are unobservable
+MIN_SEGMENT_ROWS = 10  # for the start of a segment, at most six numbers
 MIN_RELATIVE_EIGENVALUE = 1e-9
 
 
@@ -68,9 +71,14 @@ def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[Fit
     """Return segments of about `segment_s` [s]. Each segment after the first has a lead of `lead_s` [s].
 
     The lead does not contain measurements. It is at least one row long, because a reading between ticks is
-    interpolated between rows.
+    interpolated between rows. Raise UsageError for segments of less than MIN_SEGMENT_ROWS.
     """
     ends = np.cumsum(record.dt_s)
+    shortest_s = MIN_SEGMENT_ROWS * float(np.median(record.dt_s))
+    if segment_s < shortest_s:
+        raise UsageError(
+            fault("segment.short", length_s=segment_s, rows=MIN_SEGMENT_ROWS, shortest_s=shortest_s)
+        )
     count = max(1, round(float(ends[-1]) / segment_s))
     edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
     edges = np.unique(np.concatenate([[0], edges, [len(ends)]]))

@@ -153,6 +153,10 @@ TEMPLATES: dict[str, str] = {
         "same kind of vehicle. Give the file of the vehicle that was driven. Type: {fix}"
     ),
     "segment.length": "{arg[segment_s]} = {length_s:g}: expected the length of a segment, above 0 s.",
+    "segment.short": (
+        "{arg[segment_s]} = {length_s:g}: a segment needs at least {rows} rows of the run, to estimate its start. "
+        "Write at least {shortest_s:.2g}, or several seconds for a usual vehicle."
+    ),
     "sigma.negative": "sigma = [{found}]: expected standard deviations greater than 0.",
     "sigma.size": "sigma: expected {size} values for {sensor}, the standard deviations of its noise.",
     "signal.all-rest": (
