@@ -8,8 +8,8 @@ BIN := $(VENV)/bin
 endif
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-# By whole files, and in the order of tests/conftest.py.
-BOTH_CORES := -n 2 --dist loadfile --no-loadscope-reorder
+# By whole files, and in the order of tests/conftest.py. Three processes on two cores: many tests wait for a clock.
+PROCESSES := -n 3 --dist loadfile --no-loadscope-reorder
 
 # What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices; and
 # the browser in which the page is tested.
@@ -23,15 +23,15 @@ demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
 
 test: $(VENV)/test.stamp debian browser-tools
-	$(BIN)/python -m pytest $(BOTH_CORES)
+	$(BIN)/python -m pytest $(PROCESSES)
 
 # With the studies, tutorials and benchmarks that `make test` skips by name: a third more.
 test-all: $(VENV)/test.stamp debian browser-tools
-	BAQUEANO_LONG=1 $(BIN)/python -m pytest $(BOTH_CORES)
+	BAQUEANO_LONG=1 $(BIN)/python -m pytest $(PROCESSES)
 
 # The tests of blocks, runs and engine, in some minutes on two cores; tests/conftest.py says what is slow.
 test-fast: $(VENV)/test.stamp
-	$(BIN)/python -m pytest $(BOTH_CORES) -m "not slow"
+	$(BIN)/python -m pytest $(PROCESSES) -m "not slow"
 
 # What the tests of the page take from npm, each by a lock with hashes: the public client of Foxglove's protocol and the
 # rules of axe-core. Where there is no npm those tests are skipped by name; in CI they fail.
@@ -45,11 +45,11 @@ docs: $(VENV)/test.stamp
 
 # 20,000 damaged inputs of each format that comes from others; `make test` takes as many as come in 20 s, in CI in 75 s.
 fuzz: $(VENV)/test.stamp
-	BAQUEANO_FUZZ=20000 $(BIN)/python -m pytest -s $(BOTH_CORES) tests/fuzz/test_fuzz.py
+	BAQUEANO_FUZZ=20000 $(BIN)/python -m pytest -s $(PROCESSES) tests/fuzz/test_fuzz.py
 
 # What the package promises, and which tests keep it.
 promises: $(VENV)/test.stamp debian
-	BAQUEANO_LONG=1 $(BIN)/python -m tests.promises $(BOTH_CORES)
+	BAQUEANO_LONG=1 $(BIN)/python -m tests.promises $(PROCESSES)
 
 # The sentences of all messages, and the pages on the keys of a vehicle file, to be read as a diff.
 golden: $(VENV)/test.stamp
@@ -63,7 +63,7 @@ catalogues: $(VENV)/test.stamp
 
 # As in CI: a missing emulator fails, it does not skip.
 test-emulated: $(VENV)/test.stamp debian
-	CI=1 $(BIN)/python -m pytest $(BOTH_CORES) tests/emulated
+	CI=1 $(BIN)/python -m pytest $(PROCESSES) tests/emulated
 
 # The service on the instruction set of a Pi 3, under qemu. It takes 170 MB of downloads and 0.75 GB of disk, once, so it
 # is no part of the tests of CI.

@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed"),
     pytest.mark.skipif(sys.platform != "linux", reason="a pty, signals, /proc"),
 ]
-START_S, OFF_S, TRIES = 60.0, 0.5, 6
+START_S, OFF_S, TRIES = 120.0, 0.5, 6
 BUTTON = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r}))"
 
 
@@ -95,6 +95,7 @@ def signalled(process, number):
         signalled(child, number)
 
 
+@pytest.mark.alone
 def test_rt13_rt15_any_lost_connection_from_browser_to_motors_stops_the_motors(firmware, tmp_path):
     with (
         running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service,

@@ -20,7 +20,7 @@ from baqueano.web.page import BrowserPage
 from baqueano.web.server import Server
 
 TICK_NS = 10_000_000
-WAIT_S = 30.0  # the machine may be busy
+WAIT_S = 60.0  # the machine may be busy
 
 
 def drive(name: str = "circle", ticks: int = 300) -> Run:
