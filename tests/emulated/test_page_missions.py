@@ -25,6 +25,7 @@ pytestmark = [
 TAUGHT_M, LAPS = 0.4, 60
 SCREENS = "baqueano.page.screens"
 TUNE = f"{SCREENS}.tune"
+DRIVING = "baqueano.page.state.mission?.kind === 'repeat' && baqueano.page.state.t_s > 0.5"
 PICK = (
     "((one) => {{ one.value = {kind!r}; one.dispatchEvent(new Event('change')); }})"
     "(document.querySelector({select!r}))"
@@ -90,7 +91,7 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             repeat(
                 wheel,
                 taught,
-                "baqueano.page.state.mission?.kind === 'repeat' && baqueano.page.state.t_s > 0.5",
+                DRIVING,
             )
             stop(wheel)
 
@@ -107,7 +108,7 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             tab.wait(f"Boolean({SCREENS}.blocks.known.controller?.text)", START_S)
             tab.js(PICK.format(select=".other select", kind="kanayama"))
             tab.wait("baqueano.page.hello.swapped?.controller === 'kanayama'", START_S)
-            repeat(wheel, "ring", "baqueano.page.hello.blocks.controller === 'Kanayama'")
+            repeat(wheel, "ring", f"{DRIVING} && baqueano.page.hello.blocks.controller === 'Kanayama'")
 
             assert wheel.off_after(tab.close) <= OFF_S  # the tab is lost while it drives
             tab = chromium.tab()
