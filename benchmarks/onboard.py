@@ -108,7 +108,7 @@ def loading_s(times: int) -> float:
         "import importlib, time, baqueano.cli.robot.robot, baqueano.robot.service.onboard as o; "
         "import baqueano.vehicle_file as v; "
         "v.load('small'); t = time.process_time(); "
-        "[importlib.import_module(name) for name in o.REST]; print(time.process_time() - t)"
+        "[importlib.import_module(name) for name in o.BACKGROUND_MODULES]; print(time.process_time() - t)"
     )
     environment = {**os.environ, **AS_INSTALLED}
     processes = [
