@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed"),
     pytest.mark.skipif(sys.platform != "linux", reason="a pty, signals, /proc"),
 ]
-START_S, OFF_S, TRIES = 120.0, 0.5, 6
+START_S, OFF_S, TRIES = 60.0, 0.5, 6
 BUTTON = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r}))"
 
 

@@ -50,9 +50,9 @@ def teach(wheel, body):
 
 
 def repeat(wheel, route, true, tab="drive"):
-    """Repeat the route, on this tab, until `true`; a busy machine may stop the vehicle, then it begins again."""
+    """Repeat the route, on this tab, until it drives and `true`; if a busy machine stops it, it begins again."""
     end = time.monotonic() + 3.0 * START_S
-    while not wheel.tab.js(true):
+    while not (wheel.live.moving() and wheel.tab.js(true)):
         assert time.monotonic() < end, wheel.tab.js("baqueano.page.state.sentence")
         if wheel.state() != "MISSION":
             wheel.ready()
