@@ -22,6 +22,7 @@ import re
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TypeVar
@@ -125,7 +126,20 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     """Run a test beside those of the other processes, or alone."""
     with turn(item.get_closest_marker("alone") is not None) as alone:
         item.stash[ALONE] = alone
-        return (yield)
+        try:
+            return (yield)
+        finally:
+            if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
+                forget_failed_attempt()
+
+
+def forget_failed_attempt() -> None:
+    """Release what a failed attempt left open; otherwise its sockets would fail a later test."""
+    for name in ("last_exc", "last_type", "last_value", "last_traceback"):
+        sys.__dict__.pop(name, None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        gc.collect()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
