@@ -251,7 +251,7 @@ def _number(
     """Return a calibrated number with its error bar: `f` is its function of coefficients and offset (p + 1,)."""
     x = np.array([*fit.x, fit.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a channel that never changes has no scale
+    with np.errstate(divide="ignore", invalid="ignore"):  # a constant channel does not determine a scale
         gradient = np.array([(f(x + h) - f(x - h)) / (2.0 * h.sum()) for h in steps])[: len(fit.cov)]
         value, variance = float(f(x)), float(gradient @ fit.cov @ gradient)
     std = variance**0.5 if np.isfinite(variance) and np.isfinite(value) else np.inf

@@ -13,9 +13,9 @@ from baqueano.robot.uno import serial_port
 from baqueano.robot.uno.serial_port import SerialPort, find_port, open_uno, read_continuously, reset_uno_early
 from tests.codes import refused
 
-pty = pytest.importorskip("pty", reason="this system has no pty")
-termios = pytest.importorskip("termios", reason="this system has no termios")
-tty = pytest.importorskip("tty", reason="this system has no tty")
+pty = pytest.importorskip("pty", reason="this system does not have pty")
+termios = pytest.importorskip("termios", reason="this system does not have termios")
+tty = pytest.importorskip("tty", reason="this system does not have tty")
 
 
 @pytest.fixture
