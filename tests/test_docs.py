@@ -95,6 +95,7 @@ def options_of(command):
 
 PAGES = (
     "README.md",
+    "README.es.md",
     "CHANGELOG.md",
     *(path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "docs").rglob("*.md"))),
 )

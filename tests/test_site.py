@@ -20,6 +20,9 @@ def names_of(folder):
 
 
 NAMES = names_of(DOCS)
+TWINS = {"the README": (ROOT / "README.md", ROOT / "README.es.md")} | {
+    name: (DOCS / f"{name}.md", SPANISH / f"{name}.md") for name in NAMES
+}
 needs_sphinx = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
     reason="the site needs the extra docs: pip install '.[docs]'",
@@ -63,20 +66,20 @@ def test_every_page_exists_in_both_languages():
     assert names_of(SPANISH) == NAMES
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", TWINS)
 def test_a_page_has_the_same_structure_in_both_languages(name):
-    english, spanish = DOCS / f"{name}.md", SPANISH / f"{name}.md"
+    english, spanish = TWINS[name]
     assert code_of(spanish) == code_of(english)
     assert headings(spanish) == headings(english)
     assert equations(spanish) == equations(english)
     assert table_rows(spanish) == table_rows(english)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", TWINS)
 def test_a_spanish_page_links_to_spanish_pages_and_has_decimal_commas(name):
-    page = SPANISH / f"{name}.md"
+    page = TWINS[name][1]
     text = page.read_text(encoding="utf-8")
-    english_pages = {DOCS / f"{twin}.md" for twin in NAMES}
+    english_pages = {english for english, _ in TWINS.values()}
     for link in re.findall(r"\]\(([^)\s#]+)[^)\s]*\)", text):
         if link.startswith("http"):
             continue

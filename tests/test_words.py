@@ -41,6 +41,7 @@ def test_a_message_is_in_plain_language():
 DOCS = Path(__file__).parents[1]
 PAGES = (  # except those that the code writes
     "README.md",
+    "README.es.md",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "firmware/uno/README.md",
