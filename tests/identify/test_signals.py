@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baqueano.errors import UsageError
-from baqueano.identify import KINDS, excitation, multisine, prbs, ramps, random_steps
+from baqueano.identify import KINDS, excitation, random_steps
 from tests.codes import of_code
 
 LIMIT = [20.0, 0.0, 60.0]
@@ -40,7 +40,7 @@ def test_random_steps_stay_constant_for_their_duration():
 
 
 def test_multisine_reaches_its_limit_and_has_no_power_outside_its_band():
-    u = multisine([2.0, 1.0], 40.0, 50.0, 0, low_hz=0.5, high_hz=4.0)
+    u = excitation("multisine", [2.0, 1.0], 40.0, 50.0, 0, low_hz=0.5, high_hz=4.0)
     assert np.max(np.abs(u), axis=0) == pytest.approx([2.0, 1.0])
     f = np.fft.rfftfreq(len(u), 1 / 50.0)
     power = np.abs(np.fft.rfft(u, axis=0)) ** 2
@@ -49,11 +49,11 @@ def test_multisine_reaches_its_limit_and_has_no_power_outside_its_band():
 
 
 def test_prbs_is_always_at_full_command():
-    assert np.all(np.abs(prbs([3.0], 10.0, 100.0, 0)) == 3.0)
+    assert np.all(np.abs(excitation("prbs", [3.0], 10.0, 100.0, 0)) == 3.0)
 
 
 def test_ramps_begin_and_end_slowly_and_go_both_ways():
-    u = ramps([1.0], 40.0, 100.0, 0)[:, 0]
+    u = excitation("ramps", [1.0], 40.0, 100.0, 0)[:, 0]
     assert np.max(np.abs(np.diff(u))) < 0.011
     assert u.min() < -0.3
     assert u.max() > 0.3
@@ -79,8 +79,8 @@ def test_a_signal_begins_and_ends_with_rest():
         (lambda: random_steps([-1.0], 10.0, 50.0), "signal.limit"),
         (lambda: random_steps(LIMIT, 0.0, 50.0), "signal.no-tick"),
         (lambda: random_steps(LIMIT, 10.0, 50.0, hold_s=0.0), "signal.short"),
-        (lambda: multisine(LIMIT, 10.0, 50.0, high_hz=30.0), "signal.band"),
-        (lambda: multisine(LIMIT, 1.0, 50.0, high_hz=1.0), "signal.few-sines"),
+        (lambda: excitation("multisine", LIMIT, 10.0, 50.0, high_hz=30.0), "signal.band"),
+        (lambda: excitation("multisine", LIMIT, 1.0, 50.0, high_hz=1.0), "signal.few-sines"),
     ],
 )
 def test_an_invalid_signal_is_refused_with_a_reason(call, code):

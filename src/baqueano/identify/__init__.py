@@ -7,7 +7,7 @@ noise.updated_file(fit.vehicle_file).save("my.toml")
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.design.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
+from baqueano.identify.design.signals import KINDS, excitation, random_steps
 from baqueano.identify.estimation.least_squares import solution_at
 from baqueano.identify.fit import conclude, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
@@ -30,10 +30,7 @@ __all__ = [
     "forecast",
     "identify",
     "measure_noise",
-    "multisine",
     "parameters_of",
-    "prbs",
-    "ramps",
     "random_steps",
     "solution_at",
     "solve",

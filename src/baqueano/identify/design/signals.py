@@ -61,7 +61,7 @@ def random_steps(
     return np.repeat(levels, hold_ticks, axis=0)[:n_ticks] * limit
 
 
-def multisine(
+def _multisine(
     limit: ArrayLike,
     duration_s: float,
     rate_hz: float,
@@ -70,41 +70,7 @@ def multisine(
     low_hz: float = 0.05,
     high_hz: float = 5.0,
 ) -> np.ndarray:
-    """Return sums of sines between two frequencies. No two channels share a frequency.
-
-    Parameters
-    ----------
-    limit : array_like (n,) [unit of the command]
-        Largest command of each channel; 0 for a channel that stays still.
-    duration_s : float
-        Length of the signal.
-    rate_hz : float
-        Ticks per second.
-    seed : int
-        Seed of the phases.
-    low_hz, high_hz : float
-        Lowest and highest frequency.
-
-    Returns
-    -------
-    ndarray (N, n)
-        Commands, one row per tick.
-
-    Raises
-    ------
-    UsageError
-        For frequencies that the rate cannot show, or a time too short for two sines per channel.
-
-    Notes
-    -----
-    Equation (2) of the module.
-
-    Examples
-    --------
-    >>> u = multisine([1.0, 0.0], 20.0, 50.0)
-    >>> u.shape, np.abs(u).max(axis=0).tolist()
-    ((1000, 2), [1.0, 0.0])
-    """
+    """Return sums of sines between `low_hz` and `high_hz`. No two channels share a frequency.  (2)"""
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
     if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
         raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, most_hz=0.5 * rate_hz))
@@ -134,76 +100,20 @@ def multisine(
     return u
 
 
-def prbs(
+def _prbs(
     limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, bit_s: float = 0.2
 ) -> np.ndarray:
-    """Return full commands, forward or backward at random for each bit.
-
-    Parameters
-    ----------
-    limit : array_like (n,) [unit of the command]
-        Largest command of each channel; 0 for a channel that stays still.
-    duration_s : float
-        Length of the signal.
-    rate_hz : float
-        Ticks per second.
-    seed : int
-        The same seed gives the same signal.
-    bit_s : float
-        Length of a bit.
-
-    Returns
-    -------
-    ndarray (N, n)
-        Commands, one row per tick.
-
-    Notes
-    -----
-    Equation (3) of the module.
-
-    Examples
-    --------
-    >>> np.unique(prbs([0.5], 4.0, 50.0)).tolist()
-    [-0.5, 0.5]
-    """
+    """Return full commands, forward or backward at random for each bit.  (3)"""
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
     bit_ticks = _ticks(bit_s, rate_hz, "bit_s")
     signs = np.random.default_rng(seed).integers(0, 2, (-(-n_ticks // bit_ticks), len(limit))) * 2.0 - 1.0
     return np.repeat(signs, bit_ticks, axis=0)[:n_ticks] * limit
 
 
-def ramps(
+def _ramps(
     limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, ramp_s: float = 4.0
 ) -> np.ndarray:
-    """Return triangles up and down, each of random height and sign. The channels are shifted in time.
-
-    Parameters
-    ----------
-    limit : array_like (n,) [unit of the command]
-        Largest command of each channel; 0 for a channel that stays still.
-    duration_s : float
-        Length of the signal.
-    rate_hz : float
-        Ticks per second.
-    seed : int
-        The same seed gives the same signal.
-    ramp_s : float
-        Length of a triangle.
-
-    Returns
-    -------
-    ndarray (N, n)
-        Commands, one row per tick.
-
-    Notes
-    -----
-    Equation (4) of the module.
-
-    Examples
-    --------
-    >>> ramps([1.0, 1.0], 8.0, 50.0).shape
-    (400, 2)
-    """
+    """Return triangles up and down, each of random height and sign. The channels are shifted in time.  (4)"""
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
     ramp_ticks = _ticks(ramp_s, rate_hz, "ramp_s")
     rng = np.random.default_rng(seed)
@@ -219,9 +129,9 @@ def ramps(
 
 KINDS: dict[str, Callable[..., np.ndarray]] = {
     "random_steps": random_steps,
-    "multisine": multisine,
-    "prbs": prbs,
-    "ramps": ramps,
+    "multisine": _multisine,
+    "prbs": _prbs,
+    "ramps": _ramps,
 }
 
 
@@ -252,7 +162,7 @@ def excitation(
     rest_s : float
         Length of each rest.
     **options : float
-        Options of the signal: `hold_s`, `low_hz`, `high_hz`, `bit_s`, `ramp_s`.
+        Length of a level, bit or triangle: `hold_s`, `bit_s`, `ramp_s`; band of a multisine: `low_hz`, `high_hz`.
 
     Returns
     -------
@@ -262,7 +172,8 @@ def excitation(
     Raises
     ------
     UsageError
-        For an unknown name, a rest that leaves no time to move, a limit that is negative or not finite.
+        For an unknown name, a rest that leaves no time to move, a limit that is negative or not finite. For a band
+        that the rate cannot show, and for a time too short for two sines per channel.
 
     Examples
     --------
