@@ -116,11 +116,11 @@ def _index(path: str) -> tuple[int, ...]:
 def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
     """Return field → standard errors in its shape, NaN for entries without an estimate and for `prior_paths`."""
     sd_of = dict(zip(fit.names, fit.sd, strict=True))
-    fitted_names = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
+    fitted_names = [n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)]
     for name, sd in zip(fit.run_entry_names, np.sqrt(np.mean(fit.run_entry_sd**2, axis=0)), strict=True):
         if name.startswith("sensors.") and np.isfinite(sd) and name not in prior_paths:
             sd_of[name] = sd
-            fitted_names.add(name)
+            fitted_names.append(name)
     std_of_field: dict[str, Tree] = {}
     for path in (path for path in fitted_names if not path.startswith(MOUNT_PREFIX)):
         field, bracket, _ = path.partition("[")
