@@ -103,10 +103,9 @@ def diagnose(
             if message.code not in codes
         ]
         return earlier_messages + channel_map.with_mount_findings(end, messages), {}
-    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
     messages += gain_changes.check_gain_changes(
-        end.blocks, problem.shape.shared, estimate, std[:s], file_sigma, sigma, labels
+        end.blocks, problem.shape.shared, estimate, std[:s], file_sigma, sigma, problem.labels
     )
     findings_of_residuals, error_by_path = residual_checks.check_residuals(
         end.blocks, problem, theta, identifiable, std

@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.data.record import FitRecord, FittedBlocks, first_rows
+from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
@@ -145,7 +145,7 @@ def _has_wrong_axes(task: Task, name: str) -> bool:
 def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagnostic] | None:
     """Return a mount with clearly smaller residuals whose gains agree with the file, and its diagnostic, or None."""
     task, blocks = end.task, end.blocks
-    records = [first_rows(record, MAX_ROWS) for record in task.problem.records]
+    records = [record.part(slice(MAX_ROWS)) for record in task.problem.records]
     first_channel = sum(task.problem.sizes[: task.problem.names.index(name)])
     channels = slice(first_channel, first_channel + 3)
     n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)

@@ -26,7 +26,6 @@ from baqueano.identify.diagnostics.score_test import (
     ScoreTest,
     fit_residuals,
     score_test,
-    score_test_parts,
 )
 from baqueano.identify.diagnostics.unmodelled_terms import (
     FittedMotion,
@@ -160,11 +159,10 @@ def _missing_terms(
 
 def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_SignificantResult]:
     results: list[_SignificantResult] = []
-    parts = list(_part_masks(fit.residuals, motion))
-    for (part, _), tests in zip(
-        parts, score_test_parts(fit.residuals, [mask for _, mask in parts]), strict=True
-    ):
-        for k, test in enumerate(tests):
+    channel_count = len(fit.residuals.clipped_residuals) // len(fit.residuals.run)
+    for part, mask in _part_masks(fit.residuals, motion):
+        effects = fit.residuals.d * np.repeat(mask, channel_count)  # each parameter, in this part only
+        for k, test in enumerate(score_test(fit.residuals, effects)):
             if abs(test.size) > MIN_RELATIVE_DIFFERENCE * abs(fit.theta[k]) and fit.is_significant(test):
                 message = note(
                     "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=test.size, part=part,
@@ -203,8 +201,7 @@ def _channels(
 
     These are the residuals and predictions at the measurements of the channel, in standard deviations.
     """
-    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    for c, label in enumerate(labels):
+    for c, label in enumerate(problem.labels):
         is_present = [has[:, c] > 0.0 for has in problem.has]
         r = [x[t, c] for x, t in zip(residuals, is_present, strict=True)]
         z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, is_present, strict=True)]

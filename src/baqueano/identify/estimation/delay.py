@@ -15,6 +15,8 @@ ticks remain for (2). A timer of 8 bits rounds a duty to 1/255. With a dead zone
 """
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -44,21 +46,25 @@ def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]
 
     Without a free delay, `task` is returned unchanged.
     """
-    shared_names = task.problem.shape.shared
+    shared_names, counts = task.problem.shape.shared, []
     if DELAY_PATH not in shared_names:
         return task, best_search(task, begin)
-    i = shared_names.index(DELAY_PATH)
+
+    def counted(*arguments: Any, **options: Any) -> Solution:
+        solution = task.minimise(*arguments, **options)
+        counts.append(solution.evaluations)
+        return solution
+
+    i, counting_task = shared_names.index(DELAY_PATH), task._replace(minimise=counted)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
-    signal, evaluation_count = task.problem.signal_std(), 0
     # if the first search is not sound, the second one also uses other starts
-    for first in (_rough_search, best_search):
-        end, scan_count = _search_delay_grid(task, begin, i, max(GRID_STEP_S, tick_s), first)
-        end, approach_count = _refine(task, end, i, max(GRID_STEP_S, tick_s), tick_s)
-        bounded_task, end, walk_count = _walk_ticks(task, end, i, tick_s)
-        evaluation_count += scan_count + approach_count + walk_count
-        if end.stopped or end.is_sound(signal):
+    for first in (partial(search, rough=True), best_search):
+        end = _search_delay_grid(counting_task, begin, i, max(GRID_STEP_S, tick_s), first)
+        end = _refine(counting_task, end, i, max(GRID_STEP_S, tick_s), tick_s)
+        bounded_task, end = _walk_ticks(counting_task, end, i, tick_s)
+        if end.stopped or end.is_sound(task.problem.signal_std()):
             break
-    return bounded_task, end._replace(evaluations=evaluation_count)
+    return bounded_task._replace(minimise=task.minimise), end._replace(evaluations=sum(counts))
 
 
 def with_bound_flags(task: Task, end: Search) -> Search:
@@ -74,70 +80,56 @@ def with_bound_flags(task: Task, end: Search) -> Search:
 
 def _search_delay_grid(
     task: Task, begin: np.ndarray, i: int, step_s: float, search_first: Callable[..., Search]
-) -> tuple[Search, int]:
-    """Return the best search of the grid, and the number of evaluations. Each point starts at the end of the
-    previous one. (1)"""
+) -> Search:
+    """Return the best search of the grid. Each point starts at the end of the previous one.  (1)"""
     low, high = float(task.low[i]), float(task.high[i])
     grid = np.linspace(low, high, max(2, 1 + int(np.ceil((high - low) / step_s - 1e-9))))
     first = int(np.argmin(np.abs(grid - begin[i])))
     middle = search_first(_with_bounds(task, i, grid[first], grid[first]), _with_value(begin, i, grid[first]))
     if middle.stopped:
-        return middle, middle.evaluations
-    evaluation_count, best_solution = middle.evaluations, middle.solution
-    lighter_task = task._replace(problem=middle.problem)
+        return middle
+    best_solution, lighter_task = middle.solution, task._replace(problem=middle.problem)
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle.solution
         for delay_s in side:
-            last = _solution_at_delay(
-                lighter_task, last.theta, i, delay_s, COST_TOLERANCE * best_solution.evaluation.cost
-            )
-            evaluation_count += last.evaluations
+            tolerance = COST_TOLERANCE * best_solution.evaluation.cost
+            last = _solution_at_delay(lighter_task, last.theta, i, delay_s, tolerance)
             best_solution = last if _expected_cost(last) < _expected_cost(best_solution) else best_solution
     if best_solution is middle.solution:
-        return middle, evaluation_count
-    end = _search_at_fixed_delay(
+        return middle
+    return _search_at_fixed_delay(
         task, middle._replace(solution=best_solution), i, float(best_solution.theta[i])
     )
-    return end, evaluation_count + end.evaluations
 
 
-def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
-    """Return `end` with θ at the best delay of a finer grid, and the number of evaluations. The grid extends one
-    step of the first grid to both sides.  (2)"""
-    evaluation_count, best = 0, end
+def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Search:
+    """Return `end` with θ at the best delay of a finer grid, which extends one step of the first grid to both
+    sides.  (2)"""
+    best = end
     while 2.0 * step_s > MAX_FINE_TICKS * tick_s and not best.stopped:
         step_s, middle = 0.5 * step_s, best
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
-                trial = _search_at_fixed_delay(task, middle, i, delay_s)
-                evaluation_count += trial.evaluations
-                best = _better_search(task, best, trial)
+                best = _better_search(task, best, _search_at_fixed_delay(task, middle, i, delay_s))
     centre_s, fine_s = best.solution.theta[i], FINE_TICKS * tick_s
     task = task._replace(problem=best.problem)
     middle = solution = _solution_at_delay(task, best.solution.theta, i, centre_s)
-    evaluation_count += middle.evaluations
     for side in (fine_s, -fine_s):
         last = middle
         for n in range(1, 1 + round(step_s / fine_s)):
             if best.stopped or not task.low[i] <= centre_s + n * side <= task.high[i]:
                 break
-            last = _solution_at_delay(
-                task, last.theta, i, centre_s + n * side, COST_TOLERANCE * solution.evaluation.cost
-            )
-            evaluation_count += last.evaluations
+            tolerance = COST_TOLERANCE * solution.evaluation.cost
+            last = _solution_at_delay(task, last.theta, i, centre_s + n * side, tolerance)
             solution = last if _expected_cost(last) < _expected_cost(solution) else solution
     if not best.stopped:
-        solution, further_count = _search_both_sides(task, solution, i, fine_s, tick_s)
-        evaluation_count += further_count
-    return best._replace(solution=solution), evaluation_count
+        solution = _search_both_sides(task, solution, i, fine_s, tick_s)
+    return best._replace(solution=solution)
 
 
-def _search_both_sides(
-    task: Task, nearest: Solution, i: int, fine_s: float, tick_s: float
-) -> tuple[Solution, int]:
-    """Return the solution with the least cost in the one or two ticks within `fine_s` of `nearest`, and the number of
-    evaluations.  (3)"""
-    best_solution, evaluation_count = nearest, 0
+def _search_both_sides(task: Task, nearest: Solution, i: int, fine_s: float, tick_s: float) -> Solution:
+    """Return the solution with the least cost in the one or two ticks within `fine_s` of `nearest`.  (3)"""
+    best_solution = nearest
     for side in (-fine_s, fine_s):
         begin = float(nearest.theta[i]) + 0.5 * side
         k = int(np.floor(begin / tick_s))
@@ -147,9 +139,8 @@ def _search_both_sides(
         )
         if bounded_task.low[i] < bounded_task.high[i]:
             end = _fit(bounded_task, _with_value(nearest.theta, i, begin), None)
-            evaluation_count += end.evaluations
             best_solution = end if end.evaluation.cost < best_solution.evaluation.cost else best_solution
-    return best_solution, evaluation_count
+    return best_solution
 
 
 def _solution_at_delay(
@@ -185,27 +176,23 @@ def _better_search(task: Task, first: Search, second: Search) -> Search:
     return second if second.log_sigma_sum(counts) < first.log_sigma_sum(counts) else first
 
 
-def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
-    """Move tick by tick, at most MAX_STEPS times, to the tick with the least cost.
+def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search]:
+    """Return the task and the search of the tick with the least cost, at most MAX_STEPS ticks away.
 
-    Return the task and the search of this tick, and the number of evaluations. At a kink, select the side with the
-    larger standard error of the delay.  (4)
+    At a kink, select the side with the larger standard error of the delay.  (4)
     """
-    k, evaluation_count, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
+    k, visits = int(nearest.solution.theta[i] / tick_s), {}
     while True:
-        bounded_task = _within_tick(task, i, k, tick_s)
-        nearest = search(
-            bounded_task, np.clip(nearest.solution.theta, bounded_task.low, bounded_task.high), None, nearest
-        )
-        evaluation_count += nearest.evaluations
+        bounded_task = _with_bounds(task, i, (k + EDGE_TICKS) * tick_s, (k + 1 - EDGE_TICKS) * tick_s)
+        begin = np.clip(nearest.solution.theta, bounded_task.low, bounded_task.high)
+        nearest = search(bounded_task, begin, None, nearest)
         visits[k] = bounded_task, nearest
         side = int(nearest.solution.bound[i])
         next_s = (k + side + 0.5) * tick_s
         if nearest.stopped or side == 0 or not task.low[i] < next_s < task.high[i] or len(visits) > MAX_STEPS:
-            return bounded_task, nearest, evaluation_count
+            return bounded_task, nearest
         if k + side in visits:
-            ends = visits[k], visits[k + side]
-            return *max(ends, key=lambda end: _delay_variance(end[1], i)), evaluation_count
+            return max(visits[k], visits[k + side], key=lambda end: _delay_variance(end[1], i))
         k += side
 
 
@@ -216,19 +203,10 @@ def _delay_variance(end: Search, i: int) -> float:
     return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
 
 
-def _within_tick(task: Task, i: int, k: int, tick_s: float) -> Task:
-    """Return the task with the delay bounded to tick k."""
-    return _with_bounds(task, i, (k + EDGE_TICKS) * tick_s, (k + 1 - EDGE_TICKS) * tick_s)
-
-
 def _with_bounds(task: Task, i: int, low: float, high: float) -> Task:
     bounds = np.array([task.low, task.high])
     bounds[:, i] = np.clip([low, high], *bounds[:, i])
     return task._replace(low=bounds[0], high=bounds[1])
-
-
-def _rough_search(task: Task, theta: np.ndarray) -> Search:
-    return search(task, theta, rough=True)
 
 
 def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
