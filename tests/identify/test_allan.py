@@ -8,7 +8,8 @@ import pytest
 from scipy.stats import chi2
 
 from baqueano.errors import UsageError
-from baqueano.identify.noise.allan import allan_deviation, chi_square, coefficients
+from baqueano.identify.covariance.clusters import chi_square
+from baqueano.identify.noise.allan import allan_deviation, coefficients
 from tests.codes import of_code
 
 RATE = 100.0

@@ -23,17 +23,11 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import imu_only
 from baqueano.identify.covariance.scale_uncertainty import gyro_bias_covariance
-from baqueano.identify.data.record import first_rows
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.estimation.delay import (
-    DUTY_STEP_PATH,
-    duty_step_count,
-    search_with_free_delay,
-    with_bound_flags,
-)
+from baqueano.identify.estimation.delay import DUTY_STEP_PATH, duty_step_count, search_with_free_delay
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import FinishedFit, fix_unidentifiable
+from baqueano.identify.identifiability.identifiable import finished_fit
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
 from baqueano.identify.parameters.setup import Parameters, sigma_from_option
@@ -220,16 +214,15 @@ def conclude(
     >>> str(conclude(data, parameters, *solve(Residuals.from_parameters(parameters), parameters)).verdict)
     'USABLE'
     """
-    result, identifiability, info = fix_unidentifiable(task, result, parameters.free)
-    full_task = task._replace(low=parameters.low, high=parameters.high, problem=result.problem)
-    result = with_bound_flags(full_task, result)
-    end = FinishedFit(
-        data.vehicle_file, parameters.blocks, full_task, list(parameters.requested), list(parameters.frozen), result,
-        identifiability, info, data.note, data.findings, options.diagnose,
-    )  # fmt: skip
+    end = finished_fit(task, result, parameters, data.vehicle_file, data.note, data.findings)
+    end = end._replace(score_test=options.diagnose)
     if options.biases and has_offset(data.vehicle_file.vehicle):
         zero_cov = gyro_bias_covariance(
-            result.problem, result.solution.theta, identifiability.mask, info.bread, data.vehicle_file
+            end.task.problem,
+            end.search.solution.theta,
+            end.identifiability.mask,
+            end.info.bread,
+            data.vehicle_file,
         )
         end = end._replace(systematic=zero_cov)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
@@ -246,7 +239,7 @@ def _start_theta(task: Task, parameters: Parameters) -> np.ndarray:
     row_counts = [max(MIN_FIRST_ROWS, len(record.dt_s) // FIRST_SEARCH_PART) for record in records]
     if all(len(record.dt_s) <= n for record, n in zip(records, row_counts, strict=True)):
         return task.start
-    first_records = [first_rows(record, n) for record, n in zip(records, row_counts, strict=True)]
+    first_records = [record.part(slice(n)) for record, n in zip(records, row_counts, strict=True)]
     short_problem = type(task.problem)(
         parameters.blocks, task.problem.shape, first_records, task.problem.scan.backend
     )

@@ -21,7 +21,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.covariance.clusters import QUANTILE_95, student_quantile
+from baqueano.identify.covariance.clusters import QUANTILE_95, chi_square, student_quantile
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import sensor_range
 from baqueano.identify.result.calibration import CalibratedNumber, Calibration
@@ -213,12 +213,8 @@ def _regression(
     x = np.linalg.solve(X.T @ weights, weights.T @ angle)
     residuals = angle - X @ x
     std = float(np.sqrt(np.linalg.inv(X.T @ weights)[1, 1]))
-    if freedom > 0 and (chi2 := float(residuals @ np.linalg.solve(cov, residuals))) > _chi_square_99(freedom):
+    if freedom > 0 and (chi2 := float(residuals @ np.linalg.solve(cov, residuals))) > chi_square(
+        freedom, 2.3263
+    ):
         return float(x[1]), std * (chi2 / freedom) ** 0.5, freedom
     return float(x[1]), std, None
-
-
-def _chi_square_99(freedom: int) -> float:
-    """Return the 99 % quantile of χ², by Wilson and Hilferty."""
-    term = 2.0 / (9.0 * freedom)
-    return freedom * (1.0 - term + 2.3263 * term**0.5) ** 3

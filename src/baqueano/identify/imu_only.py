@@ -16,6 +16,7 @@ scatters by 2 m/s² is not sufficient.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,10 +33,10 @@ from baqueano.identify.covariance.scale_uncertainty import (
 )
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
-from baqueano.identify.estimation.delay import search_with_free_delay, with_bound_flags
+from baqueano.identify.estimation.delay import search_with_free_delay
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import FinishedFit, Identifiability, fix_unidentifiable
+from baqueano.identify.identifiability.identifiable import FinishedFit, finished_fit
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY_PATH,
@@ -102,16 +103,12 @@ def fit_imu_only(
     begin = parameters.start, parameters.low, parameters.high
     task = Task(problem, *begin, floor, None, by_speed=True, progress=progress, minimise=solver)
     bounded_task, result = _search_yaw_rate_and_delay(task)
-    result, identifiability, info = fix_unidentifiable(bounded_task, result, parameters.free)
-    result = with_bound_flags(task, result)
-    info = _with_all_errors(result, identifiability, info, (scales, zero_rad_s))
-    residuals = result.problem.misfits(result.solution.theta)
-    result = result._replace(sigma=robust_sigma(residuals, result.problem.has, floor))
-    end = FinishedFit(
-        data.vehicle_file, blocks, task._replace(problem=result.problem), list(parameters.requested),
-        list(parameters.frozen),
-        result, identifiability, info, data.note, data.findings,
-    )  # fmt: skip
+    end = finished_fit(bounded_task, result, parameters, data.vehicle_file, data.note, data.findings)
+    residuals = end.task.problem.misfits(end.search.solution.theta)
+    end = end._replace(
+        info=_with_all_errors(end, scales, zero_rad_s),
+        search=end.search._replace(sigma=robust_sigma(residuals, end.task.problem.has, floor)),
+    )
     # the jackknife already contains effects that the model lacks
     errors = fit_of(end._replace(score_test=False))
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
@@ -160,20 +157,19 @@ def _is_settled(previous: np.ndarray, end: Search) -> bool:
     return float(step @ information(end.problem, end.solution.theta).bread @ step) < SETTLED_SIGMA**2
 
 
-def _with_all_errors(
-    end: Search,
-    identifiability: Identifiability,
-    info: Information,
-    unknown_columns: tuple[np.ndarray, float],
-) -> Information:
-    """Return `info` with its covariance enlarged by the scatter between parts of the run, and by scales and zero."""
-    problem, theta, identifiable = (end.problem, end.solution.theta, np.flatnonzero(identifiability.mask))
-    assert isinstance(problem, GyroAidedResiduals)
-    cov = jackknife(problem, theta, identifiable, info.bread)
-    info = info if cov is None else with_jackknife(info, identifiable, cov)
-    return with_systematic_errors(
-        info, lambda *columns: problem.gradient_of_changed_channel(theta, *columns), *unknown_columns
+def _with_all_errors(end: FinishedFit, scales: np.ndarray, zero_rad_s: float) -> Information:
+    """Return the information with its covariance enlarged by the scatter between parts of the run, and by scales and
+    zero."""
+    problem, theta, identifiable = (
+        end.task.problem,
+        end.search.solution.theta,
+        np.flatnonzero(end.identifiability.mask),
     )
+    assert isinstance(problem, GyroAidedResiduals)
+    cov = jackknife(problem, theta, identifiable, end.info.bread)
+    info = end.info if cov is None else with_jackknife(end.info, identifiable, cov)
+    gradient = partial(problem.gradient_of_changed_channel, theta)
+    return with_systematic_errors(info, gradient, scales, zero_rad_s)
 
 
 def gyro_leads(

@@ -17,6 +17,7 @@ neighbouring runs. A parameter changed if the p-value of z is below ALPHA, corre
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -325,7 +326,7 @@ def _change(
         residuals = np.concatenate([y[:k] - before, y[k:] - after])
         steps.append((z, before, v_before, after, v_after, float(np.sum(weight * residuals**2)), k))
     best_step = max(steps, key=lambda step: abs(step[0]))
-    if not abs(best_step[0]) > _critical_value(ALPHA / (test_count * len(steps))):
+    if not abs(best_step[0]) > NormalDist().inv_cdf(1.0 - 0.5 * ALPHA / (test_count * len(steps))):
         return None
     line, line_cost = _fit_line(np.arange(len(measured_runs), dtype=float), y, weight)
     if len(measured_runs) > MIN_RUNS and line_cost < best_step[5]:
@@ -365,13 +366,6 @@ def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
         return 0.0
     excess = np.median(np.diff(y) ** 2 / 0.4549) - np.median(variance[1:] + variance[:-1])
     return float(np.sqrt(max(0.5 * excess, 0.0)))
-
-
-def _critical_value(alpha: float) -> float:
-    """Return the limit that |z| of a standard normal variable exceeds with the probability `alpha`."""
-    from statistics import NormalDist
-
-    return NormalDist().inv_cdf(1.0 - 0.5 * alpha)
 
 
 def _date_of(run: "Run") -> str:

@@ -66,6 +66,15 @@ def _exact_student_quantile(probability: float, freedom: int) -> float:
     return float(np.sqrt(freedom) * np.tan(low))
 
 
+def chi_square(nu: np.ndarray | float, normal: float) -> np.ndarray:
+    """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931).
+
+    Its probability is the probability of the standard normal quantile `normal`.
+    """
+    term = 2.0 / (9.0 * nu)
+    return nu * np.maximum(1.0 - term + normal * np.sqrt(term), 0.05) ** 3
+
+
 def covariance_of_changes(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
     """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block.
 

@@ -15,7 +15,7 @@ a tape measurement after a minute has the weight of an error of only 1 cm: measu
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -51,58 +51,45 @@ class HandMeasurement(NamedTuple):
     std: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TapeDistance:
-    """Sensor block of a distance: z = (√(x² + y²),) [m], from the start of the run."""
+class HandKind(NamedTuple):
+    """What a kind of hand measurement shows of a pose, and how accurately."""
 
-    std: float = LENGTH_STD_M
-    size: int = 1
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Return the covariance Q (1, 1) [m²]."""
-        return np.eye(1) * self.std**2
-
-    def h(self, motion: Motion) -> np.ndarray:
-        """Return the distance (1,) [m].  (1)"""
-        return np.sqrt(np.array([motion.eta[0] ** 2 + motion.eta[1] ** 2 + SMOOTHING_M**2]))
+    size: int
+    std: float
+    h: Callable[[np.ndarray], np.ndarray]  # η (3,) → (size,)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MarkPosition:
-    """Sensor block of a position: z = (x, y) [m]."""
-
-    std: float = LENGTH_STD_M
-    size: int = 2
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Return the covariance Q (2, 2) [m²]."""
-        return np.eye(2) * self.std**2
-
-    def h(self, motion: Motion) -> np.ndarray:
-        """Return the position (2,) [m]."""
-        return motion.eta[:2]
+KINDS = {
+    "tape": HandKind(
+        1, LENGTH_STD_M, lambda eta: np.sqrt(np.array([eta[0] ** 2 + eta[1] ** 2 + SMOOTHING_M**2]))
+    ),
+    "back_on_mark": HandKind(2, LENGTH_STD_M, lambda eta: eta[:2]),
+    "turned": HandKind(2, ANGLE_STD_RAD, lambda eta: np.array([np.cos(eta[2]), np.sin(eta[2])])),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TurnAngle:
-    """Sensor block of an angle: z = (cos ψ, sin ψ), without a jump at half a turn."""
+class HandSensor:
+    """Sensor block of a kind of hand measurement: a distance [m], a position [m], or a direction without a jump at
+    half a turn, whose standard deviation is that of the angle [rad]."""
 
-    std: float = ANGLE_STD_RAD
-    size: int = 2
+    kind: str
+    std: float
+
+    @property
+    def size(self) -> int:
+        """Return the number of entries of z."""
+        return KINDS[self.kind].size
 
     @property
     def cov(self) -> np.ndarray:
-        """Return the covariance Q (2, 2); its component along the unit circle is the variance of the angle [rad²]."""
-        return np.eye(2) * self.std**2
+        """Return the covariance Q (m, m)."""
+        return np.eye(self.size) * self.std**2
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the direction (2,).  (1)"""
-        return np.array([np.cos(motion.eta[2]), np.sin(motion.eta[2])])
+        """Return z (m,) at the pose of the vehicle.  (1)"""
+        return KINDS[self.kind].h(motion.eta)
 
-
-KINDS: dict[str, type] = {"tape": TapeDistance, "back_on_mark": MarkPosition, "turned": TurnAngle}
 
 EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
 
@@ -118,10 +105,8 @@ def with_hand_measurements(
     for line in measured:
         run_index, measurements = read_line(line, runs)
         for measurement in measurements:
-            block = KINDS[measurement.kind](
-                std=float(np.hypot(measurement.std, drift_std(blocks.model, runs[run_index], measurement)))
-            )
-            name = measurement.kind
+            name, drift = measurement.kind, drift_std(blocks.model, runs[run_index], measurement)
+            block = HandSensor(name, float(np.hypot(measurement.std, drift)))
             while name in sensors:
                 name += "_"
             sensors[name] = block
@@ -150,7 +135,7 @@ def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
     rng, ends = np.random.default_rng(0), []
     for noise in (np.zeros((tick_count, 3)), *rng.standard_normal((SAMPLED_VEHICLES, tick_count, 3))):
         eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([columns, noise])))[1])[-1]
-        ends.append(KINDS[measurement.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
+        ends.append(KINDS[measurement.kind].h(eta))
     deviations = np.array(ends[1:]) - ends[0]
     per_entry = 1 if measurement.kind == "turned" else len(measurement.z)  # both entries describe one angle
     return float(np.sqrt(np.sum(deviations**2) / (SAMPLED_VEHICLES * per_entry)))

@@ -53,6 +53,22 @@ class FitRecord(NamedTuple):
     run: int = 0  # index among the runs of a fit
     lead: int = 0  # rows at the beginning that belong to the previous segment
 
+    def part(self, rows: slice) -> "FitRecord":
+        """Return the record with these rows only."""
+        sensors = {
+            name: Measurements(*(None if column is None else column[rows] for column in readings))
+            for name, readings in self.sensors.items()
+        }
+        return self._replace(t_s=self.t_s[rows], dt_s=self.dt_s[rows], u=self.u[rows], sensors=sensors)
+
+    def masked(self, mask: np.ndarray) -> "FitRecord":
+        """Return the record with the measurements of the rows of `mask` (N,) only."""
+        sensors = {
+            name: readings._replace(has=readings.has * mask[:, None])
+            for name, readings in self.sensors.items()
+        }
+        return self._replace(sensors=sensors)
+
 
 def record_of(
     run: Run,
@@ -110,19 +126,6 @@ def past_rows_of(runs: Sequence[Run]) -> Callable[[float], int]:
         return count + bool(min(spans, default=np.inf) < delay_s * (1.0 - ROW_TOLERANCE))
 
     return row_count
-
-
-def first_rows(record: FitRecord, row_count: int) -> FitRecord:
-    """Return the record with its first `row_count` rows only."""
-    sensors = {
-        name: Measurements(
-            z[:row_count], has[:row_count], None if sample_fraction is None else sample_fraction[:row_count]
-        )
-        for name, (z, has, sample_fraction) in record.sensors.items()
-    }
-    return record._replace(
-        t_s=record.t_s[:row_count], dt_s=record.dt_s[:row_count], u=record.u[:row_count], sensors=sensors
-    )
 
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.data.record import FitRecord, Measurements
+from baqueano.identify.data.record import FitRecord
 
 # of the largest eigenvalue of a start's information: directions below it are unobservable
 MIN_SEGMENT_ROWS = 10  # for the start of a segment, at most six numbers
@@ -85,20 +85,11 @@ def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[Fit
     segments = []
     for first, last in pairwise(edges):
         begin = int(np.searchsorted(ends, ends[first] - lead_s))
-        segments.append(_segment(record, max(min(begin, int(first) - 1), 0), int(first), int(last)))
+        begin = max(min(begin, int(first) - 1), 0)
+        lead = int(first) - begin
+        segment = record.part(slice(begin, int(last))).masked(np.arange(int(last) - begin) >= lead)
+        segments.append(segment._replace(lead=lead))
     return segments
-
-
-def _segment(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
-    sensors = {}
-    for name, (z, has, sample_fraction) in record.sensors.items():
-        has = has[begin:last].copy()
-        has[: first - begin] = 0.0
-        sensors[name] = Measurements(
-            z[begin:last], has, None if sample_fraction is None else sample_fraction[begin:last]
-        )
-    t_s, dt_s, u = (a[begin:last] for a in (record.t_s, record.dt_s, record.u))
-    return record._replace(t_s=t_s, dt_s=dt_s, u=u, sensors=sensors, lead=first - begin)
 
 
 def eliminate_starts(

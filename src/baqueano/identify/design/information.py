@@ -122,15 +122,6 @@ class DriveInformation:
         F = self.kernel.normal_equations(u, self.nominal if theta is None else theta).hessian
         return F * np.outer(self.unknowns.size, self.unknowns.size)
 
-    def score(self, F: np.ndarray) -> np.ndarray:
-        """Return the log-determinant (…,) in (3) from the scaled information D F D (…, q, q).
-
-        The nuisance is eliminated.
-        """
-        augmented = F + np.eye(F.shape[-1])
-        k = self.unknowns.interest_count
-        return np.linalg.slogdet(augmented)[1] - np.linalg.slogdet(augmented[..., k:, k:])[1]
-
     def relative_std(self, F: np.ndarray) -> np.ndarray:
         """Return the relative standard error (p,) of each parameter of interest. It is at most 1, the prior."""
         return np.sqrt(np.diagonal(np.linalg.inv(F + np.eye(len(F))))[: self.unknowns.interest_count])

@@ -19,13 +19,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.segments import eliminate_starts
+from baqueano.identify.estimation.delay import with_bound_flags
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
+from baqueano.identify.parameters.setup import Parameters
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicles.freedoms import AXIS_NAMES
@@ -240,29 +243,41 @@ class FinishedFit(NamedTuple):
         return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]
 
 
+def finished_fit(
+    task: Task,
+    end: Search,
+    parameters: Parameters,
+    vehicle_file: "VehicleFile",
+    message: Diagnostic | None,
+    findings: tuple[Diagnostic, ...],
+) -> FinishedFit:
+    """Return the state of the fit after the search `end` of a task, with the parameters that the data do not
+    determine fixed at their start.
+
+    The bounds of `task` can be narrower than the bounds of the parameters.
+    """
+    end, identifiability, info = fix_unidentifiable(task, end, parameters.free)
+    task = task._replace(low=parameters.low, high=parameters.high, problem=end.problem)
+    return FinishedFit(
+        vehicle_file, parameters.blocks, task, list(parameters.requested), list(parameters.frozen),
+        with_bound_flags(task, end), identifiability, info, message, findings,
+    )  # fmt: skip
+
+
 MAX_NAMES = 4  # names in one message
 WARNING = Severity.WARNING
 
 
 def weak_reason(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> Diagnostic:
     """Return the reason for the large error of a parameter, and the motion that would reduce it."""
-    if confused:
-        names = _names(confused)
-        return note(
-            "identifiability.weakly-beside",
-            WARNING,
-            subject=parameter.path,
-            others=names,
-            why=_motion_note((parameter, *confused)),
-            needs=_needed_motion(parameter),
-        )
-    return note(
-        "identifiability.weakly",
-        WARNING,
-        subject=parameter.path,
-        why=_motion_note((parameter,)),
-        needs=_needed_motion(parameter),
-    )
+    code = "identifiability.weakly-beside" if confused else "identifiability.weakly"
+    return note(code, WARNING, subject=parameter.path, **_explanation(parameter, confused))
+
+
+def _explanation(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> JsonObject:
+    """Return the parameters that are confused with `parameter`, the reason, and the missing motion."""
+    others = {"others": _names(confused)} if confused else {}
+    return others | {"why": _motion_note((parameter, *confused)), "needs": _needed_motion(parameter)}
 
 
 def unobservable_reason(
@@ -285,17 +300,8 @@ def unobservable_reason(
         return note(
             "identifiability.scale", subject=parameter.path, at=value, needs=_needed_motion(parameter)
         )
-    reason, needs = _motion_note((parameter, *confused)), _needed_motion(parameter)
-    if confused:
-        return note(
-            "identifiability.not-beside",
-            subject=parameter.path,
-            others=_names(confused),
-            at=value,
-            why=reason,
-            needs=needs,
-        )
-    return note("identifiability.not", subject=parameter.path, at=value, why=reason, needs=needs)
+    code = "identifiability.not-beside" if confused else "identifiability.not"
+    return note(code, subject=parameter.path, at=value, **_explanation(parameter, confused))
 
 
 def missing_command(parameters: Sequence[FreeParameter], command: str, never: bool) -> Diagnostic:

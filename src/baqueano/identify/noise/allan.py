@@ -19,7 +19,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import QUANTILE_95
+from baqueano.identify.covariance.clusters import QUANTILE_95, chi_square
 
 MIN_SAMPLES = 16  # samples
 MIN_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown
@@ -125,12 +125,3 @@ def _fit(terms: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.nd
         model = np.maximum(terms @ squares, 1e-3 * variance)
     cost = float(np.sum(nu * (np.log(model) + variance / model)))
     return squares, np.sqrt(np.diagonal(cov)), cost
-
-
-def chi_square(nu: np.ndarray, normal: float) -> np.ndarray:
-    """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931).
-
-    Its probability is the probability of the standard normal quantile `normal`.
-    """
-    term = 2.0 / (9.0 * nu)
-    return nu * np.maximum(1.0 - term + normal * np.sqrt(term), 0.05) ** 3

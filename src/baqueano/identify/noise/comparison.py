@@ -24,7 +24,7 @@ from baqueano.identify.noise.process_noise import (
     ROBUST_SIGMA,
     example_filter_tick,
     filter_of,
-    log_det_and_square,
+    terms_by_sensor,
     ticks_of,
 )
 from baqueano.messages.language import number
@@ -179,20 +179,11 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
             trial_filter = with_value(trial_filter, f"sensors.{name}.measurement_noise_cov", q)
             offset = offset + m * m
         belief, estimate = trial_filter.row(belief, tick)
-        innovation, cov = estimate.innovation, estimate.innovation_cov
-        assert innovation is not None
-        assert cov is not None
-        square, log_det, count, offset = 0.0, 0.0, 0.0, 0
-        for name, m in zip(ekf.use, sizes, strict=True):
-            has = getattr(tick.sensors, name).has > 0.0
-            span = slice(offset, offset + m)
-            sensor_log_det, squared = log_det_and_square(
-                cov[span, span], np.where(has, innovation[span], 0.0)
-            )
+        square, log_det, count = 0.0, 0.0, 0.0
+        for has, sensor_log_det, squared, m in terms_by_sensor(ekf, tick, estimate):
             square = square + np.where(has, np.minimum(squared, ROBUST_SIGMA**2 * m), 0.0)
             log_det = log_det + np.where(has, sensor_log_det, 0.0)
             count = count + np.where(has, float(m), 0.0)
-            offset += m
         return belief, np.array([square, log_det, count])
 
     return step

@@ -13,7 +13,7 @@ covariance of the prediction error of one step of the model, μ_t − g(u_t, μ_
     g, kinematic model:   ν̄ = V e,  ν̇̄ = (V e − ν)/δ                                                      (5)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +25,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.estimators import Ekf
 from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.runs.run import Run, age_s
-from baqueano.signals import Slot, Tick, seconds, sensor_slots
+from baqueano.signals import Estimate, Slot, Tick, seconds, sensor_slots
 from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort
@@ -124,24 +124,25 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
 
 
-def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
-    sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
+def terms_by_sensor(ekf: Ekf, tick: Tick, estimate: Estimate) -> Iterator[tuple[Tree, Tree, Tree, int]]:
+    """Yield for each sensor if it measured, log |S|, yᵀ S⁻¹ y (0 without a measurement), and its size m."""
+    innovation, cov, offset = estimate.innovation, estimate.innovation_cov, 0
+    assert innovation is not None
+    assert cov is not None
+    for name in ekf.use:
+        m = getattr(ekf.sensors, name).size
+        span, has = slice(offset, offset + m), getattr(tick.sensors, name).has > 0.0
+        yield has, *log_det_and_square(cov[span, span], np.where(has, innovation[span], 0.0)), m
+        offset += m
 
+
+def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
-        trial_filter = with_value(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
-        belief, estimate = trial_filter.row(belief, tick)
-        innovation, cov = estimate.innovation, estimate.innovation_cov
-        assert innovation is not None
-        assert cov is not None
-        total, offset = 0.0, 0
-        for name, m in zip(ekf.use, sizes, strict=True):
-            has = getattr(tick.sensors, name).has > 0.0
-            span = slice(offset, offset + m)
-            y = np.where(has, innovation[span], 0.0)
-            log_det, square = log_det_and_square(cov[span, span], y)
+        belief, estimate = with_value(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q))).row(belief, tick)
+        total = 0.0
+        for has, log_det, square, m in terms_by_sensor(ekf, tick, estimate):
             rho = robust_square(square, ROBUST_SIGMA * np.sqrt(m))
             total = total + np.where(has, 0.5 * (log_det + rho), 0.0)
-            offset += m
         return belief, total
 
     return step

@@ -185,34 +185,30 @@ def enable_parameters(
     logged voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of
     the wheels if the track is 0.
     """
-    paths = [parameter.path for parameter in free]
+    paths, low, high = [parameter.path for parameter in free], {}, {}
     if any(path.startswith(WHEEL_FRICTIONS) for path in paths) and blocks.model.friction.track_m == 0.0:
         raise UsageError(fault("parameter.no-track"))
     if BATTERY_EFFECT in paths:
         blocks = _with_drivetrain(blocks, battery="logged")
     delay_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
     if DELAY_PATH in paths:
-        delay_s = max(delay_s, MAX_DELAY_S)
-        free = [
-            parameter._replace(high=min(parameter.high, delay_s))
-            if parameter.path == DELAY_PATH
-            else parameter
-            for parameter in free
-        ]
+        high[DELAY_PATH] = delay_s = max(delay_s, MAX_DELAY_S)
     blocks = _with_delay_lines(blocks, delay_s, past_rows)
     if LAG_PATH in paths:
-        lag_s = blocks.model.drivetrain.lag_s or LAG_START_TICKS / rate_hz
-        blocks = _with_drivetrain(blocks, lag_s=lag_s)
-        free = [
-            _with_lower_bound(parameter, MIN_LAG / rate_hz) if parameter.path == LAG_PATH else parameter
-            for parameter in free
-        ]
-    blocks, free = _bound_low_pass(blocks, free, rate_hz)
+        blocks = _with_drivetrain(blocks, lag_s=blocks.model.drivetrain.lag_s or LAG_START_TICKS / rate_hz)
+        low[LAG_PATH] = MIN_LAG / rate_hz
+    for path in (path for path in paths if path.endswith(LOW_PASS)):
+        hz = min(value(blocks, path), rate_hz)  # a higher low-pass does not have an effect
+        blocks, high[path] = with_value(blocks, path, hz), MAX_LOW_PASS_RATIO * rate_hz
     if any(path.startswith(LIMIT_PATH) for path in paths):
-        blocks, free = _bound_limit(blocks, free, u)
-    upper_bounds = _friction_bounds(blocks, paths, rate_hz)
+        blocks, limits = _with_reached_limit(blocks, paths, u)
+        high |= limits
+    high |= _friction_bounds(blocks, paths, rate_hz)
     return blocks, [
-        parameter._replace(high=min(parameter.high, upper_bounds.get(parameter.path, np.inf)))
+        parameter._replace(
+            low=max(parameter.low, low.get(parameter.path, -np.inf)),
+            high=min(parameter.high, high.get(parameter.path, np.inf)),
+        )
         for parameter in free
     ]
 
@@ -256,31 +252,10 @@ def _with_delay_lines(
     return _with_drivetrain(blocks, delay_slots=past_rows(delay_s)) if delay_s > 0.0 else blocks
 
 
-def _bound_low_pass(
-    blocks: FittedBlocks, free: list[FreeParameter], rate_hz: float
-) -> tuple[FittedBlocks, list[FreeParameter]]:
-    """Return the blocks with each free low-pass at most at the tick rate, and the parameters.
-
-    The upper bound of a low-pass is MAX_LOW_PASS_RATIO times this rate, because a higher low-pass does not have an
-    effect.
-    """
-    for parameter in free:
-        if parameter.path.endswith(LOW_PASS):
-            name = parameter.path.split(".")[1]
-            sensor = getattr(blocks.sensors, name)
-            hz = min(float(sensor.low_pass_hz), rate_hz)
-            sensors = blocks.sensors._replace(**{name: replace(sensor, low_pass_hz=hz)})
-            blocks = blocks._replace(sensors=sensors)
-    high = MAX_LOW_PASS_RATIO * rate_hz
-    return blocks, [
-        parameter._replace(high=min(parameter.high, high)) if parameter.path.endswith(LOW_PASS) else parameter
-        for parameter in free
-    ]
-
-
-def _bound_limit(
-    blocks: FittedBlocks, free: list[FreeParameter], u: np.ndarray
-) -> tuple[FittedBlocks, list[FreeParameter]]:
+def _with_reached_limit(
+    blocks: FittedBlocks, paths: list[str], u: np.ndarray
+) -> tuple[FittedBlocks, dict[str, float]]:
+    """Return the blocks with the limits in `paths` below the largest command, and all largest values by path."""
     drivetrain = blocks.model.drivetrain
     magnitude = (
         np.abs(u)
@@ -290,25 +265,14 @@ def _bound_limit(
     largest = np.max(magnitude, axis=0)
     largest = np.array([largest.max()]) if drivetrain.limit.shape == (1,) else largest
     largest = largest * (1.0 - 1e-9)  # below the largest command, so that the limit has an effect
-    paths = entries(blocks, LIMIT_PATH)
     begin = np.where(drivetrain.limit < largest, drivetrain.limit, LIMIT_START * largest)
-    limit = np.where(
-        [path in {parameter.path for parameter in free} for path in paths], begin, drivetrain.limit
-    )
-    upper_bounds = dict(zip(paths, largest.tolist(), strict=True))
-    free = [
-        parameter._replace(high=min(parameter.high, upper_bounds.get(parameter.path, np.inf)))
-        for parameter in free
-    ]
-    return _with_drivetrain(blocks, limit=limit), free
+    limit_paths = entries(blocks, LIMIT_PATH)
+    limit = np.where([path in paths for path in limit_paths], begin, drivetrain.limit)
+    return _with_drivetrain(blocks, limit=limit), dict(zip(limit_paths, largest.tolist(), strict=True))
 
 
 def _with_drivetrain(blocks: FittedBlocks, **changes: Any) -> FittedBlocks:
     return with_value(blocks, "model.drivetrain", replace(blocks.model.drivetrain, **changes))
-
-
-def _with_lower_bound(parameter: FreeParameter, low: float) -> FreeParameter:
-    return parameter._replace(low=max(parameter.low, low))
 
 
 def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:

@@ -15,7 +15,6 @@ from baqueano.identify.data.record import (
     MAX_CLOCK_OFFSET_S,
     FitRecord,
     FittedBlocks,
-    Measurements,
     offset_rows,
     past_rows_of,
     record_of,
@@ -170,12 +169,7 @@ def _after_unknown_commands(record: FitRecord, delay_s: float) -> FitRecord:
     ends = np.cumsum(record.dt_s)
     if not np.any(record.u[0]) or ends[-1] < 2.0 * delay_s:
         return record
-    is_after = (ends > delay_s * (1.0 + 1e-9))[:, None]
-    sensors = {
-        name: Measurements(z, has * is_after, sample_fraction)
-        for name, (z, has, sample_fraction) in record.sensors.items()
-    }
-    return record._replace(sensors=sensors)
+    return record.masked(ends > delay_s * (1.0 + 1e-9))
 
 
 def _check_bounds(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:

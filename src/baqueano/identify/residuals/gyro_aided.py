@@ -23,7 +23,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import with_battery_voltage
-from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
+from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH, substitute
 from baqueano.identify.parameters.setup import ThetaShape, example, initial_state, vehicle_at_start
 from baqueano.identify.residuals.noise_level import MAD, profile_with_slow_noise
@@ -62,10 +62,10 @@ class GyroAidedResiduals(Residuals):
         super().__init__(blocks, shape, records, backend)
         self.scan = cached_kernel(blocks, shape, backend, _trace)
         imu = self.names[0]
-        self._rows = [
-            _gyro_rows(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
+        self.rows = [
+            _gyro_rows(rows, record, imu, blocks) for rows, record in zip(self.rows, records, strict=True)
         ]
-        self._gyro = [rows[:, -EXTRA_COLUMNS] for rows in self._rows]
+        self._gyro = [rows[:, -EXTRA_COLUMNS] for rows in self.rows]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment |ν_x| (N,) of the gyro-aided simulation."""
@@ -87,7 +87,7 @@ class GyroAidedResiduals(Residuals):
             self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
         return [
             np.asarray(self._speeds.run(rows, theta[index])[1])
-            for rows, index in zip(self._rows, self._index, strict=True)
+            for rows, index in zip(self.rows, self._index, strict=True)
         ]
 
     def sigma_and_profile(
@@ -107,7 +107,7 @@ class GyroAidedResiduals(Residuals):
         z = 1 + self._blocks.model.commands + c
         columns = [z, -2, -1] if c == 2 else [z]
         shifts = np.array([shift, shift, 0.0][: len(columns)])
-        shifted_columns = [rows[:, columns] / scale + shifts for rows in self._rows]
+        shifted_columns = [rows[:, columns] / scale + shifts for rows in self.rows]
         return self.with_columns(columns, shifted_columns).evaluate(theta).gradient
 
 
@@ -119,10 +119,7 @@ def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_fr
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
     unknown_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
     unknown_s += SETTLING_LAGS * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
-    sensors = {}
-    for name, (z, has, sample_fraction) in record.sensors.items():
-        sensors[name] = Measurements(z, has * (np.cumsum(record.dt_s) > unknown_s)[:, None], sample_fraction)
-    return record._replace(sensors=sensors)
+    return record.masked(np.cumsum(record.dt_s) > unknown_s)
 
 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:

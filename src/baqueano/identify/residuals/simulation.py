@@ -95,20 +95,21 @@ class Residuals:
         self.scan = cached_kernel(blocks, shape, backend, _trace, self.difference)
         self._blocks, self._speeds = blocks, None
         row_count = sum(len(record.dt_s) for record in self.records)
-        self._rows = parallel_map(lambda x: _rows(x, self.names, shape), self.records, rows=row_count)
+        # per segment the input rows (N, q) of its kernel, and 1 at each measurement (N, m)
+        self.rows = parallel_map(lambda x: _rows(x, self.names, shape), self.records, rows=row_count)
         parts = len(shape.shared), len(shape.by_run), len(shape.start)
         self.layout = ThetaLayout(*parts, tuple(record.run for record in self.records))
         self._index, self._places = self.layout.indices, arrow_layout(self.layout)
         self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
-        self._has = [rows[:, self._weights].copy() for rows in self._rows]
-        for rows in self._rows:
+        self.has = [rows[:, self._weights].copy() for rows in self.rows]
+        for rows in self.rows:
             rows.flags.writeable = False
-        self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
+        self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self.rows]
         self._prior = self._start_prior()
         self.sigma = np.ones(m)
-        self.weights = self._has  # per segment (N, m), 1/σ of each measurement, 0 without one
+        self.weights = self.has  # per segment (N, m), 1/σ of each measurement, 0 without one
         self._profile: Sequence[np.ndarray] | None = None
         self._results: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and the sensitivities there
@@ -119,20 +120,15 @@ class Residuals:
         return cls(parameters.blocks, parameters.shape, parameters.records, backend)
 
     @property
-    def rows(self) -> list[np.ndarray]:
-        """Return for each segment the input rows (N, q) of its kernel: dt, u, z, 1/σ, stamps."""
-        return self._rows
-
-    @property
-    def has(self) -> list[np.ndarray]:
-        """Return for each segment (N, m), 1 at each measurement."""
-        return self._has
+    def labels(self) -> list[str]:
+        """Return the names (m,) of the channels, such as "imu[2]"."""
+        return [f"{name}[{i}]" for name, m in zip(self.names, self.sizes, strict=True) for i in range(m)]
 
     def signal_std(self) -> np.ndarray:
         """Return the standard deviation (m,) of the measurements of each channel, over all runs."""
         out = np.zeros(len(self.sigma))
         for c in range(len(out)):
-            columns = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self._has, strict=True)]
+            columns = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self.has, strict=True)]
             out[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
         return out
 
@@ -142,7 +138,7 @@ class Residuals:
             return self
         weights = [
             has / sigma if shape is None else has / (sigma * shape)
-            for has, shape in zip(self._has, profile or [None] * len(self._has), strict=True)
+            for has, shape in zip(self.has, profile or [None] * len(self.has), strict=True)
         ]
         out = self.with_columns(self._weights, weights)
         out.sigma, out._profile, out.weights = sigma, profile, weights
@@ -151,7 +147,7 @@ class Residuals:
     def with_columns(self, columns: Any, values: Sequence[np.ndarray]) -> Self:
         """Return a copy with `values` (N, k) per segment in the columns `columns` of its rows."""
         out = copy(self)
-        out._rows = self._map_segments(lambda rows, index, x: _fill(rows, columns, x), values)
+        out.rows = self._map_segments(lambda rows, index, x: _fill(rows, columns, x), values)
         out._results, out._slopes = OrderedDict(), (None, [])
         return out
 
@@ -182,8 +178,8 @@ class Residuals:
         return H
 
     def _sum(self, theta: np.ndarray, huber: float | None) -> Evaluation:
-        if len(self._rows) == 1 and not self._prior.any():
-            return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
+        if len(self.rows) == 1 and not self._prior.any():
+            return Evaluation(*self.scan.normal_equations(self.rows[0], theta, huber))
         prior = self._prior if huber is not None else np.zeros(self.size)
         cost, g = 0.5 * float(prior @ theta**2), prior * theta
         H = diagonal_matrix(prior, self._places)
@@ -201,15 +197,15 @@ class Residuals:
         prior = np.zeros(self.size)
         is_cut = len(self.records) > max(self.layout.runs) + 1
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
-        for k, has in enumerate(self._has):
+        for k, has in enumerate(self.has):
             if is_cut or not has[:1].any():
                 prior[self.layout.start_slice(k)] = weight
         return prior
 
     def _map_segments(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
         """Return `work(rows, index, …)` for each segment, on all cores if that is faster."""
-        rows = sum(map(len, self._rows)) if self.scan.backend == "c" else 0
-        return parallel_map(work, self._rows, self._index, *more, rows=rows)
+        rows = sum(map(len, self.rows)) if self.scan.backend == "c" else 0
+        return parallel_map(work, self.rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment r (N, m) in standard deviations, 0 without a measurement. Do not modify it."""
@@ -230,7 +226,7 @@ class Residuals:
             self._speeds = _speed_kernel(self._blocks, self.shape, self.scan.backend)
         return [
             np.abs(np.asarray(self._speeds.run(rows, theta[index])[1]))
-            for rows, index in zip(self._rows, self._index, strict=True)
+            for rows, index in zip(self.rows, self._index, strict=True)
         ]
 
     def sigma_and_profile(
@@ -267,7 +263,7 @@ class Residuals:
             return z - np.asarray(kernel.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
-            if is_plain and all(has.all() for has in self._has):
+            if is_plain and all(has.all() for has in self.has):
                 return [z - misfit for z, misfit in zip(self.z, self.misfits(theta), strict=True)]
             return self._map_segments(of, self.z)
 

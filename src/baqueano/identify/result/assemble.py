@@ -334,8 +334,7 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     for r in records:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
         messages += [replace(message, figures={**message.figures, **of_run}) for message in r.notes]
-    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    labelled_sums = list(zip(labels, end.info.autocorrelation, strict=True))
+    labelled_sums = list(zip(problem.labels, end.info.autocorrelation, strict=True))
     messages += [note("residual.not-white", subject=label) for label, c in labelled_sums if c > WHITE_LIMIT]
     messages += [note("residual.alternates", subject=label) for label, c in labelled_sums if c < -WHITE_LIMIT]
     return tuple(messages)

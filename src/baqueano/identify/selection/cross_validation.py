@@ -19,11 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import covariance_of_changes, student_quantile
-from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
+from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.setup import ThetaShape
@@ -107,9 +106,7 @@ class HeldOutFolds:
         )
         fitted_blocks = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
         self.blocks = [*fitted_blocks, *block_numbers]
-        fitted = [
-            _with_mask(r, np.full(len(r.dt_s), not held_out_count or r.run < fitted_runs)) for r in records
-        ]
+        fitted = [r.masked(np.full(len(r.dt_s), not held_out_count or r.run < fitted_runs)) for r in records]
         self.all_data = Residuals(blocks, shape, fitted, backend)
         self.shared = np.arange(self.all_data.size) < len(shape.shared)
         self.starts = np.arange(self.all_data.size) >= self.all_data.layout.first_start
@@ -118,7 +115,7 @@ class HeldOutFolds:
             self.still[self.all_data.layout.start_slice(k)] = begins_at_rest[record.run]
         self.folds = []
         if held_out_count:
-            held_out_records = [_with_mask(r, np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
+            held_out_records = [r.masked(np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
             self.folds.append(Fold(self.all_data, Residuals(blocks, shape, held_out_records, backend)))
             return
         for k in range(min(FOLDS, self.count)):
@@ -129,8 +126,8 @@ class HeldOutFolds:
                 if self.whole_runs
                 else [_widen(o, r.dt_s) for o, r in zip(is_held_out, records, strict=True)]
             )
-            train = [_with_mask(r, ~n) for r, n in zip(records, is_excluded, strict=True)]
-            held_out_records = [_with_mask(r, o) for r, o in zip(records, is_held_out, strict=True)]
+            train = [r.masked(~n) for r, n in zip(records, is_excluded, strict=True)]
+            held_out_records = [r.masked(o) for r, o in zip(records, is_held_out, strict=True)]
             self.folds.append(
                 Fold(
                     Residuals(blocks, shape, train, backend),
@@ -260,15 +257,6 @@ def _widen(is_held_out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     for k in edges:
         is_excluded |= np.abs(ends - ends[k]) < GAP_S
     return is_excluded
-
-
-def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
-    """Return the record with the measurements of the rows of `mask` (N,) only."""
-    sensors: dict[str, Tree] = {
-        name: Measurements(readings.z, readings.has * mask[:, None], readings.sample_fraction)
-        for name, readings in record.sensors.items()
-    }
-    return record._replace(sensors=sensors)
 
 
 def independent_motion_count(runs: Sequence[Run], command: int) -> float:
