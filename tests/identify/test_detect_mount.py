@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import gain_changes
+from baqueano.identify.diagnostics import channel_map
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
@@ -63,10 +63,10 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
     blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
-    findings = gain_changes.gain_findings(blocks, names, np.array([sideways, turning]), sd)
+    findings = channel_map.gain_findings(blocks, names, np.array([sideways, turning]), sd)
     assert [finding.code for finding in findings] == ["file.lever-arm"]
     assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
-    findings = gain_changes.gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    findings = channel_map.gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
     assert [finding.code for finding in findings] == ["file.swapped"]
 
 

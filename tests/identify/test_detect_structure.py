@@ -1,8 +1,7 @@
 """An unmodelled effect is named with the parameter shift that it causes; a modelled effect is not.
 
 The study of faults shows the rates over many seeds (tests/study/test_faults.py, `baqueano study faults`). By chance
-1 of 40,000 test results is significant. A fit has 250 such tests, so 0.6 % of the fits contain one.
-"""
+1 of 40,000 test results is significant. A fit has 250 such tests, so 0.6 % of the fits contain one."""
 
 from dataclasses import replace
 
@@ -12,6 +11,9 @@ import pytest
 from baqueano.identify import identify, random_steps
 from baqueano.identify.diagnostics.score_test import fit_residuals, score_test
 from baqueano.simulate import simulate
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import FREE_CAR, car_file, car_values, drive_group, run_of_vehicle
+from baqueano.study.identification import trials
 
 
 def driven_as(file, u, effective, seed=0):
@@ -116,8 +118,21 @@ def test_a_parameter_at_its_bound_by_chance_gives_only_a_note(small):
     assert "bound.low-held" not in codes(reasons)
 
 
-def test_the_possible_shift_of_a_parameter_is_added_to_its_error():
-    from baqueano.identify.diagnostics import inflate_covariance
+SECONDS = 30.0
+DRAG = "model.linear_drag"
 
-    cov = inflate_covariance(np.diag([16.0, 1.0]), ("a", "b"), {"a": 3.0, "c": 1.0})
-    assert np.array_equal(cov, np.diag([25.0, 1.0]))
+
+def test_unmodelled_tyre_slip_drag_widens_the_errors():
+    """A car of the independent truth has soft tyres. The estimate of its rolling drag is too low, because slip
+    explains a part of it."""
+    car = trials.draw_car(702, "understeer")
+    file = car_file(car)
+    u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
+    motion = drive_group(car, u[:, None], [702], tick_times(len(u), file.rate_hz))
+    fit = identify(run_of_vehicle(motion, 0, u, file, "soft tyres", 702), file, FREE_CAR)
+    k = fit.names.index(DRAG)
+    off = fit.estimate[k] - float(car_values(car)[DRAG][0])
+    assert fit.verdict == "WARN"
+    assert "slip, x" in [reason.figures.get("term") for reason in fit.reasons]
+    assert abs(off) < 1.96 * fit.sd[k]
+    assert np.isfinite(fit.sd[k])

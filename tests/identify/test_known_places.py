@@ -1,6 +1,6 @@
 """A camera, a mark on the floor or a tape identifies the scales; without them the scales stay unknown.
 
-Truths within 3.5 of their own standard errors, two seeds each.
+Truths within 3.5 of their own standard errors, two seeds each. A tape that contradicts the model is reported.
 """
 
 from dataclasses import replace
@@ -11,6 +11,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.hand_measurements import drift_std, read_line
+from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import TruthLog
@@ -324,3 +325,37 @@ def test_a_tape_measurement_and_segments_cannot_be_combined():
     run = simulate(small, steps(small, 5.0, 1), 1)
     with pytest.raises(UsageError, check=of_code("tape.cut")):
         identify(run, small, USUAL, options=FitOptions(segment_s=2.0, measured=["end: 1 m"]))
+
+
+GAINS = ["model.actuator_matrix[2,2]", "model.actuator_matrix[0,0]"]
+
+
+@pytest.fixture(scope="module")
+def taped_runs(small):
+    u = [random_steps(small.command.limit, 6.0, small.rate_hz, k) for k in (1, 2)]
+    return [simulate(small, u[k], k, name=f"run {k}") for k in range(2)]
+
+
+@pytest.fixture(scope="module")
+def taped_fit(small, taped_runs):
+    return identify(taped_runs, small, free=GAINS, options=FitOptions(measured=("run 1 end: 400 cm",)))
+
+
+def test_a_wrong_tape_measurement_of_a_later_run_is_reported_in_metres(taped_fit):
+    far = [reason for reason in taped_fit.reasons if reason.code == "residual.one-far"]
+    assert len(far) == 1
+    assert (far[0].subject, far[0].figures["measured"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
+
+
+def test_the_identified_noise_has_units_and_excludes_the_tape_measurement(taped_fit, taped_runs):
+    noise = measure_noise(taped_fit, taped_runs)
+    units = {row["name"]: row["unit"] for row in noise.rows()}
+    assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]
+    assert units["velocity_walk_std[2]"] == "rad/s^1.5"
+    assert "tape[0]" not in units
+    assert not any("tape" in note.subject for note in noise.notes)
+
+
+def test_the_noise_of_each_channel_is_reported_with_its_unit(taped_fit):
+    lines = taped_fit.table().splitlines()
+    assert any(line.startswith("imu[2] of run 0: noise ") and " rad/s, the model" in line for line in lines)

@@ -1,10 +1,13 @@
-"""The damped Gauss-Newton search on problems with a known minimum."""
+"""The damped Gauss-Newton search on problems with a known minimum, and with a model that diverges."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from baqueano.identify.covariance.information import information
 from baqueano.identify.data.segments import Evaluation
 from baqueano.identify.estimation.least_squares import minimise
 
@@ -136,3 +139,40 @@ def test_two_equivalent_parameters_do_not_crash_the_search():
     minimum = minimise(both, start, -wide, wide, damping=1e-18, tolerance=1e-20)
     assert minimum.theta[0] == pytest.approx(2.0, rel=1e-6)
     assert minimum.theta[1] + minimum.theta[2] == pytest.approx(1.5, rel=1e-6)
+
+
+def test_the_search_rejects_a_point_with_infinite_derivatives():
+    def evaluate(theta):
+        x = theta[0]
+        if x > 2.0:  # beyond, the cost is lower and has no slope
+            return Evaluation(-1.0, np.array([np.nan]), np.array([[np.inf]]))
+        return Evaluation(float((x - 1.9) ** 2), np.array([2.0 * (x - 1.9)]), np.array([[0.5]]))
+
+    minimum = minimise(evaluate, np.array([-5.0]), np.array([-10.0]), np.array([10.0]))
+    assert minimum.converged
+    assert abs(minimum.theta[0] - 1.9) < 1e-3
+    nowhere = minimise(evaluate, np.array([3.0]), np.array([-10.0]), np.array([10.0]))
+    assert not nowhere.converged
+
+
+@pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e200, -1e200])
+def test_id12_a_diverged_segment_adds_no_information(far):
+    rng = np.random.default_rng(0)
+    r, d = rng.standard_normal((100, 2)), rng.standard_normal((100, 2, 3))
+    away = np.where(np.arange(100)[:, None, None] > 50, far, d)
+
+    def of(*slopes):
+        problem = SimpleNamespace(
+            size=3,
+            layout=SimpleNamespace(first_start=0, runs=list(range(len(slopes)))),
+            sigma=np.ones(2),
+            has=[np.ones((100, 2)) for _ in slopes],
+            records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],
+            sensitivities=lambda theta: [(r, slope, np.arange(3)) for slope in slopes],
+        )
+        return information(problem, np.zeros(3))  # pyright: ignore[reportArgumentType]
+
+    single, both = of(d), of(d, away)
+    assert np.array_equal(both.bread, single.bread)
+    assert np.array_equal(both.meat, single.meat)
+    assert not of(away).bread.any()

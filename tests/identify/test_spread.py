@@ -1,9 +1,10 @@
-"""The spread of residuals equals the noise during motion."""
+"""The noise of a channel: from rows that inform, and growing with speed."""
 
 import numpy as np
 import pytest
 
-from baqueano.identify.residuals.noise_level import informative_rows, robust_sigma
+from baqueano.identify import FitOptions
+from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed, robust_sigma
 
 
 def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise_estimate():
@@ -30,3 +31,51 @@ def test_a_model_that_moves_while_the_encoder_rests_is_reported():
 def test_all_rows_of_a_constant_channel_are_used():
     zero = np.zeros((50, 1))
     assert informative_rows([zero], [np.ones((50, 1))], [zero])[0].all()
+
+
+def draw(kappa, seed, n=4000):
+    rng = np.random.default_rng(seed)
+    v = np.abs(rng.uniform(0.0, 2.0, n))
+    true = 0.3 * np.sqrt(1.0 + (kappa * v) ** 2)
+    return rng.normal(size=n) * true, v, true
+
+
+def test_growth_of_the_noise_with_speed_is_estimated_despite_outliers():
+    r, v, true = draw(1.5, 0)
+    r[::20] += 30.0
+    sigma, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+    np.testing.assert_allclose(sigma[0] * profile[:, 0], true, rtol=0.25)
+    np.testing.assert_allclose(np.mean(profile**2), 1.0)
+
+
+def test_constant_noise_is_recognised_in_19_of_20_runs():
+    steady = 0
+    for seed in range(20):
+        r, v, _ = draw(0.0, seed)
+        _, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+        steady += np.ptp(profile) == 0.0
+    assert steady >= 19
+
+
+def test_a_fit_gives_fast_driving_less_weight_if_noise_grows_with_speed(small):
+    from dataclasses import replace
+
+    from baqueano.identify import identify, random_steps
+    from baqueano.runs.run import Channel
+    from baqueano.simulate import simulate
+
+    u = random_steps(small.command.limit, 30.0, small.rate_hz, 2)
+    run = simulate(small, u, 2)
+    imu = run.sensors["imu"]
+    at = np.searchsorted(run.t_ns, imu.t_ns)
+    rng = np.random.default_rng(0)
+    z = imu.z + rng.normal(size=imu.z.shape) * [3.0, 3.0, 0.3] * np.abs(run.truth.nu[at, :1])
+    run = replace(run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})
+    free = ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]
+    steady, growing = (
+        identify(run, small, free),
+        identify(run, small, free, options=FitOptions(speed_noise=True)),
+    )
+    assert np.all(growing.sd < 0.9 * steady.sd)
+    truth = np.array([small.value(name) for name in growing.names])
+    assert np.max(np.abs(growing.estimate - truth) / growing.sd) < 4.5

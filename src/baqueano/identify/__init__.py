@@ -1,9 +1,13 @@
-"""Identify a vehicle from runs: excitation signals, the fit with its error bars and verdict, and the noise.
+"""Identify a vehicle from runs: `fit = identify(run, file)`. A fit has five stages, each an immutable object:
 
-u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed=0)
-fit = identify(run, file)
-noise = measure_noise(fit, run)
-noise.updated_file(fit.vehicle_file).save("my.toml")
+    Dataset      runs without faults, and the sensors in use                         dataset.py, data/
+    Parameters   θ: the free parameters, their start and bounds                      parameters/
+    Residuals    z − h(θ) in every row of the runs                                   residuals/, noise level
+    solve        the θ of least cost, with the noise estimated                       estimation/
+    Fit          error bars, findings, verdict, vehicle file     identifiability/, covariance/, diagnostics/, result/
+
+fit.py composes them. Before a fit, design/ makes the drive; `excitation` makes a plain signal. After it, noise/
+measures the noise of the filter, validation.py judges held-out runs, and selection/ chooses the terms of a model.
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of

@@ -210,10 +210,8 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
 
 
 def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
-    """Return, for each sensor, the channels named by entries such as "imu[2]".
-
-    A sensor that `use` also names without brackets is omitted. Raise UsageError for an entry that cannot be parsed.
-    """
+    """Return, for each sensor, the channels named by entries such as "imu[2]". A sensor that `use` also names without
+    brackets is omitted. Raise UsageError for an entry that cannot be parsed."""
     channels: dict[str, list[int]] = {}
     for channel in use:
         name, bracket, entry = channel.partition("[")

@@ -229,10 +229,8 @@ def conclude(
 
 
 def _start_theta(task: Task, parameters: Parameters) -> np.ndarray:
-    """Return θ (p,) at the start of the search.
-
-    Without a compiler each row takes long, so return the result of a rough search over the first part of each run.
-    """
+    """Return θ (p,) at the start of the search. Without a compiler each row takes long, so return the result of a rough
+    search over the first part of each run."""
     if task.problem.scan.backend == "c":
         return task.start
     records = task.problem.records

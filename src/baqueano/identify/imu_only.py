@@ -116,10 +116,8 @@ def fit_imu_only(
 
 
 def _search_yaw_rate_and_delay(task: Task) -> tuple[Task, Search]:
-    """Search for the yaw rate of the gyro and the delay in turn, at most MAX_ROUNDS times.
-
-    Return the task and the search.
-    """
+    """Search for the yaw rate of the gyro and the delay in turn, at most MAX_ROUNDS times. Return the task and the
+    search."""
     bounded_task, end = search_with_free_delay(task, task.start)
     for _ in range(MAX_ROUNDS):
         end = _search_gyro_aided(bounded_task, end)
@@ -151,8 +149,7 @@ def _search_gyro_aided(task: Task, end: Search) -> Search:
 
 def _is_settled(previous: np.ndarray, end: Search) -> bool:
     """Return True if a search changed all parameters together by less than SETTLED_SIGMA standard deviations from
-    `previous` (p,).
-    """
+    `previous` (p,)."""
     step = end.solution.theta - previous
     return float(step @ information(end.problem, end.solution.theta).bread @ step) < SETTLED_SIGMA**2
 
@@ -176,10 +173,8 @@ def gyro_leads(
     vehicle_file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
-    """Return True if the fit is gyro-aided. The option `gyro_leads` decides if it is set.
-
-    Otherwise, return True for a car with only an IMU, if all changed options are in ALLOWED_OPTIONS.
-    """
+    """Return True if the fit is gyro-aided. The option `gyro_leads` decides if it is set. Otherwise, return True for a
+    car with only an IMU, if all changed options are in ALLOWED_OPTIONS."""
     if options.gyro_leads is not None:
         return options.gyro_leads
     return not _other_options(options) and is_imu_only(vehicle_file, runs, use, free)

@@ -43,10 +43,8 @@ def prefetch(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
 
 
 def cache_slices(n: int, operations: int) -> Iterator[slice]:
-    """Return slices of n rows that fit in the processor's cache, for a product of `operations` per row.
-
-    NumPy's library uses its own threads for larger products; these wait for each other and keep a core busy.
-    """
+    """Return slices of n rows that fit in the processor's cache, for a product of `operations` per row. NumPy's library
+    uses its own threads for larger products; these wait for each other and keep a core busy."""
     step = max(1, CACHED_OPERATIONS // max(operations, 1))
     return (slice(first, min(first + step, n)) for first in range(0, n, step))
 

@@ -357,11 +357,8 @@ def _fit_line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[f
 
 
 def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
-    """Return s, the robust scatter of the differences of neighbours beyond their errors, or 0 with fewer than
-    MIN_RUNS + 2 runs.
-
-    A step affects only one of the differences, so it almost does not change s.
-    """
+    """Return s, the robust scatter of the differences of neighbours beyond their errors, or 0 with fewer than MIN_RUNS
+    + 2 runs. A step affects only one of the differences, so it almost does not change s."""
     if len(y) < MIN_RUNS + 2:
         return 0.0
     excess = np.median(np.diff(y) ** 2 / 0.4549) - np.median(variance[1:] + variance[:-1])

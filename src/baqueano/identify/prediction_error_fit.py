@@ -67,10 +67,8 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
 
 
 def fit_by_innovations(first: FinishedFit) -> Fit:
-    """Return the fit with the cost of the innovations, with the process noise among its parameters.
-
-    If the first search was stopped, return its fit.
-    """
+    """Return the fit with the cost of the innovations, with the process noise among its parameters. If the first search
+    was stopped, return its fit."""
     if first.search.stopped:
         return fit_of(first)
     second = search_prediction_error(first)
@@ -95,8 +93,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
 
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Return the covariance (p + k, p + k) of the parameters of `fit` and of the standard deviations of the process
-    noise. Unknown entries are NaN.
-    """
+    noise. Unknown entries are NaN."""
     p, floor, count = len(fit.names), second.likelihood_fit.noise.floor, len(second.end.identifiability.mask)
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
@@ -192,9 +189,8 @@ def _information_matrices(likely: MaximumLikelihood, first: FinishedFit) -> tupl
 
 
 def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
-    """Return the sensor noise (m,) without the process noise, relative to the noise in the file, or 0 if the file
-    does not contain it.
-    """
+    """Return the sensor noise (m,) without the process noise, relative to the noise in the file, or 0 if the file does
+    not contain it."""
     file_sigma = sigma_of_file(first.blocks.sensors)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(file_sigma > 0.0, estimate / np.where(file_sigma > 0.0, file_sigma, 1.0), 0.0)

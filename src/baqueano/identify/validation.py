@@ -221,9 +221,8 @@ def _channels_used(fit: Fit) -> tuple[str, ...]:
 def _channel_metrics(
     c: ChannelFit, own_channels: Sequence[ChannelFit], unit: str
 ) -> tuple[ChannelMetrics, list[Diagnostic]]:
-    """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs
-    of the fit. Also return the evidence against the model.
-    """
+    """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs of
+    the fit. Also return the evidence against the model."""
     own_channels = [channel for channel in own_channels if np.isfinite(channel.explained)]
     e = c.measured - c.predicted
     explained = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
@@ -303,10 +302,8 @@ def _evidence_against(
 def _channel_errors(
     c: ChannelFit, own_channels: Sequence[ChannelFit]
 ) -> tuple[_ChannelError, list[_ChannelError]]:
-    """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S.
-
-    If there are fewer than MIN_BLOCKS blocks, use blocks of SHORT_BLOCK_S if this gives more blocks.
-    """
+    """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S. If there are fewer than
+    MIN_BLOCKS blocks, use blocks of SHORT_BLOCK_S if this gives more blocks."""
     own_residuals = np.concatenate([channel.measured - channel.predicted for channel in own_channels])
     spread, trials = float(np.sqrt(np.nanmean(own_residuals**2))), []
     for block_s in (BLOCK_S, SHORT_BLOCK_S):
@@ -367,10 +364,8 @@ def with_cost_advice(
 def refit_with_cost(
     runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **how: Any
 ) -> Callable[[str], Fit]:
-    """Return a function that fits the runs with a given cost, without diagnostics.
-
-    All other `options` and the arguments `how` of `identify` are unchanged.
-    """
+    """Return a function that fits the runs with a given cost, without diagnostics. All other `options` and the
+    arguments `how` of `identify` are unchanged."""
     return lambda cost: identify(
         runs, vehicle_file, options=replace(options, cost=cost, diagnose=False), **how
     )

@@ -67,19 +67,15 @@ def _exact_student_quantile(probability: float, freedom: int) -> float:
 
 
 def chi_square(nu: np.ndarray | float, normal: float) -> np.ndarray:
-    """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931).
-
-    Its probability is the probability of the standard normal quantile `normal`.
-    """
+    """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931). Its probability is the
+    probability of the standard normal quantile `normal`."""
     term = 2.0 / (9.0 * nu)
     return nu * np.maximum(1.0 - term + normal * np.sqrt(term), 0.05) ** 3
 
 
 def covariance_of_changes(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
-    """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block.
-
-    A move is A⁻¹ s_b if the number of `parameter_count` parameters is given (1), else the change without the block (2).
-    """
+    """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block. A move is
+    A⁻¹ s_b if the number of `parameter_count` parameters is given (1), else the change without the block (2)."""
     n = len(changes)
     if parameter_count is not None:
         return changes.T @ changes * (n / (n - parameter_count))
@@ -189,10 +185,8 @@ def block_edges(record: FitRecord, block_s: float, n: int) -> list[int]:
 def segment_derivatives(
     problem: Residuals, theta: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield for each segment r (N, m), ∂r (N, m, q) and the indices of the q entries in θ.
-
-    If runs are split, the initial states are eliminated, and ∂r is NaN in a segment in which the model diverged.
-    """
+    """Yield for each segment r (N, m), ∂r (N, m, q) and the indices of the q entries in θ. If runs are split, the
+    initial states are eliminated, and ∂r is NaN in a segment in which the model diverged."""
     for r, d, index in problem.sensitivities(theta):
         if not _has_split_runs(problem):
             yield r, d, index
@@ -262,9 +256,8 @@ def with_larger_errors(
 
 
 def with_jackknife(info: "Information", identifiable: np.ndarray, cov: np.ndarray) -> "Information":
-    """Return `info` with B replaced, so that no `identifiable` entry has a smaller standard error than in `cov` (k,
-    k). The correlations are those of `cov`.  (3)
-    """
+    """Return `info` with B replaced, so that no `identifiable` entry has a smaller standard error than in `cov` (k, k).
+    The correlations are those of `cov`. (3)"""
     index = np.ix_(identifiable, identifiable)
     A, meat = info.bread[index], info.meat.copy()
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))

@@ -120,10 +120,8 @@ def pseudo_inverse(A: np.ndarray) -> np.ndarray:
 
 
 def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
-    """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant.
-
-    Residuals are clipped, and rows without a measurement are excluded.
-    """
+    """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant. Residuals are
+    clipped, and rows without a measurement are excluded."""
     sums = parallel_map(_lag_products, residuals, has, rows=sum(map(len, has)))
     total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
@@ -171,10 +169,8 @@ def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s:
 
 
 def _square_root(B: np.ndarray) -> np.ndarray:
-    """Return F (k, k) with F Fᵀ = B + ε I, where ε is small.
-
-    If B has negative eigenvalues because of rounding, ε replaces all eigenvalues below ε.
-    """
+    """Return F (k, k) with F Fᵀ = B + ε I, where ε is small. If B has negative eigenvalues because of rounding, ε
+    replaces all eigenvalues below ε."""
     jitter = 1e-13 * max(float(np.trace(B)), 1e-300)
     try:
         return np.linalg.cholesky(B + jitter * np.eye(len(B)))
@@ -185,8 +181,7 @@ def _square_root(B: np.ndarray) -> np.ndarray:
 
 def marginal_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
     """Return the smallest eigenvalue of the normalised information on the entries `index`, with the `others`
-    eliminated. Return 0 if one of the entries `index` does not have information.
-    """
+    eliminated. Return 0 if one of the entries `index` does not have information."""
     if not np.all(np.diagonal(A)[index] > 0.0):
         return 0.0
     indices = np.concatenate([index, others])

@@ -71,9 +71,7 @@ def scale_stds(
 
 def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
     """Return the file with standard deviations of scales: {"sensors.imu.gyro_scale": 0.01} means ± 1 % of the value.
-
-    Raise UsageError for a path that is not a scale of an IMU in the file, and for a tolerance outside 0 to 1.
-    """
+    Raise UsageError for a path that is not a scale of an IMU in the file, and for a tolerance outside 0 to 1."""
     from baqueano.vehicle_file import Provenance
 
     scale_paths = [
@@ -126,11 +124,8 @@ def gyro_bias_covariance(
     bread: np.ndarray,
     vehicle_file: "VehicleFile",
 ) -> np.ndarray:
-    """Return the covariance (p, p) that fixed zeros of gyros add.
-
-    `identifiable` (p,) is a mask of entries of θ, and `bread` (p, p) is the information. A zero that θ contains adds
-    0.  (3), (4)
-    """
+    """Return the covariance (p, p) that fixed zeros of gyros add. `identifiable` (p,) is a mask of entries of θ, and
+    `bread` (p, p) is the information. A zero that θ contains adds 0. (3), (4)"""
     cov, positions, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
     free_paths = {*problem.shape.shared, *problem.shape.per_run}
     gyros = [

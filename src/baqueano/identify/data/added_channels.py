@@ -57,10 +57,8 @@ class Velocity:
 
 
 def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], Any]:
-    """Return the runs with their truth as a sensor, and the sensor blocks with a block for the truth.
-
-    The truth is a velocity if all runs contain one, else a pose. Raise UsageError if a run does not contain a truth.
-    """
+    """Return the runs with their truth as a sensor, and the sensor blocks with a block for the truth. The truth is a
+    velocity if all runs contain one, else a pose. Raise UsageError if a run does not contain a truth."""
     runs_with_truth = []
     has_velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
     for run in runs:
@@ -74,10 +72,8 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
 
 
 def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
-    """Return the records with the voltage of their run, if the drivetrain requires it.
-
-    Raise UsageError if no run contains a voltage, or if the median voltage of a run is far from the nominal voltage.
-    """
+    """Return the records with the voltage of their run, if the drivetrain requires it. Raise UsageError if no run
+    contains a voltage, or if the median voltage of a run is far from the nominal voltage."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)

@@ -98,9 +98,7 @@ def with_hand_measurements(
     runs: Sequence[Run], blocks: FittedBlocks, measured: Sequence[str]
 ) -> tuple[list[Run], FittedBlocks]:
     """Return the runs with one channel for each hand measurement, and the blocks with a sensor for each channel.
-
-    `measured` contains lines such as "12.4 s: 2.31 m". Raise UsageError for a line that cannot be parsed.
-    """
+    `measured` contains lines such as "12.4 s: 2.31 m". Raise UsageError for a line that cannot be parsed."""
     runs_with_tape, sensors = list(runs), blocks.sensors._asdict()
     for line in measured:
         run_index, measurements = read_line(line, runs)
@@ -142,10 +140,8 @@ def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
 
 
 def read_line(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
-    """Return the index of the run that `line` names, and the measurements in the line.
-
-    Raise UsageError for a line that cannot be parsed, an unknown run, or a time outside the run.
-    """
+    """Return the index of the run that `line` names, and the measurements in the line. Raise UsageError for a line that
+    cannot be parsed, an unknown run, or a time outside the run."""
     match = LINE_PATTERN.match(line.replace(",", ", "))
     if match is None:
         raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))

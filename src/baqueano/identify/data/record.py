@@ -129,11 +129,8 @@ def past_rows_of(runs: Sequence[Run]) -> Callable[[float], int]:
 
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return u (N, n) and a note on unknown commands.
-
-    An unknown command is replaced by the last finite command, or by 0 before the first finite command. Raise
-    UsageError if all commands are unknown.
-    """
+    """Return u (N, n) and a note on unknown commands. An unknown command is replaced by the last finite command, or by
+    0 before the first finite command. Raise UsageError if all commands are unknown."""
     finite = np.asarray(np.isfinite(run.applied).all(axis=1))
     if finite.all():
         return run.applied, []
@@ -218,8 +215,7 @@ def _valid_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic
 
 def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:
     """Return True if all finite values z (N,) are readings of this channel of the run. Values of a truth and of hand
-    measurements are not tested.
-    """
+    measurements are not tested."""
     is_sensor = sensor in run.sensors
     return not is_sensor or bool(np.isin(z[np.isfinite(z)], run.sensors[sensor].z[:, entry]).all())
 

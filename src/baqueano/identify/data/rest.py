@@ -36,10 +36,8 @@ REST_NOISE_FACTOR = 2.0  # times w, or the noise in the file: a gyro with more s
 def with_gyro_bias_at_rest(
     vehicle_file: "VehicleFile", runs: Sequence[Run]
 ) -> tuple["VehicleFile", Diagnostic | None]:
-    """Return the file with the bias of the first gyro that was at rest in the runs, and a message.
-
-    If the vehicle was not at rest in any run, return the unchanged file and None.
-    """
+    """Return the file with the bias of the first gyro that was at rest in the runs, and a message. If the vehicle was
+    not at rest in any run, return the unchanged file and None."""
     for name, sensor in vehicle_file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue
@@ -102,10 +100,8 @@ def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
 
 
 def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
-    """Return gyro readings minus model (K,) [rad/s] while the vehicle was at rest.
-
-    The array is empty if the rest is too short, or if the vehicle was turned by hand.
-    """
+    """Return gyro readings minus model (K,) [rad/s] while the vehicle was at rest. The array is empty if the rest is
+    too short, or if the vehicle was turned by hand."""
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)

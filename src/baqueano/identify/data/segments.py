@@ -104,10 +104,8 @@ def eliminate_starts(
 def eliminate(
     bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (r, r) of the first r = `first` entries, with the `blocks` eliminated.
-
-    The information between two different blocks must be 0.  (1)
-    """
+    """Return A and B (r, r) of the first r = `first` entries, with the `blocks` eliminated. The information between two
+    different blocks must be 0. (1)"""
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
     for entries in blocks:
         gain = bread[:first, entries] @ _pseudo_inverse(bread[entries, entries])  # A_s A_ss⁻¹
@@ -118,10 +116,8 @@ def eliminate(
 
 
 def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Return d⊥ (N, m, q) from the derivatives d (N, m, p) of a segment with weights w (N, m).
-
-    `start` (p,) is a mask of the entries of its start.  (2)
-    """
+    """Return d⊥ (N, m, q) from the derivatives d (N, m, p) of a segment with weights w (N, m). `start` (p,) is a mask
+    of the entries of its start. (2)"""
     start_derivatives, other_derivatives = d[..., start], d[..., ~start]
     weighted_derivatives = start_derivatives * w[..., None]
     axes = (0, 1), (0, 1)

@@ -59,10 +59,8 @@ class PrimitiveShape(NamedTuple):
     def from_duration(
         cls, primitive_s: float, coast_s: float, limit: np.ndarray, rate_hz: float
     ) -> "PrimitiveShape":
-        """Return the shape of primitives of `primitive_s` [s] at `rate_hz`.
-
-        In the last `coast_s` [s] of a primitive, at most 40 % of it, the command is 0.
-        """
+        """Return the shape of primitives of `primitive_s` [s] at `rate_hz`. In the last `coast_s` [s] of a primitive,
+        at most 40 % of it, the command is 0."""
         ticks = max(4, round(primitive_s * rate_hz))
         return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
 
@@ -107,8 +105,7 @@ def mutated_primitives(
 
 def gentler_primitive(primitive: MotionPrimitive, shape: PrimitiveShape) -> MotionPrimitive:
     """Return the primitive with all usable channels except the first reduced to a third, for a vehicle that would slide
-    in curves. If only one channel is usable, this channel is reduced.
-    """
+    in curves. If only one channel is usable, this channel is reduced."""
     other_channels = shape.moving_channels[1:] if len(shape.moving_channels) > 1 else shape.moving_channels
     outbound = primitive.outbound.copy()
     outbound[:, other_channels] *= GENTLE_FACTOR
@@ -209,10 +206,8 @@ class Composer:
         )
 
     def score(self, F: np.ndarray) -> np.ndarray:
-        """Return J (…,) of F (…, M, q, q).
-
-        It is computed from the Cholesky factor of F + I, with the nuisance first.
-        """
+        """Return J (…,) of F (…, M, q, q). It is computed from the Cholesky factor of F + I, with the nuisance
+        first."""
         root = np.linalg.cholesky((F + np.eye(F.shape[-1]))[..., ::-1, ::-1])
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)[..., -self.interest_count :]
         return np.mean(2.0 * np.sum(np.log(diagonal), axis=-1), axis=-1)
@@ -288,19 +283,15 @@ class Composer:
             pose = poses_in_map(pose, self.path[k, :, -1])
 
     def _sort_by_cost(self) -> None:
-        """Sort the chosen primitives by cost, the highest last, if that order stays inside.
-
-        After primitives with a high cost the position is uncertain. J does not change.
-        """
+        """Sort the chosen primitives by cost, the highest last, if that order stays inside. After primitives with a
+        high cost the position is uncertain. J does not change."""
         order = sorted(self.chosen, key=lambda k: self.cost[k])
         if self._stays_inside(self._start(), np.array(order[:1]), order[1:])[0]:
             self.chosen = order
 
     def _improve_place(self, place: int, best_score: float) -> float:
-        """Put a better primitive in the place if the search finds one.
-
-        Return J of the sequence minus the cost of its primitives.
-        """
+        """Put a better primitive in the place if the search finds one. Return J of the sequence minus the cost of its
+        primitives."""
         earlier, later = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
         for k in earlier:
@@ -355,9 +346,7 @@ class Composer:
 
     def _stays_inside(self, pose: np.ndarray, primitives: np.ndarray, later: list[int]) -> np.ndarray:
         """Return a mask (C,), True for each primitive whose corridor, with all of `later` after it, stays in the room.
-
-        The primitives begin at the poses (L, 3).  (3)
-        """
+        The primitives begin at the poses (L, 3). (3)"""
         is_inside = self._margin(pose[None], primitives) >= 0.0
         poses = poses_in_map(pose, self.path[primitives][:, :, -1])
         for k in later:
@@ -370,10 +359,7 @@ class Composer:
 
     def _margin(self, pose: np.ndarray, primitives: np.ndarray) -> np.ndarray:
         """Return the least distance (C,) [m] to a wall if the primitives begin at the poses (C, L, 3); see
-        `Room.margin`.
-
-        A single pose or primitive is used for all.
-        """
+        `Room.margin`. A single pose or primitive is used for all."""
         margins, mean_weights = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
         for coordinates, limit in zip(
             self._positions(pose, primitives), self.room.free_half_width_m, strict=True
@@ -385,10 +371,8 @@ class Composer:
         return np.minimum(*margins)
 
     def _positions(self, pose: np.ndarray, primitives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y (C, S, L) [m] along the primitives, which begin at the poses (C, L, 3).
-
-        A single pose or primitive is used for all.
-        """
+        """Return x and y (C, S, L) [m] along the primitives, which begin at the poses (C, L, 3). A single pose or
+        primitive is used for all."""
         pose = pose.astype(np.float32)[:, None]  # accurate to 0.1 mm
         c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         x, y = self.xy[:, primitives]

@@ -107,10 +107,8 @@ class DriveInformation:
         self.kernel = scan(step, start, np.zeros(n), self.nominal, backend=backend)
 
     def theta(self, paths: Sequence[str], values: np.ndarray) -> np.ndarray:
-        """Return the nominal θ (q,) with `values` (p,) in the entries `paths`.
-
-        Paths that θ does not contain are ignored.
-        """
+        """Return the nominal θ (q,) with `values` (p,) in the entries `paths`. Paths that θ does not contain are
+        ignored."""
         theta = self.nominal.copy()
         for path, x in zip(paths, values, strict=True):
             if path in self.unknowns.paths:
@@ -133,9 +131,8 @@ def mean_error(relative_std: np.ndarray) -> float:
 
 
 def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[FreeParameter]) -> float:
-    """Return the size of a parameter that is 0: the largest value in its matrix row, or among the frictions of its
-    axis (at 1 m/s or 1 rad/s). If this is 0, return the largest value of its field, or 1 if that is also 0.
-    """
+    """Return the size of a parameter that is 0: the largest value in its matrix row, or among the frictions of its axis
+    (at 1 m/s or 1 rad/s). If this is 0, return the largest value of its field, or 1 if that is also 0."""
     parameter = free_parameter(blocks, path, {})
     same_axis = [
         candidate

@@ -75,10 +75,8 @@ class RecursiveInformation:
         self._derivative = jacobian(self._begin)
 
     def begin(self, theta: np.ndarray | None = None) -> InformationState:
-        """Return the state at the start of a drive, with F = 0.
-
-        The derivatives are computed at `theta`, or at the nominal θ.
-        """
+        """Return the state at the start of a drive, with F = 0. The derivatives are computed at `theta`, or at the
+        nominal θ."""
         theta = self.nominal if theta is None else np.asarray(theta, dtype=float)
         x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._derivative(theta), dtype=float)
         return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
@@ -104,10 +102,8 @@ class RecursiveInformation:
         return InformationState(theta, x, S, F)
 
     def relative_std(self, state: InformationState, size: np.ndarray | None = None) -> np.ndarray:
-        """Return the standard error (p,) of each parameter of interest.
-
-        It is relative to `size` (q,), or to the size in the file if `size` is None.
-        """
+        """Return the standard error (p,) of each parameter of interest. It is relative to `size` (q,), or to the size
+        in the file if `size` is None."""
         size = self.unknowns.size if size is None else size
         augmented = state.F * np.outer(size, size) + np.eye(len(size))
         return np.sqrt(np.diagonal(np.linalg.inv(augmented))[: self.unknowns.interest_count])
@@ -161,10 +157,8 @@ class NextMotion(NamedTuple):
 
 
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[SuggestedMotion]:
-    """Return motions within the limits.
-
-    The first usable channel moves forward, the last one turns. Return [] without a usable channel.
-    """
+    """Return motions within the limits. The first usable channel moves forward, the last one turns. Return [] without a
+    usable channel."""
     moving, ticks = np.flatnonzero(limit > 0.0), round(MOTION_S * rate_hz)
     if not len(moving):
         return []

@@ -187,10 +187,8 @@ class PlanSearch:
         self.rest_commands = np.zeros((0, 0))
 
     def fill(self, primitive_s: float, limit: np.ndarray, progress: Callable[[str], object]) -> None:
-        """Build the library of primitives of `primitive_s` [s] and compose them.
-
-        If `progress` returns True, the rounds end.
-        """
+        """Build the library of primitives of `primitive_s` [s] and compose them. If `progress` returns True, the rounds
+        end."""
         coast_s = self._coast_s(limit)
         self.shape = PrimitiveShape.from_duration(primitive_s, coast_s, limit, self.cloud.rate_hz)
         self.rest_commands = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
@@ -227,8 +225,7 @@ class PlanSearch:
 
     def rollout(self, ticks: int, rest_ticks: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the commands (N, n), which begin with `rest_ticks` ticks at rest, and the poses (L, N, 3) of the
-        vehicles in `validation_cloud`.
-        """
+        vehicles in `validation_cloud`."""
         primitive_ticks, limit = self.shape.ticks, self.shape.limit
         commands = [primitive.u(primitive_ticks, limit) for primitive in self.primitives]
 
@@ -253,10 +250,8 @@ class PlanSearch:
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
-        """Return the time [s] in which the nominal vehicle covers COVERED_FRACTION of its rolling distance.
-
-        The vehicle rolls after one second at the limit of its first usable command.
-        """
+        """Return the time [s] in which the nominal vehicle covers COVERED_FRACTION of its rolling distance. The vehicle
+        rolls after one second at the limit of its first usable command."""
         second_ticks = round(self.cloud.rate_hz)
         u = np.zeros((3 * second_ticks, len(limit)))
         channel = int(np.argmax(limit > 0.0))
@@ -266,10 +261,8 @@ class PlanSearch:
         return float(np.argmax(distance_m >= COVERED_FRACTION * distance_m[-1]) + 1) / second_ticks
 
     def _add_feasible_primitives(self, primitives: list[MotionPrimitive]) -> None:
-        """Add the primitives that respect the speed limits to the library.
-
-        For each other primitive, add a gentler form if this form respects the limits.
-        """
+        """Add the primitives that respect the speed limits to the library. For each other primitive, add a gentler form
+        if this form respects the limits."""
         drives = self._map_primitives(self._evaluate, primitives)
         too_fast = [k for k, drive in enumerate(drives) if not drive[0]]
         gentler_primitives = [gentler_primitive(primitives[k], self.shape) for k in too_fast]
@@ -283,18 +276,15 @@ class PlanSearch:
     def _map_primitives(
         self, work: Callable[[int, np.ndarray], object], primitives: list[MotionPrimitive]
     ) -> list[Any]:
-        """Return `work(tick, u)` for the commands u (T, n) of each primitive, computed on all cores.
-
-        The first ticks rotate over NOISE_SLOTS spans of the noise.
-        """
+        """Return `work(tick, u)` for the commands u (T, n) of each primitive, computed on all cores. The first ticks
+        rotate over NOISE_SLOTS spans of the noise."""
         commands = [primitive.u(self.shape.ticks, self.shape.limit) for primitive in primitives]
         first_ticks = [k % NOISE_SLOTS * self.shape.ticks for k in range(len(commands))]
         return parallel_map(work, first_ticks, commands, rows=self.cloud.size * sum(map(len, commands)))
 
     def _evaluate(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
         """Return True if the primitive (T, n) respects the speed limits, its poses (L, S, 3), and its information (M,
-        q, q). The information is None for a primitive that exceeds the limits.
-        """
+        q, q). The information is None for a primitive that exceeds the limits."""
         is_allowed, path = self._path(self.cloud, tick, u, 4)
         F = (
             np.stack([self.drive_information.information(u, theta) for theta in self.thetas])
@@ -305,8 +295,7 @@ class PlanSearch:
 
     def _path(self, cloud: VehicleCloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
         """Return True if the vehicles of `cloud` respect the speed limits in the primitive (T, n), and their poses (L,
-        S, 3). The poses are those of every `count`-th sample. The last pose is the pose at rest.
-        """
+        S, 3). The poses are those of every `count`-th sample. The last pose is the pose at rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         final_state, eta = cloud.drive(
             cloud.state_at(np.zeros(3)), np.concatenate([u, self.rest_commands]), tick

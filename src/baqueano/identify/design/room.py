@@ -87,9 +87,7 @@ class Room:
 
     def margin(self, eta: np.ndarray) -> np.ndarray:
         """Return the least distance (…,) [m] over time between a wall and the poses (…, L, T, 3) of possible vehicles.
-
-        It is negative if they leave the room. The corridor and the outermost vehicle are tested.  (1), (3)
-        """
+        It is negative if they leave the room. The corridor and the outermost vehicle are tested. (1), (3)"""
         xy = eta[..., :2]
         mean, std = xy.mean(axis=-3), xy.std(axis=-3)
         corridor = np.abs(mean) + CORRIDOR_SIGMA * std
@@ -224,8 +222,7 @@ def first_allowed_option(
     cloud: VehicleCloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
 ) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
     """Return the index of the first allowed option (T, n), the vehicle states after it, and its poses (L, T, 3), or
-    None.  (4)
-    """
+    None. (4)"""
     stride = max(1, round(SAMPLE_S * cloud.rate_hz))
     rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
     drives = cloud.drive_each([state] * len(options), options, tick)
@@ -248,9 +245,7 @@ def _first_allowed_or_last(
     cloud: VehicleCloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
 ) -> tuple[int, "VehicleState", np.ndarray]:
     """Return the index of the first allowed option of (C, T, n), the vehicle states after it, and its poses (L, T, 3).
-
-    If none is allowed, return those of the last option.
-    """
+    If none is allowed, return those of the last option."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
         allowed = first_allowed_option(cloud, room, state, list(options[begin:end]), tick)
         if allowed is not None:

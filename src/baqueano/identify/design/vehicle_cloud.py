@@ -138,29 +138,23 @@ class VehicleCloud:
         return VehicleState(pose, nu, nu_dot, type(self.rest_state.drivetrain)(*drivetrain_leaves))
 
     def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
-        """Return the states (L, …) of the vehicles after the commands `u` (T, n), and their poses (L, T, 3).
-
-        `tick` is the first tick of the noise.  (3)
-        """
+        """Return the states (L, …) of the vehicles after the commands `u` (T, n), and their poses (L, T, 3). `tick` is
+        the first tick of the noise. (3)"""
         noise = self._noise(tick, len(u))
         return self.kernel.batch((u, noise), self.distribution.theta, carry=state, with_outputs=True)
 
     def drive_each(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
     ) -> list[tuple[VehicleState, np.ndarray]]:
-        """Return the result of `drive` for each pair of state and commands, computed on all cores.
-
-        All use the noise from `tick` on.
-        """
+        """Return the result of `drive` for each pair of state and commands, computed on all cores. All use the noise
+        from `tick` on."""
         return parallel_map(
             lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us))
         )
 
     def _reduce_stiffness(self, limit: np.ndarray) -> None:
-        """Move draws that are too stiff for the integrator towards the nominal vehicle, at most 8 times.
-
-        Such draws have a very high friction: a fit with little information on friction does not limit the friction.
-        """
+        """Move draws that are too stiff for the integrator towards the nominal vehicle, at most 8 times. Such draws
+        have a very high friction: a fit with little information on friction does not limit the friction."""
         full_commands = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
         for _ in range(8):
             with np.errstate(all="ignore"):
@@ -173,10 +167,8 @@ class VehicleCloud:
             self.distribution = VehicleDistribution(self.distribution.paths, theta)
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
-        """Return standard normal noise (L, T, r, 3) for T ticks of r rows; it is 0 for the nominal vehicle.
-
-        A tick has the same noise in every call.
-        """
+        """Return standard normal noise (L, T, r, 3) for T ticks of r rows; it is 0 for the nominal vehicle. A tick has
+        the same noise in every call."""
         draws = self._draw
         if draws.shape[1] < tick + ticks:
             drawn_ticks = max(2 * draws.shape[1], tick + ticks, round(NOISE_S * self.rate_hz))

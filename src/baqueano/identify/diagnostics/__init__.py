@@ -3,7 +3,6 @@
 `clean` runs before the search, `diagnose` after it.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,6 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic
 from baqueano.identify.diagnostics import (
     channel_map,
-    gain_changes,
     physical_units,
     residual_checks,
     samples,
@@ -64,9 +62,8 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 def diagnose(
     end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return messages on a finished search and its data, and the errors of parameters (path → error) that the
-    findings cause. `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file.
-    """
+    """Return messages on a finished search and its data, and the errors of parameters (path → error) that the findings
+    cause. `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file."""
     problem, theta, identifiable = (
         end.task.problem,
         end.search.solution.theta,
@@ -104,7 +101,7 @@ def diagnose(
         ]
         return earlier_messages + channel_map.with_mount_findings(end, messages), {}
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
-    messages += gain_changes.check_gain_changes(
+    messages += channel_map.check_gain_changes(
         end.blocks, problem.shape.shared, estimate, std[:s], file_sigma, sigma, problem.labels
     )
     findings_of_residuals, error_by_path = residual_checks.check_residuals(
@@ -113,10 +110,3 @@ def diagnose(
     return earlier_messages + channel_map.with_mount_findings(
         end, messages + findings_of_residuals
     ), error_by_path
-
-
-def inflate_covariance(
-    cov: np.ndarray, names: Sequence[str], error_by_path: Mapping[str, float]
-) -> np.ndarray:
-    """Return `cov` (p, p) of the parameters `names`, enlarged by the errors `error_by_path` (path → error)."""
-    return cov + np.diag([error_by_path.get(name, 0.0) ** 2 for name in names])

@@ -1,29 +1,40 @@
-"""Test if each channel of a sensor follows its own prediction, and if the mount of the IMU is as in the model.
+"""Test if channels, mount and gains of a fit are those of the model and of the vehicle file.
 
-The test is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale. The gains
-of a fit adapt to the measurements. So an inverted sensor is detected only if another sensor contradicts it, or the
-vehicle file (gain_changes.py). If a channel does not follow the prediction with the values of the file, the search is
-repeated for other mounts. Their axes are swapped, turned by a quarter or a half turn, or one axis is inverted:
+The test of a channel is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale.
+If a channel does not follow the prediction with the values of the file, the search is repeated for other mounts: axes
+swapped, turned by a quarter or a half turn, or one axis inverted. The gains adapt, so they are compared with the file:
 
     gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other mount),   n_c readings of the IMU              (1)
+    G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)         (2)
+    G_y = l_x G_ψ,   G_x = −l_y G_ψ      effect of an IMU at (l_x, l_y) if the command turns the vehicle     (3)
 
-The signal map decides if (1) is large enough. A turned mount cannot be detected if the vehicle can have any force
-along x and y. A mirrored mount can be detected: the acceleration in a turn, ν_x ω, points to the left in a left turn.
-If four mounts have the same residuals, the signs of the commands in the file decide.
+A turned mount cannot be detected if the vehicle can have any force along x and y; a mirrored one can, because ν_x ω
+points to the left in a left turn. If mounts have the same residuals, the signs of the gains decide. A command of the
+fit that pushes backward, sideways or five times as hard is more probably a wrong column of the log than a wrong file.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
+from baqueano.identify.parameters.free import entries, value
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.runs.diagnostics.signal_map import MappedChannel, channel_regressions, is_clear, signal_map
+from baqueano.parameter import all_parameters
+from baqueano.runs.diagnostics.signal_map import (
+    MappedChannel,
+    channel_regressions,
+    is_clear,
+    nearest_ratio,
+    signal_map,
+)
+from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
@@ -109,11 +120,8 @@ MOUNTS = (
 
 
 def with_mount_findings(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnostic]:
-    """Return the `messages` on a finished search.
-
-    If another mount of an IMU explains the data better, the first message names this mount. It replaces the other
-    messages about axes and signs.
-    """
+    """Return the `messages` on a finished search. If another mount of an IMU explains the data better, the first
+    message names this mount. It replaces the other messages about axes and signs."""
     task, blocks = end.task, end.blocks
     if type(task.problem) is not Residuals or all(message.severity == Severity.INFO for message in messages):
         return messages
@@ -202,7 +210,160 @@ def _log_sigma(end: Search, channels: slice, n: np.ndarray) -> float:
 
 def _agrees_with_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared
-    messages = gain_changes.gain_findings(
-        blocks, names, end.solution.theta[: len(names)], np.zeros(len(names))
-    )
+    messages = gain_findings(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
     return not any(message.code in AXIS_CODES for message in messages)
+
+
+MAX_GAIN_RATIO = (
+    2.0  # times the value in the file: tolerances of data sheet and scale, or a guess of half or double
+)
+MODEL_TOLERANCE = 0.1  # relative change of a gain by an imperfect model, in addition to its standard error
+IMPLAUSIBLE_RATIO = 20.0  # times the value in the file: larger than for any wrong guess of a vehicle
+SIGNIFICANT_SIGMA = 5.0  # standard errors
+QUIET_RATIO, SILENT_RATIO = (
+    0.2,
+    1e-4,
+)  # times the noise of the file; below SILENT_RATIO the run is a simulation without noise
+UNITS = {
+    57.29578: "guess.degrees", 9.80665: "guess.g", 255.0: "guess.pwm", 100.0: "guess.percent", 1000.0: "guess.milli",
+}  # fmt: skip
+AXIS_NAMES, TURNING_AXIS = ("forward", "sideways", "turning"), 2
+
+
+def check_gain_changes(
+    blocks: FittedBlocks,
+    names: Sequence[str],
+    estimate: np.ndarray,
+    std: np.ndarray,
+    file_sigma: np.ndarray,
+    sigma: np.ndarray,
+    labels: Sequence[str],
+) -> list[Diagnostic]:
+    """Return messages on gains and noise that differ from the file before the fit.
+
+    `estimate` and `std` (p,) belong to `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file,
+    0 if the file does not contain it. `sigma` (m,) is the estimated noise.
+    """  # fmt: skip
+    return gain_findings(blocks, names, estimate, std) + _noise_findings(file_sigma, sigma, labels)
+
+
+def gain_findings(
+    blocks: FittedBlocks, names: Sequence[str], estimate: np.ndarray, std: np.ndarray
+) -> list[Diagnostic]:
+    """Return findings on fitted gains that disagree with the gains in `blocks`."""
+    estimates = {
+        n: (float(e), float(s)) for n, e, s in zip(names, estimate, std, strict=True) if np.isfinite(e)
+    }
+    return _scalar_gain_findings(blocks, estimates) + _matrix_findings(blocks, estimates)
+
+
+def _noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
+    findings = []
+    for label, file_value, estimate in zip(labels, file_sigma, sigma, strict=True):
+        if file_value > 0.0 and SILENT_RATIO < estimate / file_value < QUIET_RATIO:
+            figures: JsonObject = {"sigma": float(estimate), "times": float(estimate / file_value)}
+            findings.append(
+                note(
+                    "file.quiet",
+                    Severity.WARNING,
+                    subject=label,
+                    guess=_unit(file_value / estimate),
+                    **figures,
+                )
+            )
+    return findings
+
+
+def _scalar_gain_findings(
+    blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]
+) -> list[Diagnostic]:
+    findings = []
+    for path, p in all_parameters(blocks.model, "model"):
+        is_matrix = np.ndim(value_at_path(blocks, path)) == 2
+        for entry in entries(blocks, path) if p.role == "gain" and not is_matrix else ():
+            if entry in estimates and value(blocks, entry) != 0.0:
+                findings += _comparison(entry, value(blocks, entry), *estimates[entry])
+    return findings
+
+
+def _comparison(path: str, file_value: float, fitted: float, std: float) -> list[Diagnostic]:
+    """Return findings on one gain compared with its value in the file."""
+    if not abs(fitted - file_value) > SIGNIFICANT_SIGMA * std:
+        return []
+    ratio = fitted / file_value
+    if ratio < 0.0:
+        return [note("file.inverted", Severity.WARNING, subject=path, now=fitted, was=file_value)]
+    factor = max(ratio, 1.0 / max(ratio, 1e-12))
+    if factor * (1.0 - max(SIGNIFICANT_SIGMA * std / abs(fitted), MODEL_TOLERANCE)) < MAX_GAIN_RATIO:
+        return []
+    if factor > IMPLAUSIBLE_RATIO:
+        return [note("file.far-gain", Severity.ERROR, subject=path, times=ratio, guess=_unit(factor))]
+    return [note("file.gain", Severity.WARNING, subject=path, times=ratio, guess=_unit(factor))]
+
+
+def _unit(off: float) -> Diagnostic | str:
+    code = UNITS.get(nearest_ratio(off, 0.8, 1.25, UNITS))
+    return note(code) if code else ""
+
+
+def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]) -> list[Diagnostic]:
+    """Return findings on each column of the gain matrix: the largest entry in the file must stay the largest, and its
+    value must agree with the file. If a turning command moves the vehicle more along another axis, a lever arm is
+    suggested.  (2), (3)
+    """
+    model = blocks.model
+    path = next(
+        (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
+    )
+    if path is None:
+        return []
+    file_gains, scale, findings = np.asarray(value_at_path(blocks, path), float), _mass_and_inertia(model), []
+    for j in range(file_gains.shape[1]):
+        paths = [f"{path}[{i},{j}]" for i in range(3)]
+        main_axis = int(np.argmax(np.abs(file_gains[:, j]) / scale))
+        if file_gains[main_axis, j] == 0.0 or paths[main_axis] not in estimates:
+            continue
+        fitted_gains = (
+            np.array([estimates.get(p, (file_gains[i, j], 0.0))[0] for i, p in enumerate(paths)]) / scale
+        )
+        sizes, file_sizes = (
+            _comparable_magnitudes(fitted_gains, file_gains, scale),
+            _comparable_magnitudes(file_gains[:, j] / scale, file_gains, scale),
+        )
+        second_axis = int(np.argmax(np.where(np.arange(3) == main_axis, 0.0, sizes)))
+        if (
+            sizes[second_axis] > sizes[main_axis]
+            and MAX_GAIN_RATIO * sizes[main_axis] < file_sizes[main_axis]
+        ):
+            findings.append(
+                note(
+                    "file.swapped",
+                    Severity.WARNING,
+                    subject=f"u[{j}]",
+                    expected=note(f"axis.{AXIS_NAMES[main_axis]}"),
+                    found=note(f"axis.{AXIS_NAMES[second_axis]}"),
+                )
+            )
+            continue
+        if sizes[second_axis] > sizes[main_axis] and main_axis == TURNING_AXIS:
+            lever = "--free +sensors.imu.lever_arm_m"
+            axis = note(f"axis.{AXIS_NAMES[second_axis]}")
+            findings.append(note("file.lever-arm", Severity.WARNING, lever, f"u[{j}]", axis=axis))
+        findings += _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
+    return findings
+
+
+def _comparable_magnitudes(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return the comparable magnitudes (3,) of the accelerations `fitted` (3,) of a command. The turning entry is
+    multiplied by the ratio of linear to turning gain in the file."""
+    gains = np.max(np.abs(file_gains) / scale[:, None], axis=1)
+    linear = max(gains[0], gains[1])
+    ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
+    return np.abs(fitted) * np.array([1.0, 1.0, ratio])
+
+
+def _mass_and_inertia(model: Tree) -> np.ndarray:
+    """Return (m, m, I) (3,), or ones for a kinematic model."""
+    if has_field(model, "mass_kg"):
+        return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
+    return np.ones(3)

@@ -103,9 +103,7 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
 
 def _keeps_turning_gains(end: "FinishedFit") -> bool:
     """Return True if the fit converged, and its turning gains and known measures stayed near their values in the file.
-
-    Return False if the file contains such values, but none of them is identifiable.
-    """
+    Return False if the file contains such values, but none of them is identifiable."""
     theta, mask = end.search.solution.theta, end.identifiability.mask
     turning = [(k, value(end.blocks, free.path)) for k, free in enumerate(end.free) if _affects_turning(free)]
     ratios = [theta[k] / x_0 for k, x_0 in turning if x_0 and mask[k]]

@@ -72,11 +72,8 @@ def check_residuals(
     identifiable: np.ndarray,
     std: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), and the errors of parameters (path → error) that they cause.
-
-    The `identifiable` (p,) entries have standard errors `std` (p,); the problem is weighted with the estimated
-    noise.
-    """
+    """Return findings at θ (p,), and the errors of parameters (path → error) that they cause. The `identifiable` (p,)
+    entries have standard errors `std` (p,); the problem is weighted with the estimated noise."""
     index = np.flatnonzero(identifiable[: problem.layout.shared_count])
     if not len(index):
         return _residual_messages(problem, problem.residuals(theta)), {}
@@ -197,10 +194,8 @@ def _part_masks(
 def _channels(
     problem: Residuals, residuals: Sequence[np.ndarray]
 ) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
-    """Yield for each channel its name, and for each segment r and h (n,).
-
-    These are the residuals and predictions at the measurements of the channel, in standard deviations.
-    """
+    """Yield for each channel its name, and for each segment r and h (n,). These are the residuals and predictions at
+    the measurements of the channel, in standard deviations."""
     for c, label in enumerate(problem.labels):
         is_present = [has[:, c] > 0.0 for has in problem.has]
         r = [x[t, c] for x, t in zip(residuals, is_present, strict=True)]

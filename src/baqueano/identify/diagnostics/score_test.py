@@ -133,9 +133,7 @@ def _nuisance_derivatives(
     other_entries: range,
 ) -> list[NuisanceDerivatives]:
     """Return the derivatives of the identifiable `entries` of a run or segment, as a list of at most one item.
-
-    Eliminate them from the `other_entries` of `flat` (q, N m), in place.
-    """
+    Eliminate them from the `other_entries` of `flat` (q, N m), in place."""
     index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
     if not index:
         return []
@@ -157,10 +155,8 @@ def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
 
 
 def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
-    """Return the test of each effect, a column of D (K, N m): the change of the prediction in standard deviations.
-
-    A column that diverged is treated as 0. (4) is computed only if the effect can be significant.
-    """
+    """Return the test of each effect, a column of D (K, N m): the change of the prediction in standard deviations. A
+    column that diverged is treated as 0. (4) is computed only if the effect can be significant."""
     energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))  # D w D, and D w (dᵀ, ψ)
     with np.errstate(invalid="ignore", over="ignore"):
         for rows in cache_slices(D.shape[1], products.size):

@@ -33,10 +33,8 @@ UNIT_CODES = {1e3: "time.milliseconds-as-seconds", 1e-3: "time.seconds-as-millis
 
 
 def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
-    """Return the repaired run, split at pauses, and the findings.
-
-    A run of fewer than MIN_SAMPLES ticks is unchanged.
-    """
+    """Return the repaired run, split at pauses, and the findings. A run of fewer than MIN_SAMPLES ticks is
+    unchanged."""
     if len(run.t_ns) < MIN_SAMPLES:
         return [run], []
     run, unit_messages = _check_unit(run, rate_hz)
@@ -149,10 +147,8 @@ def _move_to_ticks(timestamps: np.ndarray, old_ticks: np.ndarray, new_ticks: np.
 
 
 def _check_stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
-    """Return the channel and the findings.
-
-    Samples are removed if their timestamp is far from their arrival, or not after the previous timestamps.
-    """
+    """Return the channel and the findings. Samples are removed if their timestamp is far from their arrival, or not
+    after the previous timestamps."""
     if len(c.t_ns) < MIN_SAMPLES:
         return c, []
     late_s = (c.arrival_ns - c.t_ns) / NANOSECONDS
@@ -184,10 +180,8 @@ def _severity(loss: np.ndarray) -> Severity:
 
 
 def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-    """Return the segments of the run between pauses, and a message if the run was split.
-
-    Segments below MIN_SEGMENT_S are dropped. If all are too short, the whole run is returned with an error message.
-    """
+    """Return the segments of the run between pauses, and a message if the run was split. Segments below MIN_SEGMENT_S
+    are dropped. If all are too short, the whole run is returned with an error message."""
     steps_s = np.diff(run.t_ns) / NANOSECONDS
     pause_s = max(MIN_PAUSE_S, PAUSE_STEPS * float(np.median(steps_s)))
     cuts = np.flatnonzero(steps_s > pause_s)

@@ -1,15 +1,18 @@
 """Compute terms that models often lack (forces, delays, sensor positions) as columns for score_test.py.
 
-A force outside the model pushes the vehicle along an axis a with an acceleration ε φ(t),
+A force outside the model pushes the vehicle along an axis a with an acceleration ε φ(t). w are the channels of the
+drivetrain, ν is the velocity of the model, both relative to their largest value; s is the time since a sign changed.
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
-
-The derivatives of the vehicle's step are propagated for all φ in one pass (unmodelled_forces.py). Some terms change
-only the readings. They are delays, lags, clocks, an IMU at another place or turned on its mount, and its low-pass in
-addition to a delay:
-
-    D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
+    φ = tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s)      dead zone … backlash           (2)
+        tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s)      dry friction … caster          (3)
+        ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)            along x, in corners            (4)
+        ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)          about ψ                        (5)
+    D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (6)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
+
+The derivatives are propagated for all φ in one pass. (6) changes only the readings: a delay, an IMU at another place
+or turned on its mount, its low-pass.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,14 +26,6 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_battery_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.diagnostics.unmodelled_forces import (
-    COMMAND_TERMS,
-    Force,
-    command_features,
-    driven_channels,
-    force_terms,
-    motion_features,
-)
 from baqueano.identify.parallel import parallel_map, prefetch
 from baqueano.identify.parameters.free import DELAY_PATH, substitute
 from baqueano.identify.parameters.setup import ThetaShape, example, initial_state, read_sensors
@@ -39,6 +34,20 @@ from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
+DECAY_S = 0.2  # duration of an effect that begins when a sign changes
+SIGN_WIDTH = 0.1  # of the largest value: width of the tanh at a change of sign
+COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
+MOTION_TERMS = (
+    "dry friction",
+    "drag",
+    "steep drag",
+    "one-sided drag",
+    "caster",
+    "cornering",
+    "turning",
+    "slip",
+)
+SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
@@ -47,6 +56,78 @@ LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # code of a term, and its desc
 TermColumns: TypeAlias = tuple[
     list[LabelledTerm], np.ndarray
 ]  # and their columns D (K, N m) in standard deviations
+
+
+class Force(NamedTuple):
+    """One force φ along one axis, and its channel for a force of (2)."""
+
+    code: str
+    description: Diagnostic
+    axis: int
+    channel: int | None = None
+
+
+def force_terms(axis: int, channel_count: int) -> list[Force]:
+    """Return the forces along `axis` (0 or 2) and then a sideways force. The order is that of `command_features` and
+    `motion_features`."""
+    command_forces = [
+        Force(f"{code} of channel {j}", _term(code), axis, j)
+        for code in COMMAND_TERMS
+        for j in range(channel_count)
+    ]
+    motion_forces = [Force(code, _term(code), axis) for code in MOTION_TERMS]
+    return [*command_forces, *motion_forces, Force("sideways", SIDEWAYS_TERMS[axis], 1)]
+
+
+def _term(code: str) -> Diagnostic:
+    return note(f"term.{code.replace(' ', '-')}")
+
+
+def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
+    """Return φ (N, 5 c) of one segment with channels w (N, c), relative to their largest value.  (2)"""
+    t, magnitude = np.cumsum(record.dt_s), np.abs(w)
+    fading = w * (t / t[-1] - 0.5)[:, None]
+    return np.concatenate(
+        [np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading, _decay_since_sign_change(w, t)], axis=1
+    )
+
+
+def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
+    """Return φ (N, 9) of one segment with motion ν (N, 3): (3), then (4) or (5)."""
+    v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
+    x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
+    along, about = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
+    corners = (*along, x * w) if axis == 0 else (*about, w * np.abs(w))
+    flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
+    return np.concatenate(
+        [np.tanh(v / SIGN_WIDTH), v * magnitude, v * v * v, magnitude, flips, *corners], axis=1
+    )
+
+
+def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
+    """Return the channels (N, c) of the drivetrain for the commands u (N, n): the two wheels, or the commands."""
+    drivetrain = getattr(model, "drivetrain", None)
+    if getattr(drivetrain, "mixing", "none") == "two_wheels":
+        return np.column_stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
+    return u
+
+
+def _decay_since_sign_change(x: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Return sign x e^(−s/0.2 s) (N, c), where s is the time since the last change of sign; it is 0 before the first
+    change."""
+    decay = np.zeros_like(x)
+    for c, sign in enumerate(np.sign(x).T):
+        moving_rows = np.flatnonzero(sign != 0.0)
+        reversals = (
+            moving_rows[1:][sign[moving_rows[1:]] != sign[moving_rows[:-1]]]
+            if len(moving_rows)
+            else moving_rows
+        )
+        if len(reversals):
+            edges = np.append(reversals, len(t))
+            elapsed_s = t[reversals[0] :] - np.repeat(t[reversals], np.diff(edges))
+            decay[reversals[0] :, c] = np.exp(-elapsed_s / DECAY_S) * sign[reversals[0] :]
+    return decay
 
 
 class MotionState(NamedTuple):
@@ -120,7 +201,7 @@ def term_columns(
 
 
 def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> TermColumns:
-    """Return the terms that change only the readings.  (2)"""
+    """Return the terms that change only the readings.  (6)"""
     labels: list[LabelledTerm] = []
     columns = []
     for record, motion, weight in zip(problem.records, fitted.motions, problem.weights, strict=True):
@@ -230,7 +311,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
 def _reading_terms(
     blocks: FittedBlocks, problem: Residuals, record: FitRecord, motions: Motions
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
-    """Return code, message and column (N, m) of each term that changes only the readings.  (2)"""
+    """Return code, message and column (N, m) of each term that changes only the readings.  (6)"""
     h = motions.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
     terms, offset = [("delay", note("term.delay"), h_dot)], 0

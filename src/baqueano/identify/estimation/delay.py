@@ -42,10 +42,8 @@ MIN_COST_GAIN = 25.0
 
 
 def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
-    """Return the task whose bounds contain only one tick of delay, and the best search.
-
-    Without a free delay, `task` is returned unchanged.
-    """
+    """Return the task whose bounds contain only one tick of delay, and the best search. Without a free delay, `task` is
+    returned unchanged."""
     shared_names, counts = task.problem.shape.shared, []
     if DELAY_PATH not in shared_names:
         return task, best_search(task, begin)
@@ -68,10 +66,8 @@ def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]
 
 
 def with_bound_flags(task: Task, end: Search) -> Search:
-    """Return `end` with its `bound` computed from the bounds of `task`.
-
-    So a delay at the edge of a tick is not marked.
-    """
+    """Return `end` with its `bound` computed from the bounds of `task`. So a delay at the edge of a tick is not
+    marked."""
     theta, tolerance = end.solution.theta, 1e-3 * (task.high - task.low)
     tolerance = np.where(np.isfinite(tolerance), np.minimum(tolerance, 1e-6), 0.0)
     bound = np.where(theta <= task.low + tolerance, -1, np.where(theta >= task.high - tolerance, 1, 0))
@@ -177,10 +173,8 @@ def _better_search(task: Task, first: Search, second: Search) -> Search:
 
 
 def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search]:
-    """Return the task and the search of the tick with the least cost, at most MAX_STEPS ticks away.
-
-    At a kink, select the side with the larger standard error of the delay.  (4)
-    """
+    """Return the task and the search of the tick with the least cost, at most MAX_STEPS ticks away. At a kink, select
+    the side with the larger standard error of the delay. (4)"""
     k, visits = int(nearest.solution.theta[i] / tick_s), {}
     while True:
         bounded_task = _with_bounds(task, i, (k + EDGE_TICKS) * tick_s, (k + 1 - EDGE_TICKS) * tick_s)
@@ -216,10 +210,8 @@ def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
 
 
 def duty_step_count(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
-    """Return the number of steps to which a timer rounds the duties, or None if no steps are visible.  (5)
-
-    Also return None if the file contains the steps, or if the commands are not the duties of two wheels.
-    """
+    """Return the number of steps to which a timer rounds the duties, or None if no steps are visible. (5) Also return
+    None if the file contains the steps, or if the commands are not the duties of two wheels."""
     drivetrain: Tree = getattr(blocks.model, "drivetrain", None)
     n = blocks.model.commands
     if getattr(drivetrain, "mixing", "none") != "two_wheels" or drivetrain.duty_step > 0.0:

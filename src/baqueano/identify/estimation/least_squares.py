@@ -115,10 +115,8 @@ def minimise(
     damping: float = DAMPING,
     evaluation: Evaluation | None = None,
 ) -> Solution:
-    """Return the solution with the θ (p,) of least cost between `low` and `high` (p,), searched from `theta`.
-
-    `fixed` (p,) is a mask of entries that do not change. `evaluation` is the evaluation at `theta` if it is known.
-    """
+    """Return the solution with the θ (p,) of least cost between `low` and `high` (p,), searched from `theta`. `fixed`
+    (p,) is a mask of entries that do not change. `evaluation` is the evaluation at `theta` if it is known."""
     theta = _clip(theta, low, high)
     may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
     current = evaluate(theta) if evaluation is None else evaluation
@@ -170,10 +168,8 @@ def _kink_mask(
     scale: np.ndarray,
     movable: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Return the mask (p,) of parameters at a kink, and the number of evaluations.  (5)
-
-    At a kink the cost rises in both directions although the gradient is not zero.
-    """
+    """Return the mask (p,) of parameters at a kink, and the number of evaluations. (5) At a kink the cost rises in both
+    directions although the gradient is not zero."""
     at_kink, slope = np.zeros(len(theta), bool), current.gradient / np.sqrt(np.maximum(scale, 1e-300))
     steep_entries = np.flatnonzero(movable & (np.abs(slope) > MIN_KINK_SLOPE))
     for i in steep_entries:
@@ -184,10 +180,8 @@ def _kink_mask(
 
 
 def _is_finite(evaluation: Evaluation) -> bool:
-    """Return True if cost and Hessian are finite.
-
-    If a model diverges, a robust cost can be finite although its derivatives are not.
-    """
+    """Return True if cost and Hessian are finite. If a model diverges, a robust cost can be finite although its
+    derivatives are not."""
     H = evaluation.hessian
     return bool(
         np.isfinite(evaluation.cost) and (H.is_finite if isinstance(H, BlockArrow) else np.isfinite(H).all())

@@ -85,10 +85,8 @@ class InnovationDerivatives(NamedTuple):
 
 
 class Prediction:
-    """Innovations of the runs of a `Residuals`, as a function of x = (θ, v, ½ log q).
-
-    θ, rows, σ and weights are taken from `simulation`.
-    """
+    """Innovations of the runs of a `Residuals`, as a function of x = (θ, v, ½ log q). θ, rows, σ and weights are taken
+    from `simulation`."""
 
     def __init__(self, simulation: Residuals, blocks: FittedBlocks) -> None:
         self.simulation, self.size = simulation, simulation.size
@@ -234,10 +232,8 @@ def _search(
     damping: float,
     progress: Callable[[str], object] | None,
 ) -> Solution:
-    """Return the minimum of J, searched from `x`.
-
-    `progress` is called with a text; if it returns True, the search ends.
-    """
+    """Return the minimum of J, searched from `x`. `progress` is called with a text; if it returns True, the search
+    ends."""
     evaluation_count, evaluation = 0, None
     while True:
         solution = minimise(

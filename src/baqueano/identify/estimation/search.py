@@ -114,10 +114,7 @@ def search(
     rough: bool = False,
 ) -> Search:
     """Return one search from `theta` (p,). The entries in the mask `fixed` (p,) do not change. The search begins with
-    the σ of `previous` if it is given.  (1)
-
-    If `rough`, the search ends when σ changes by less than NEAR_CHANGE.
-    """
+    the σ of `previous` if it is given. (1) If `rough`, the search ends when σ changes by less than NEAR_CHANGE."""
     problem, sigma_fixed = task.problem, task.fixed_sigma is not None
     damping = 1e-2 if previous is None else 1e-6
     if previous is not None:
@@ -163,10 +160,8 @@ def search(
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
-    """Return σ (m,) of the residuals at θ, and for each segment its profile (N, m), or None if σ is constant.
-
-    If the model diverges, σ is the spread of the measurements.
-    """
+    """Return σ (m,) of the residuals at θ, and for each segment its profile (N, m), or None if σ is constant. If the
+    model diverges, σ is the spread of the measurements."""
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
         sigma = robust_sigma(problem.z, problem.has, task.floor)

@@ -178,10 +178,8 @@ def fix_unidentifiable(
 
 
 def signal_energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
-    """Return the energy (m,) of the prediction of each channel about its mean, in standard deviations of the noise.
-
-    The mean is taken over all rows, or over each segment if a parameter of the segment or run can explain it.
-    """
+    """Return the energy (m,) of the prediction of each channel about its mean, in standard deviations of the noise. The
+    mean is taken over all rows, or over each segment if a parameter of the segment or run can explain it."""
 
     def channel_sums(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
         h = (z * weight - r) * has
@@ -251,11 +249,8 @@ def finished_fit(
     message: Diagnostic | None,
     findings: tuple[Diagnostic, ...],
 ) -> FinishedFit:
-    """Return the state of the fit after the search `end` of a task, with the parameters that the data do not
-    determine fixed at their start.
-
-    The bounds of `task` can be narrower than the bounds of the parameters.
-    """
+    """Return the state of the fit after the search `end` of a task, with the parameters that the data do not determine
+    fixed at their start. The bounds of `task` can be narrower than the bounds of the parameters."""
     end, identifiability, info = fix_unidentifiable(task, end, parameters.free)
     task = task._replace(low=parameters.low, high=parameters.high, problem=end.problem)
     return FinishedFit(

@@ -166,10 +166,8 @@ def _trial(name: str, logs: list[np.ndarray], per_block: int) -> NoiseTrial:
 
 
 def _innovations(ekf: Ekf) -> Callable[..., Tree]:
-    """Return the step of a scan with R and Q as parameters.
-
-    Its outputs (3,) per tick are yᵀ S⁻¹ y, log |S| and the number of measured entries.
-    """
+    """Return the step of a scan with R and Q as parameters. Its outputs (3,) per tick are yᵀ S⁻¹ y, log |S| and the
+    number of measured entries."""
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:

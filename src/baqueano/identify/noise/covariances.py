@@ -256,10 +256,8 @@ def measure_noise(
 def positive_definite(
     matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]
 ) -> np.ndarray:
-    """Return a symmetric positive definite matrix (n, n) with variances of at least `floor` (n,) and MIN_STD².
-
-    MIN_STD is for a vehicle on a rail, which never moves sideways. Changes of the matrix are added to `notes`.
-    """
+    """Return a symmetric positive definite matrix (n, n) with variances of at least `floor` (n,) and MIN_STD². MIN_STD
+    is for a vehicle on a rail, which never moves sideways. Changes of the matrix are added to `notes`."""
     matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
     matrix = np.where(np.isfinite(matrix), matrix, 0.0)
     variance, floor = np.diagonal(matrix), np.maximum(floor, MIN_STD**2)

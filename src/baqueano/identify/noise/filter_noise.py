@@ -81,11 +81,8 @@ def filter_noise(
     backend: str,
     speed_from: tuple[str, ...],
 ) -> AugmentedEkf:
-    """Return the filter of the fitted file, with the noise of the model and of its sensors.
-
-    `q` (in motion) and `rest` are the sensors' covariances from the residuals of the fit. `speed_from` is the field
-    of the filter.
-    """
+    """Return the filter of the fitted file, with the noise of the model and of its sensors. `q` (in motion) and `rest`
+    are the sensors' covariances from the residuals of the fit. `speed_from` is the field of the filter."""
     estimator = replace(fit.file.estimator(), speed_from=speed_from)
     filter_layout = layout(estimator)
     inertial = {bias.sensor for bias in filter_layout.biases}
@@ -127,8 +124,7 @@ def filter_noise(
 
 def _crab_angle_rad(fit: "Fit") -> float:
     """Return the angle between course and heading of the fitted model, driving forward at half its largest command
-    [rad]. Return 0 if its speed is below MIN_SPEED_M_S.
-    """
+    [rad]. Return 0 if its speed is below MIN_SPEED_M_S."""
     vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
     u, state, nu = np.zeros(vehicle.commands), vehicle.init(), np.zeros(3)
     u[0] = 0.5 * fit.file.command.limit[0]
@@ -147,10 +143,8 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
 
 
 def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """Return the filter with the speed error from the residuals of the forward accelerometer.
-
-    With too few residuals the filter is unchanged.  (3)
-    """
+    """Return the filter with the speed error from the residuals of the forward accelerometer. With too few residuals
+    the filter is unchanged. (3)"""
     accelerometer = forward_accelerometer(ekf, inertial)
     if accelerometer is None:
         return ekf
@@ -193,11 +187,8 @@ def _free_noise(
     rounding: Mapping[tuple[str, int], tuple[float, float]],
     readings: Mapping[str, int],
 ) -> list[FreeNoise]:
-    """Return the noise parameters that the measurements can determine.
-
-    `rounding` contains the least and greatest variance of some entries, `readings` the number of readings of each
-    sensor.
-    """
+    """Return the noise parameters that the measurements can determine. `rounding` contains the least and greatest
+    variance of some entries, `readings` the number of readings of each sensor."""
     filter_layout = layout(ekf)
     reading_counts = np.array([readings[name] for name, _ in _layout_channels(filter_layout)])
     free_noise = []

@@ -80,11 +80,8 @@ def speed_channels(
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
-    """Return the ratio of two root mean square errors, and its 95 % interval.
-
-    `ours` and `reference` (B,) are sums of squares in B blocks. The interval is NaN with fewer than MIN_BLOCKS
-    blocks.  (1)
-    """
+    """Return the ratio of two root mean square errors, and its 95 % interval. `ours` and `reference` (B,) are sums of
+    squares in B blocks. The interval is NaN with fewer than MIN_BLOCKS blocks. (1)"""
     ratio = float(np.sqrt(ours.sum() / reference.sum()))
     if len(ours) < MIN_BLOCKS:
         return ratio, float("nan"), float("nan")

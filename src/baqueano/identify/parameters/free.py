@@ -214,10 +214,8 @@ def enable_parameters(
 
 
 def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
-    """Return, for each free friction (path → value), the upper bound up to which the motion stays integrable.
-
-    The free frictions of an axis share the remaining range.
-    """
+    """Return, for each free friction (path → value), the upper bound up to which the motion stays integrable. The free
+    frictions of an axis share the remaining range."""
     kept_model, bounds = coasting_axes(blocks.model), {}
     slack = np.maximum(MAX_DECAY_PER_TICK * rate_hz - decay_rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}

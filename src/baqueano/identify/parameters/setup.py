@@ -96,10 +96,8 @@ def parameters_for_fit(
     rate_hz: float,
     options: FitOptions,
 ) -> Parameters:
-    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` is a field of `Dataset`.
-
-    Raise UsageError if no command moved, or if bounds or start values belong to no free parameter.
-    """
+    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` is a field of `Dataset`. Raise
+    UsageError if no command moved, or if bounds or start values belong to no free parameter."""
     _check_bounds(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
     options = with_pose_segments(options, blocks)
     for run in runs:
@@ -119,10 +117,8 @@ def parameters_for_fit(
 
 
 def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
-    """Return the options, with segments if a pose is used.
-
-    Raise UsageError for a clock of a sensor that is not used.
-    """
+    """Return the options, with segments if a pose is used. Raise UsageError for a clock of a sensor that is not
+    used."""
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
@@ -241,10 +237,8 @@ def start_theta(
 
 
 def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
-    """Return the first measured pose (3,), or zeros without one.
-
-    If the heading is not measured, it is the course of the first half of the path.
-    """
+    """Return the first measured pose (3,), or zeros without one. If the heading is not measured, it is the course of
+    the first half of the path."""
     for name, sensor in blocks.sensors._asdict().items():
         readings = record.sensors[name]
         if measures_pose(sensor) and readings.has.any():

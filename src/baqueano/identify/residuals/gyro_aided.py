@@ -93,10 +93,8 @@ class GyroAidedResiduals(Residuals):
     def sigma_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return σ (m,) and, for each segment, its profile (N, m) over the speed.
-
-        Both are computed from the residuals `misfits` at θ, and weight the channels.
-        """
+        """Return σ (m,) and, for each segment, its profile (N, m) over the speed. Both are computed from the residuals
+        `misfits` at θ, and weight the channels."""
         dt_s = [record.dt_s for record in self.records]
         return profile_with_slow_noise(misfits, self.has, self.speeds(theta), dt_s, floor)
 
@@ -112,10 +110,8 @@ class GyroAidedResiduals(Residuals):
 
 
 def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
-    """Return the record without the first measurements, while unknown earlier commands can still move the vehicle.
-
-    A free delay is treated as the longest delay, so that every search has the same rows.
-    """
+    """Return the record without the first measurements, while unknown earlier commands can still move the vehicle. A
+    free delay is treated as the longest delay, so that every search has the same rows."""
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
     unknown_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
     unknown_s += SETTLING_LAGS * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)

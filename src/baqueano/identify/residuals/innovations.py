@@ -66,10 +66,8 @@ class PredictedState(NamedTuple):
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:
-    """Return the indices of the entries of `process_noise_std` that change ν.
-
-    Raise UsageError for a kinematic vehicle, or one without this field.
-    """
+    """Return the indices of the entries of `process_noise_std` that change ν. Raise UsageError for a kinematic vehicle,
+    or one without this field."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _noise_input_matrix(model, 1.0)
@@ -87,10 +85,8 @@ def shows_pose(blocks: FittedBlocks) -> bool:
 
 
 def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
-    """Return a scan over rows (dt, u, z, 1/σ, early) with outputs e (m,) and log s (m,), 0 without a measurement.
-
-    θ = (θ of the simulation, v of each axis, ½ log q of each channel).
-    """
+    """Return a scan over rows (dt, u, z, 1/σ, early) with outputs e (m,) and log s (m,), 0 without a measurement. θ =
+    (θ of the simulation, v of each axis, ½ log q of each channel)."""
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, axes = sum(sizes), (*shape.shared, *shape.per_run), axes_of(blocks.model)
     size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage

@@ -50,9 +50,8 @@ def robust_sigma(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], flo
 def informative_rows(
     residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], z: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return `has` (N, m), set to 0 if the measurement z is exactly 0 and the residual is within STILL_FRACTION of
-    the largest measurement. A channel that would keep fewer than MIN_MEASUREMENTS rows is unchanged.
-    """
+    """Return `has` (N, m), set to 0 if the measurement z is exactly 0 and the residual is within STILL_FRACTION of the
+    largest measurement. A channel that would keep fewer than MIN_MEASUREMENTS rows is unchanged."""
     largest = _largest(z, has)
     informative = [
         presence * ~((v == 0.0) & (np.abs(r) <= STILL_FRACTION * largest))

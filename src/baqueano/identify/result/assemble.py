@@ -12,7 +12,7 @@ from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
 from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, pseudo_inverse
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import diagnose, inflate_covariance
+from baqueano.identify.diagnostics import diagnose
 from baqueano.identify.identifiability.identifiable import (
     FinishedFit,
     has_one_mean,
@@ -79,7 +79,9 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared)
-    shared_cov = inflate_covariance(_with_frozen(end, basis.cov[:s, :s]), evidence.names, basis.error_by_path)
+    shared_cov = np.full((len(end.requested), len(end.requested)), np.nan)
+    shared_cov[np.ix_(end.in_theta, end.in_theta)] = basis.cov[:s, :s]
+    shared_cov += np.diag([basis.error_by_path.get(name, 0.0) ** 2 for name in evidence.names])
     run_entry_names, run_values, run_entry_sd = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
@@ -101,7 +103,9 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         reasons=reasons,
         notes=(*_notes(end), *remarks(evidence._replace(bound=evidence.bound - basis.bound_excess))),
         channels=evidence.channels,
-        sigma=_by_sensor(problem, end.search.sigma),
+        sigma=dict(
+            zip(problem.names, np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1]), strict=True)
+        ),
         autocorrelated=end.info.autocorrelated,
         converged=solution.converged,
         cost=solution.evaluation.cost,
@@ -119,10 +123,11 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 
 def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """Return all diagnostics of the fit, and the errors of parameters (path → error) that they cause."""
+    report = end.task.progress or (lambda text: None)
     if (
         not end.score_test
         or end.search.stopped
-        or _is_interrupted(end, _("testing for effects that the model lacks"))
+        or report(_("testing for effects that the model lacks")) is True
     ):
         return end.findings, {}
     messages, error_by_path = diagnose(end, sd, sigma_of_file(end.blocks.sensors))
@@ -163,15 +168,14 @@ def _evidence(
         end.info.autocorrelation,
         None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks.sensors),
         findings,
-        _weak_reasons(end),
+        tuple(
+            weak_reason(parameter, end.confused_with(end.identifiability.correlated, i))
+            for i, parameter in enumerate(end.free)
+            if end.identifiability.weak[i]
+        ),
         _most_moving(end),
         has_one_mean(end.task.problem),
     )
-
-
-def _is_interrupted(end: FinishedFit, text: str) -> bool:
-    """Report the next stage to the caller. Return True if the caller requested to stop."""
-    return end.task.progress is not None and end.task.progress(text) is True
 
 
 def _covariance(end: FinishedFit) -> np.ndarray:
@@ -197,10 +201,8 @@ def _covariance(end: FinishedFit) -> np.ndarray:
 def _run_entries(
     problem: Residuals, theta: np.ndarray, sd: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately.
-
-    The starts are included if the runs are not split.
-    """
+    """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately. The starts
+    are included if the runs are not split."""
     layout, shape = problem.layout, problem.shape
     runs, s = max(layout.runs) + 1, layout.shared_count
     by_run = theta[s : layout.first_start].reshape(runs, -1)
@@ -223,12 +225,6 @@ def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.n
     ordered = np.full(len(end.requested), frozen_value, dtype=float)
     ordered[end.in_theta] = values
     return ordered
-
-
-def _with_frozen(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
-    out = np.full((len(end.requested), len(end.requested)), np.nan)
-    out[np.ix_(end.in_theta, end.in_theta)] = cov
-    return out
 
 
 def _start(end: FinishedFit) -> np.ndarray:
@@ -300,19 +296,9 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     return tuple(unobservable_terms), tuple(never_shown)
 
 
-def _weak_reasons(end: FinishedFit) -> tuple[Diagnostic, ...]:
-    """Return findings on parameters with a large error."""
-    weak_entries = [i for i in range(len(end.free)) if end.identifiability.weak[i]]
-    return tuple(
-        weak_reason(end.free[i], end.confused_with(end.identifiability.correlated, i)) for i in weak_entries
-    )
-
-
 def _most_moving(end: FinishedFit) -> str:
     """Return the path of the parameter that a search without convergence would still move most, in standard errors.
-
-    Return "" after convergence.
-    """
+    Return "" after convergence."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     free_entries = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
     A, g = end.info.bread[np.ix_(free_entries, free_entries)], solution.evaluation.gradient[free_entries]
@@ -382,11 +368,6 @@ def _mount_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
         f"{path.removeprefix(MOUNT_PREFIX)} = {x:.4g}" for path, x in pairs if path.startswith(MOUNT_PREFIX)
     )
     return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
-
-
-def _by_sensor(problem: Residuals, sigma: np.ndarray) -> dict[str, np.ndarray]:
-    ends = np.cumsum(problem.sizes)[:-1]
-    return dict(zip(problem.names, np.split(sigma, ends), strict=True))
 
 
 def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:

@@ -377,10 +377,8 @@ def row_remarks(row: dict[str, Any]) -> str:
 
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
-    """Return the verdict with the most severe reasons, unobservable parameters and notes, as lines of text.
-
-    The last line counts the omitted messages. If `reported`, it states that a report contains them.
-    """
+    """Return the verdict with the most severe reasons, unobservable parameters and notes, as lines of text. The last
+    line counts the omitted messages. If `reported`, it states that a report contains them."""
     lists = (fit.reasons, fit.unobservable, fit.always_unobservable + fit.notes)
     reasons, unobservable, notes = (group_sentences(most_severe_first(messages)) for messages in lists)
     if len(reasons) == 1:

@@ -68,11 +68,8 @@ def choose_objective(
     comparison: "LeaveOneOutComparison | None",
     times: np.ndarray,
 ) -> ObjectiveChoice:
-    """Return the choice of the cost.
-
-    `times` (m,) is the sensor noise without the process noise, relative to the noise in the file; 0 if the file does
-    not contain it.
-    """
+    """Return the choice of the cost. `times` (m,) is the sensor noise without the process noise, relative to the noise
+    in the file; 0 if the file does not contain it."""
     odds: JsonObject = {"ratio": float(likely.ratio), "chance": _p_value_text(likely.p_value)}
     if likely.p_value >= FLOOR_P_VALUE:
         return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)

@@ -215,9 +215,8 @@ def _single_outlier(e: Evidence, label: str) -> Diagnostic:
 
 
 def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
-    """Return for each channel over all runs the numbers of samples, of outliers above the model, and of outliers
-    below it.
-    """
+    """Return for each channel over all runs the numbers of samples, of outliers above the model, and of outliers below
+    it."""
     m = len(e.autocorrelation)
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
@@ -250,8 +249,7 @@ class ChannelOfRun(NamedTuple):
     @property
     def contradicts_model(self) -> bool:
         """Return True if the square about the model exceeds MAX_SQUARE_RATIO times the square about the mean of the
-        channel.
-        """
+        channel."""
         return self.squares > MAX_SQUARE_RATIO * self.signal_squares
 
     @property
@@ -328,10 +326,8 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
 
 
 def _is_significantly_larger(channel: ChannelOfRun, like_runs: list[ChannelOfRun], count: int) -> bool:
-    """Return True if the residuals of a run are significantly larger than in the `like_runs`, one of `count` runs.
-
-    (1) Also return True if `like_runs` contains fewer than two runs, because their scatter is then unknown.
-    """
+    """Return True if the residuals of a run are significantly larger than in the `like_runs`, one of `count` runs. (1)
+    Also return True if `like_runs` contains fewer than two runs, because their scatter is then unknown."""
     g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *like_runs)])
     if len(like_runs) < 2:
         return True

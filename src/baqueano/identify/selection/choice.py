@@ -69,10 +69,8 @@ class Decision(StrEnum):
 
 
 class TermResult(NamedTuple):
-    """Result for one term.
-
-    It is compared with the model of its round, or at the end with the model without this term.
-    """
+    """Result for one term. It is compared with the model of its round, or at the end with the model without this
+    term."""
 
     term: Term
     verdict: Decision

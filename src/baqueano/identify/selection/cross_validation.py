@@ -139,9 +139,8 @@ class HeldOutFolds:
         self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
         max_evaluations: int = MAX_EVALUATIONS,
     ) -> Solution:  # fmt: skip
-        """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; only the entries `is_free`
-        (p,) change.
-        """
+        """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; only the entries `is_free` (p,)
+        change."""
         problem = (self.all_data if problem is None else problem).weight(sigma)
         return minimise(
             problem.evaluate,
@@ -218,10 +217,8 @@ def paired_comparison(without: Score, with_: Score) -> PairedComparison:
 
 
 def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
-    """Return the standard errors (q,) of shared parameters by leaving folds out.
-
-    They are also valid for autocorrelated residuals, and NaN with a single fold.
-    """
+    """Return the standard errors (q,) of shared parameters by leaving folds out. They are also valid for autocorrelated
+    residuals, and NaN with a single fold."""
     if len(score.estimates) < 2:
         return np.full(len(entries), np.nan)
     return np.sqrt(np.diagonal(covariance_of_changes(score.estimates[:, list(entries)])))
