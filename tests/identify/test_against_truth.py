@@ -191,13 +191,6 @@ def test_a_silent_camera_is_refused(assumed_file, drive):
         calibrate(replace(run, truth=seldom), assumed_file)
 
 
-@pytest.mark.parametrize(
-    ("probability", "freedom", "quantile"), [(0.975, 7, 2.3646), (0.975, 20, 2.0860), (0.999, 11, 4.0247)]
-)
-def test_the_quantile_of_students_t_equals_the_tables(probability, freedom, quantile):
-    assert student_quantile(probability, freedom) == pytest.approx(quantile, abs=4e-3)
-
-
 def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():
     """With 400 fits, error bars for white noise would cover 70 %. A false alarm outside 90 to 99 % is below 1e-4."""
     rng, n, batches, hits = np.random.default_rng(0), 400, 20, 0

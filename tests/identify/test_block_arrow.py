@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.segments import (
     BlockArrow,
     Evaluation,
@@ -14,7 +13,6 @@ from baqueano.identify.data.segments import (
     add,
     arrow_layout,
     diagonal_matrix,
-    eliminate_starts,
     row_product,
 )
 from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
@@ -111,22 +109,6 @@ def test_few_segments_are_solved_with_the_whole_matrix():
     assert arrow_layout(ThetaLayout(3, 3, 6, (0,))) is None
     assert arrow_layout(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
     assert arrow_layout(ThetaLayout(3, 3, 0, (0,) * 100)) is None
-
-
-def test_errors_of_shared_parameters_equal_the_inverse_of_the_whole_matrix():
-    _, whole, _ = equations(4, ONE_RUN)
-    layout = ThetaLayout(4, 3, 6, ONE_RUN)
-    A, B = eliminate_starts(whole, 2.0 * whole, layout)
-    few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.first_start)
-    small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), starts)
-    large = (
-        2.0
-        * np.linalg.inv(whole)[: layout.first_start, : layout.first_start]
-        * few
-        / (few - layout.first_start)
-    )
-    root = np.sqrt(np.diagonal(large))
-    np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 
 
 def test_block_solver_and_whole_matrix_give_the_same_segmented_fit(case, case_run, monkeypatch):

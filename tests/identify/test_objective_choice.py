@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from baqueano.errors import UsageError
-from baqueano.identify import FitOptions
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.estimation.least_squares import Evaluation, Solution
 from baqueano.identify.estimation.prediction_error import FilterNoise, MaximumLikelihood
 from baqueano.identify.result.objective_choice import LeaveOneOutComparison, choose_objective
-from tests.codes import of_code
 
 QUIET = np.ones(1)
 
@@ -72,10 +69,3 @@ def test_the_allowed_difference_of_two_fits_grows_with_parameter_count():
     assert both(0.0).limit == pytest.approx(2.750, abs=1e-3)  # of Student's t with 30 degrees
     assert both(*np.zeros(20)).limit > 3.5
     assert both().largest_change == (0.0, "")
-
-
-def test_an_unknown_cost_is_refused_by_name():
-    with pytest.raises(
-        UsageError, check=of_code("cost.unknown", found="both", known="simulation, innovations")
-    ):
-        FitOptions(cost="both")

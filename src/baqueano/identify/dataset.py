@@ -169,11 +169,9 @@ def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Non
 def sensors_of(
     vehicle_file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
 ) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
-    """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors.
-
-    If `use` names the truth, the truth becomes a sensor. Raise UsageError without runs, for an unknown sensor or
-    channel, or if no sensor has readings in all runs.
-    """
+    """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors. If `use` names the
+    truth, the truth becomes a sensor. Raise UsageError without runs, for an unknown sensor or channel, or if no sensor
+    has readings in all runs."""
     if not runs:
         raise UsageError(fault("runs.none"))
     names_of_file = vehicle_file.sensors._fields

@@ -58,10 +58,8 @@ class Rest(NamedTuple):
 
 def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -> Calibration:
     """Return the calibration of the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
-
-    `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number.
-    Raise UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated.
-    """
+    `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number. Raise
+    UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated."""
     channel = channel_of(run, vehicle_file, "gyro_scale", -1)
     if channel is None:
         raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))

@@ -185,11 +185,9 @@ def parameter_history(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     progress: Callable[[str], object] | None = None,
 ) -> ParameterHistory:
-    """Return the parameters of `vehicle_file` over `runs` in order of time.
-
-    The runs are sorted by their timestamps if these are dates, else they remain in the given order. `free`, `use` and
-    `options` are as in `identify`. Raise UsageError if fewer than two runs can be fitted.
-    """
+    """Return the parameters of `vehicle_file` over `runs` in order of time. The runs are sorted by their timestamps if
+    these are dates, else they remain in the given order. `free`, `use` and `options` are as in `identify`. Raise
+    UsageError if fewer than two runs can be fitted."""
     if len(runs) < 2:
         raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):

@@ -45,11 +45,9 @@ class PredictionErrorFit(NamedTuple):
 
 
 def fit_by_simulation(first: FinishedFit) -> Fit:
-    """Return the fit with the cost of the simulation errors.
-
-    If autocorrelation and size of the residuals are the only findings, the second cost tests if process noise
-    explains them. The test needs a dynamic model without free clocks.
-    """
+    """Return the fit with the cost of the simulation errors. If autocorrelation and size of the residuals are the only
+    findings, the second cost tests if process noise explains them. The test needs a dynamic model without free
+    clocks."""
     basis, model = verdict_basis(first), first.blocks.model
     can_have_floor = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
@@ -172,8 +170,7 @@ def _is_inside_bounds(likely: MaximumLikelihood) -> np.ndarray:
 def _information_matrices(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
     """Return two information matrices: of (identifiable θ, noise parameters), and of the identifiable θ only. The
     initial states of the segments are eliminated from both. The second also eliminates the noise parameters, because
-    they are also estimated.
-    """
+    they are also estimated."""
     layout, count, info = first.task.problem.layout, len(first.identifiability.mask), likely.info
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
     order = np.r_[np.arange(count), noise, np.arange(count, layout.size)]

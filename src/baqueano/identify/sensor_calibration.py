@@ -79,10 +79,8 @@ class WindowRegression(NamedTuple):
 
 def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
-
     `vehicle_file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
-    sensors.
-    """
+    sensors."""
     gyro = channel_of(run, vehicle_file, "gyro_scale", -1)
     odometer = channel_of(run, vehicle_file, "scale", 0)
     if gyro is None and odometer is None:

@@ -341,12 +341,10 @@ def is_fit_by_innovations(fit: Fit) -> bool:
 def with_cost_advice(
     fit: Fit, runs: Sequence[Run], validation: Validation, refit: Callable[[str], Fit]
 ) -> Fit:
-    """Return the fit with a note on the cost that the held-out `runs` recommend.
-
-    `validation` is the validation of the fit on these runs, and `refit(cost)` returns the fit with another cost. The
-    fit is returned unchanged if its notes do not compare costs, or if the validation is inconclusive. If the other
-    fit is refused, or has the same cost, the note that compares costs is removed.
-    """
+    """Return the fit with a note on the cost that the held-out `runs` recommend. `validation` is the validation of the
+    fit on these runs, and `refit(cost)` returns the fit with another cost. The fit is returned unchanged if its notes
+    do not compare costs, or if the validation is inconclusive. If the other fit is refused, or has the same cost, the
+    note that compares costs is removed."""
     at = next((k for k, message in enumerate(fit.notes) if message.code in COMPARED), None)
     if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
         return fit

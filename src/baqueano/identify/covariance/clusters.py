@@ -91,11 +91,9 @@ def inflation_factors(variance: np.ndarray, least: np.ndarray) -> np.ndarray:
 def batch_covariance(
     jacobian: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
-    """Return the covariance (p, p) of a regression; infinite without information or for at most p batches.  (1)
-
-    `jacobian` (N, p) contains the derivatives; `residuals` and `weights` (N,) have one entry for each row. `batch`
-    (N,) is the batch number of each row. Rows with a weight below 1 are Huber's outliers, where ρ'' = 0.
-    """
+    """Return the covariance (p, p) of a regression; infinite without information or for at most p batches. (1)
+    `jacobian` (N, p) contains the derivatives; `residuals` and `weights` (N,) have one entry for each row. `batch` (N,)
+    is the batch number of each row. Rows with a weight below 1 are Huber's outliers, where ρ'' = 0."""
     p, (numbers, index) = jacobian.shape[1], np.unique(batch, return_inverse=True)
     scale = np.sqrt(np.maximum(np.sum(jacobian**2, axis=0), 1e-300))
     J = jacobian / scale
@@ -239,10 +237,9 @@ def _block_sums(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndar
 def with_larger_errors(
     problem: Residuals, cov: np.ndarray, jackknife_cov: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p) with the standard errors of the first k entries raised to those of `jackknife_cov`.
-
-    All runs share the first k entries. Return `cov` unchanged if `jackknife_cov` is None, or if the two covariances
-    agree within the scatter of the blocks (`by_segment`: of the segments).  (4)"""
+    """Return `cov` (p, p) with the standard errors of the first k entries raised to those of `jackknife_cov`. All runs
+    share the first k entries. Return `cov` unchanged if `jackknife_cov` is None, or if the two covariances agree within
+    the scatter of the blocks (`by_segment`: of the segments). (4)"""
     if jackknife_cov is None or not k:
         return cov
     shared_cov, block_cov = cov[:k, :k], jackknife_cov[:k, :k]

@@ -44,11 +44,9 @@ def std_of_tolerance(tolerance: float) -> float:
 def scale_stds(
     vehicle_file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None
 ) -> np.ndarray:
-    """Return the relative standard deviations (3,) of the scales of an IMU.
-
-    They are computed from `tolerance` (keys "accel", "gyro"). Otherwise the standard error in the file is used, or
-    the tolerance of a data sheet. Raise UsageError for an unknown key, or a tolerance outside 0 to 1.
-    """
+    """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance` (keys
+    "accel", "gyro"). Otherwise the standard error in the file is used, or the tolerance of a data sheet. Raise
+    UsageError for an unknown key, or a tolerance outside 0 to 1."""
     tolerances = dict(tolerance or {})
     if not set(tolerances) <= set(DATA_SHEET_TOLERANCES) or any(
         not 0.0 <= x < 1.0 for x in tolerances.values()
@@ -166,11 +164,9 @@ def with_systematic_errors(
     scales: np.ndarray,
     gyro_bias_rad_s: float,
 ) -> Information:
-    """Return `info` with the effect of errors in the scales and in the zero of the gyro.  (2)
-
-    `scales` (m,) and `gyro_bias_rad_s` [rad/s] are standard deviations. `gradient(c, scale, shift)` returns the
-    gradient (p,) of the cost if channel c is divided by `scale` and `shift` is added to it.
-    """
+    """Return `info` with the effect of errors in the scales and in the zero of the gyro. (2) `scales` (m,) and
+    `gyro_bias_rad_s` [rad/s] are standard deviations. `gradient(c, scale, shift)` returns the gradient (p,) of the cost
+    if channel c is divided by `scale` and `shift` is added to it."""
     meat = info.meat.copy()
     for c in np.flatnonzero(scales > 0.0):
         g = (gradient(int(c), 1.0 + RELATIVE_STEP, 0.0) - gradient(int(c), 1.0 - RELATIVE_STEP, 0.0)) / (

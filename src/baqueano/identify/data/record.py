@@ -76,12 +76,9 @@ def record_of(
     used_channels: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> FitRecord:
-    """Return the rows of `run`, with the readings of `sensors` (name → block).
-
-    `used_channels` limits a sensor to the listed channels. Readings of the sensors in `clocks` are assigned
-    MAX_CLOCK_OFFSET_S after their timestamp. Raise UsageError for a run with fewer than 2 ticks, without a finite
-    command, or without a fitting channel of a sensor.
-    """
+    """Return the rows of `run`, with the readings of `sensors` (name → block). `used_channels` limits a sensor to the
+    listed channels. Readings of the sensors in `clocks` are assigned MAX_CLOCK_OFFSET_S after their timestamp. Raise
+    UsageError for a run with fewer than 2 ticks, without a finite command, or without a fitting channel of a sensor."""
     if len(run.t_ns) < 2:
         raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
     steps = np.diff(run.t_ns)
@@ -144,11 +141,9 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
 def _measurements(
     run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], max_offset_s: float
 ) -> Measurements:
-    """Return the measurements of one sensor in ends[-1] + 1 rows.
-
-    `ends` contains the last row of each tick. Each reading is assigned `max_offset_s` after its timestamp. Messages
-    are added to `notes`. Raise UsageError for a run without this sensor, or with another number of channels.
-    """
+    """Return the measurements of one sensor in ends[-1] + 1 rows. `ends` contains the last row of each tick. Each
+    reading is assigned `max_offset_s` after its timestamp. Messages are added to `notes`. Raise UsageError for a run
+    without this sensor, or with another number of channels."""
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))

@@ -68,11 +68,9 @@ class ThetaLayout(NamedTuple):
 
 
 def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
-    """Return segments of about `segment_s` [s]. Each segment after the first has a lead of `lead_s` [s].
-
-    The lead does not contain measurements. It is at least one row long, because a reading between ticks is
-    interpolated between rows. Raise UsageError for segments of less than MIN_SEGMENT_ROWS.
-    """
+    """Return segments of about `segment_s` [s]. Each segment after the first has a lead of `lead_s` [s]. The lead does
+    not contain measurements. It is at least one row long, because a reading between ticks is interpolated between rows.
+    Raise UsageError for segments of less than MIN_SEGMENT_ROWS."""
     ends = np.cumsum(record.dt_s)
     shortest_s = MIN_SEGMENT_ROWS * float(np.median(record.dt_s))
     if segment_s < shortest_s:

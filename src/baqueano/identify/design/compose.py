@@ -71,12 +71,10 @@ class PrimitiveShape(NamedTuple):
 
 
 def random_primitives(shape: PrimitiveShape, count: int, rng: np.random.Generator) -> list[MotionPrimitive]:
-    """Return `count` random primitives. The first primitive stays at rest.
-
-    Levels, durations and their number are random; the search computes the exact information of each primitive, so it
-    only needs variety. Small levels show dry friction and dead zones. A return reverses all signs (two wheels), only
-    those of the first channel (a car), or only the others. Primitives of the last kind, such as circles, do not return.
-    """
+    """Return `count` random primitives. The first primitive stays at rest. Levels, durations and their number are
+    random; the search computes the exact information of each primitive, so it only needs variety. Small levels show dry
+    friction and dead zones. A return reverses all signs (two wheels), only those of the first channel (a car), or only
+    the others. Primitives of the last kind, such as circles, do not return."""
     length = shape.ticks - shape.coast_ticks
     primitives = [MotionPrimitive(np.zeros((length, len(shape.limit))), RETURN_KINDS - 1)]
     while len(primitives) < count:
@@ -238,11 +236,9 @@ class Composer:
     def substitutes(
         self, chosen: list[int], place: int, pose: np.ndarray, reach_costs: Sequence[float], count: int
     ) -> list[int]:
-        """Return indices of primitives for `place` that stay inside from the poses (L, 3) on.
-
-        For each of the `reach_costs` of their reach, the `count` primitives that are best together with the other
-        primitives of `chosen` are returned, in order.
-        """
+        """Return indices of primitives for `place` that stay inside from the poses (L, 3) on. For each of the
+        `reach_costs` of their reach, the `count` primitives that are best together with the other primitives of
+        `chosen` are returned, in order."""
         other_primitives = [*chosen[:place], *chosen[place + 1 :]]
         other_information = self.F[other_primitives].sum(axis=0)
         candidates = np.argsort(-self._upper_bound(other_information) + self.cost)[:MAX_TRIED_PRIMITIVES]
@@ -255,10 +251,8 @@ class Composer:
 
     def keep_best(self, count: int) -> np.ndarray:
         """Keep only the `count` primitives with the highest bounds, and some others. Return the indices of all
-        primitives kept.
-
-        The others are the chosen primitives, the first primitive, and `count` // 4 primitives that stay near.
-        """
+        primitives kept. The others are the chosen primitives, the first primitive, and `count` // 4 primitives that
+        stay near."""
         bound = self._upper_bound(self.F[self.chosen].sum(axis=0))
         near_primitives = np.argsort(REACH_COST * self.reach - bound)[: count // 4]
         survivors = np.unique(
@@ -312,8 +306,7 @@ class Composer:
         """Return the index of a good primitive to add to F = `other_information` (M, q, q), and J minus the cost of the
         primitive. Return None if no tested primitive exceeds `min_score`. At most the MAX_TRIED_PRIMITIVES primitives
         with the highest bounds are tested. The primitive and all primitives of `later` must stay inside from the poses
-        (L, 3) on.
-        """
+        (L, 3) on."""
         order = np.argsort(-self._upper_bound(other_information) + self.cost)
         for offset in range(0, min(len(order), MAX_TRIED_PRIMITIVES), EXACT_PRIMITIVES):
             candidates = order[offset : offset + EXACT_PRIMITIVES]

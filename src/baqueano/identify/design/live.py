@@ -194,11 +194,8 @@ class MotionAdvisor:
         self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, widening: np.ndarray
     ) -> NextMotion | None:
         """Return the motion that, after a drive with information F (q, q) [SI units], most reduces the error of one
-        parameter.  (3)
-
-        Return None for a vehicle without motions. `size` (q,) contains the sizes of the parameters. `widening` (p,) is
-        the ratio of the errors of a fit to the errors that F predicts.
-        """
+        parameter. (3) Return None for a vehicle without motions. `size` (q,) contains the sizes of the parameters.
+        `widening` (p,) is the ratio of the errors of a fit to the errors that F predicts."""
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):

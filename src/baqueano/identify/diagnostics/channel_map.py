@@ -239,11 +239,9 @@ def check_gain_changes(
     sigma: np.ndarray,
     labels: Sequence[str],
 ) -> list[Diagnostic]:
-    """Return messages on gains and noise that differ from the file before the fit.
-
-    `estimate` and `std` (p,) belong to `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file,
-    0 if the file does not contain it. `sigma` (m,) is the estimated noise.
-    """  # fmt: skip
+    """Return messages on gains and noise that differ from the file before the fit. `estimate` and `std` (p,) belong to
+    `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0 if the file does not contain it.
+    `sigma` (m,) is the estimated noise."""
     return gain_findings(blocks, names, estimate, std) + _noise_findings(file_sigma, sigma, labels)
 
 
@@ -309,8 +307,7 @@ def _unit(off: float) -> Diagnostic | str:
 def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]) -> list[Diagnostic]:
     """Return findings on each column of the gain matrix: the largest entry in the file must stay the largest, and its
     value must agree with the file. If a turning command moves the vehicle more along another axis, a lever arm is
-    suggested.  (2), (3)
-    """
+    suggested. (2), (3)"""
     model = blocks.model
     path = next(
         (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None

@@ -47,9 +47,8 @@ FULL_SCALES = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, t
 
 def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Diagnostic]:
     """Return a list with at most one message: the gyro is in another unit than the wheels, or than speed and sideways
-    acceleration. The list is empty if the wheels of a sensor show the same yaw rate as the gyro. If only (4) shows
-    the fault, the message names gyro or accelerometer.  (3), (4)
-    """
+    acceleration. The list is empty if the wheels of a sensor show the same yaw rate as the gyro. If only (4) shows the
+    fault, the message names gyro or accelerometer. (3), (4)"""
     sensors, by_wheels, by_curves = vehicle_file.sensors._asdict(), [], []
     for sensor_name, channel in run.sensors.items():
         block: Tree = sensors.get(sensor_name)
@@ -77,10 +76,8 @@ def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Di
 
 def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     """Return messages on gyros in another unit than the predictions with the file, and True if all gyros are confirmed.
-
     A gyro is confirmed if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
-    file. The start of the search is not evidence, so it is not used.  (3), (5)
-    """
+    file. The start of the search is not evidence, so it is not used. (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
     by_file, _, _ = start_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())

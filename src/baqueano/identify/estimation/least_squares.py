@@ -45,11 +45,9 @@ class Solution(NamedTuple):
 
 class Minimiser(Protocol):
     """Interface of a custom solver: it returns the θ (p,) of least cost between `low` and `high` (p,), from `theta`.
-
-    `fixed` (p,) is a mask of entries that must not change. The solver can stop at a decrement (4) below `tolerance`,
-    or after `most` evaluations. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at`
-    builds the result.
-    """
+    `fixed` (p,) is a mask of entries that must not change. The solver can stop at a decrement (4) below `tolerance`, or
+    after `most` evaluations. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at` builds the
+    result."""
 
     def __call__(
         self, evaluate: Callable[[np.ndarray], Evaluation], theta: np.ndarray, low: np.ndarray, high: np.ndarray, *,

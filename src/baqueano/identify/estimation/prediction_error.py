@@ -187,12 +187,9 @@ def maximum_likelihood(
     progress: Callable[[str], object] | None = None,
 ) -> MaximumLikelihood:
     """Return the x of maximum likelihood. The search starts at `theta` (p,) of the simulation and stays between `low`
-    and `high` (p,).
-
-    `fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `least` (m,), given by its
-    converter and by rounding. The first search has v = 0, the second one a free v. `progress` is called with a text;
-    if it returns True, a search ends.
-    """
+    and `high` (p,). `fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `least` (m,),
+    given by its converter and by rounding. The first search has v = 0, the second one a free v. `progress` is called
+    with a text; if it returns True, a search ends."""
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
     min_factor = np.zeros(m) if least is None else least / prediction.simulation.sigma
     low = np.concatenate([low, np.zeros(k), np.log(np.clip(min_factor, np.exp(-MAX_LOG_NOISE), 1.0))])

@@ -63,11 +63,9 @@ def identifiability_of(
     fixed: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Identifiability:
-    """Return the identifiability of the entries of θ (p,).
-
-    The first entries belong to `shared`, the parameters of the vehicle. `signal_energy` (m,) belongs to the channels.
-    `fixed` (p,) is a mask of entries that are already fixed; `span` (p,) is the distance between the bounds.
-    """
+    """Return the identifiability of the entries of θ (p,). The first entries belong to `shared`, the parameters of the
+    vehicle. `signal_energy` (m,) belongs to the channels. `fixed` (p,) is a mask of entries that are already fixed;
+    `span` (p,) is the distance between the bounds."""
     is_by_hand = [k < len(shared) and shared[k].definition.measured_by != "" for k in range(len(theta))]
     is_identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.information_by_channel, signal_energy)

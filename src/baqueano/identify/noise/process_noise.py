@@ -66,11 +66,9 @@ def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], flo
 
 
 def coordinate_search(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001.
-
-    A step changes one entry. A step of EXCHANGE_STEP or less can also raise one entry and lower another, because two
-    noises can explain the same error.
-    """
+    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001. A step
+    changes one entry. A step of EXCHANGE_STEP or less can also raise one entry and lower another, because two noises
+    can explain the same error."""
     min_cost, axes = cost(q), np.eye(len(q))
     directions = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]

@@ -47,11 +47,9 @@ def speed_channels(
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
-    """Return the channels that should correct the speed, or None for a filter without accelerometers.  (1)
-
+    """Return the channels that should correct the speed, or None for a filter without accelerometers. (1)
     `filters(channels)` returns the filter with `channels` in its field `speed_from`, and with its noise estimated
-    again. `file_names` contains the channels in the vehicle file; they are returned if no run shows the speed.
-    """
+    again. `file_names` contains the channels in the vehicle file; they are returned if no run shows the speed."""
     without_speed = filters(())
     channels = tuple(_undecided_channels(without_speed))
     if not channels:

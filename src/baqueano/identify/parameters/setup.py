@@ -157,11 +157,9 @@ def records_of(
 
 def _after_unknown_commands(record: FitRecord, delay_s: float) -> FitRecord:
     """Return the record without the measurements before its commands take effect, `delay_s` [s] after it begins.
-
     Earlier commands are unknown, and the start is estimated from later measurements. `delay_s` is the delay in the
     file, even if the delay is free: a run from rest shows a delay by its first command. The record is unchanged if it
-    begins without a command (not driven before), or is shorter than twice `delay_s`.
-    """
+    begins without a command (not driven before), or is shorter than twice `delay_s`."""
     ends = np.cumsum(record.dt_s)
     if not np.any(record.u[0]) or ends[-1] < 2.0 * delay_s:
         return record

@@ -92,11 +92,9 @@ class HeldOutFolds:
         held_out_count: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
-        """Make the folds: the last `held_out_count` runs of `records` are held out. If `held_out_count` is 0, each
-        fold holds out other blocks, or other whole runs if there are FOLDS runs or more.
-
-        `begins_at_rest` marks the runs that begin at rest. The caller sets the bounds of θ, `low` and `high`.
-        """
+        """Make the folds: the last `held_out_count` runs of `records` are held out. If `held_out_count` is 0, each fold
+        holds out other blocks, or other whole runs if there are FOLDS runs or more. `begins_at_rest` marks the runs
+        that begin at rest. The caller sets the bounds of θ, `low` and `high`."""
         self.low, self.high = np.zeros(0), np.zeros(0)
         fitted_runs = len(begins_at_rest) - held_out_count
         self.unseen, self.whole_runs = held_out_count, bool(held_out_count) or fitted_runs >= FOLDS

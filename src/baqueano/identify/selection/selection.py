@@ -98,11 +98,10 @@ def choose(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     held_out: Sequence[Run] = (), progress: Callable[[str], object] | None = None,
 ) -> Choice:  # fmt: skip
-    """Return the model of the kind of `vehicle_file` with the terms that the runs support, and its fit.
-
-    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free` and `use` are as
-    in `identify`; so are the `options` fixed, bounds, at_rest and backend. If given, the runs `held_out` decide the
-    terms. Raise UsageError for an unknown name, for other options, or without a command."""
+    """Return the model of the kind of `vehicle_file` with the terms that the runs support, and its fit. `candidates`
+    are names of terms (terms.py) or paths; default: all terms of the kind. `free` and `use` are as in `identify`; so
+    are the `options` fixed, bounds, at_rest and backend. If given, the runs `held_out` decide the terms. Raise
+    UsageError for an unknown name, for other options, or without a command."""
     option_names = [name for name in options.non_defaults if name not in ACCEPTED_OPTIONS]
     if option_names:
         raise UsageError(fault("choose.options", options=option_names))
