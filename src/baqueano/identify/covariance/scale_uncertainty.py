@@ -125,13 +125,12 @@ def gyro_bias_covariance(
     """Return the covariance (p, p) that fixed zeros of gyros add. `identifiable` (p,) is a mask of entries of θ, and
     `bread` (p, p) is the information. A zero that θ contains adds 0. (3), (4)"""
     cov, positions, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
-    free_paths = {*problem.shape.shared, *problem.shape.per_run}
     gyros = [
         name for name, sensor in vehicle_file.sensors._asdict().items() if has_field(sensor, "gyro_bias")
     ]
     for name, size in zip(problem.names, problem.sizes, strict=True):
         end += size
-        if name not in gyros or f"sensors.{name}.gyro_bias" in free_paths or not len(positions):
+        if name not in gyros or f"sensors.{name}.gyro_bias" in problem.shape.paths or not len(positions):
             continue
         g, score, power = np.zeros(problem.size), 0.0, 0.0
         for (r, d, index), weight in zip(segment_derivatives(problem, theta), problem.weights, strict=True):

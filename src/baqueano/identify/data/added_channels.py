@@ -24,7 +24,6 @@ from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
 from baqueano.sensors.pose import rotate_vector
 from baqueano.signals import ByName, Motion, seconds, sensor_slots
-from baqueano.symbolic import with_value
 from baqueano.vehicles.bounds import check_bounds
 
 TRUTH = "truth"
@@ -85,11 +84,6 @@ def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: Fitt
         measured = Measurements(volts[:, None], np.zeros((len(volts), 1)), None)
         records_with_voltage.append(record._replace(sensors={**record.sensors, VOLTAGE_KEY: measured}))
     return records_with_voltage
-
-
-def with_battery_voltage(blocks: FittedBlocks, row: np.ndarray, is_logged: bool) -> FittedBlocks:
-    """Return the blocks with `battery_v` from the end of the row if `is_logged`, else unchanged."""
-    return with_value(blocks, "model.drivetrain.battery_v", row[-1]) if is_logged else blocks
 
 
 def _has_voltage(run: Run) -> bool:

@@ -24,11 +24,11 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_battery_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parallel import parallel_map, prefetch
-from baqueano.identify.parameters.free import DELAY_PATH, substitute
-from baqueano.identify.parameters.setup import ThetaShape, example, initial_state, read_sensors
+from baqueano.identify.parameters.free import DELAY_PATH
+from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state, read_sensors
+from baqueano.identify.residuals.motion import Motions, motion_rows
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
@@ -130,13 +130,6 @@ def _decay_since_sign_change(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     return decay
 
 
-class MotionState(NamedTuple):
-    """State of the simulation."""
-
-    vehicle: Tree
-    signals: tuple[Signal, ...]
-
-
 class PushedState(NamedTuple):
     """State of the simulation with a push. It contains θ, because the derivatives are with respect to ε."""
 
@@ -145,25 +138,10 @@ class PushedState(NamedTuple):
     theta: np.ndarray
 
 
-class Motions(NamedTuple):
-    """Motion and predictions, tick by tick."""
-
-    h: np.ndarray  # (N, m)
-    nu: np.ndarray  # (N, 3)
-    nu_dot: np.ndarray  # (N, 3)
-
-
-class Kernels(NamedTuple):
-    """Kernels of one structure of vehicle and sensors, without and with a push."""
-
-    motion: Tree
-    push: Tree
-
-
 class FittedMotion(NamedTuple):
     """The motion that a fit predicts, segment by segment."""
 
-    kernels: Kernels
+    push: Scan  # the kernel with a push
     starts: list[PushedState]
     motions: list[Motions]
 
@@ -182,14 +160,10 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
     """Return the motion that the fit predicts, or None for a model that does not accept process noise (a push)."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
-    kernels = cached_kernel(blocks, problem.shape, problem.scan.backend, _trace)
-    begin = initial_state(blocks, problem.shape)
-    starts, motions = [], []
-    for record, index in zip(problem.records, problem.layout.indices, strict=True):
-        segment_theta = theta[index]
-        starts.append(PushedState(*begin(segment_theta), segment_theta))
-        motions.append(kernels.motion.run(_rows(record), segment_theta)[1])
-    return FittedMotion(kernels, starts, motions)
+    push = cached_kernel(blocks, problem.shape, problem.scan.backend, _push_scan)
+    begin, thetas = initial_state(blocks, problem.shape), [theta[index] for index in problem.layout.indices]
+    starts = [PushedState(*begin(segment_theta), segment_theta) for segment_theta in thetas]
+    return FittedMotion(push, starts, problem.motions(theta))
 
 
 def term_columns(
@@ -217,7 +191,7 @@ def _force_columns(
     """Return a function that computes the columns of the forces.  (1)"""
     channels = [driven_channels(blocks.model, record.u) for record in problem.records]
     largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
-    kernel, scale = fitted.kernels.push, np.where(largest > 0.0, largest, 1.0)
+    kernel, scale = fitted.push, np.where(largest > 0.0, largest, 1.0)
 
     def rows_of(k: int) -> np.ndarray:
         record, nu = problem.records[k], fitted.motions[k].nu
@@ -225,7 +199,7 @@ def _force_columns(
             command_features(channels[k] / scale, record),
             *(motion_features(axis, nu, record) for axis in FORCE_AXES),
         ]
-        return _rows(record, problem.weights[k], *phi)
+        return motion_rows(record, problem.weights[k], *phi)
 
     def derivatives(k: int, rows: np.ndarray) -> np.ndarray:
         return np.asarray(kernel.sensitivities(rows, np.zeros(kernel.parameters), fitted.starts[k])[1])
@@ -250,36 +224,10 @@ def _label(force: Force) -> LabelledTerm:
     return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.description
 
 
-def _rows(record: FitRecord, *columns: np.ndarray) -> np.ndarray:
-    """Return rows (N, q): dt, u, the columns `columns`, and the battery voltage if it is recorded."""
-    voltage = [record.sensors[VOLTAGE_KEY].z] if VOLTAGE_KEY in record.sensors else []
-    return np.concatenate([record.dt_s[:, None], record.u, *columns, *voltage], axis=1)
-
-
-def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Kernels:
-    return Kernels(_motion_scan(blocks, shape, backend), _push_scan(blocks, shape, backend))
-
-
-def _motion_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
-    n, paths = blocks.model.commands, (*shape.shared, *shape.per_run)
-    begin = initial_state(blocks, shape)
-
-    def start(theta: np.ndarray) -> MotionState:
-        return MotionState(*begin(theta))
-
-    def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
-        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
-        vehicle, motion = blocks_at.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
-        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, row[0])
-        return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
-
-    return scan(step, start, np.zeros(1 + n + shape.has_voltage), example(blocks, shape), backend=backend)
-
-
 def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return the scan from ε (K,) of all forces to the readings divided by σ. The forces are sorted by axis; the
     last force of each axis acts sideways.  (1)"""
-    n, paths, m = blocks.model.commands, (*shape.shared, *shape.per_run), sum(s.size for s in blocks.sensors)
+    n, m = blocks.model.commands, sum(s.size for s in blocks.sensors)
     channels = driven_channels(blocks.model, np.zeros((1, n))).shape[1]
     c, count = len(COMMAND_TERMS) * channels, len(force_terms(0, channels))
     theta, column_count = example(blocks, shape), c + len(FORCE_AXES) * (count - c)
@@ -292,7 +240,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
             yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
 
     def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
-        blocks_at = with_battery_voltage(substitute(blocks, paths, state.theta), row, shape.has_voltage)
+        blocks_at = blocks_in_row(blocks, shape, state.theta, row)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)

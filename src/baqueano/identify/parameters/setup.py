@@ -36,6 +36,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import Signal, constant_signal, measures_pose, step_signal
 from baqueano.signals import ByName, Motion
+from baqueano.symbolic import with_value
 from baqueano.vehicles.freedoms import coasting_axes
 
 BIASES = ("accel_bias", "gyro_bias")
@@ -55,6 +56,11 @@ class ThetaShape(NamedTuple):
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
     past_rows: int = 0  # rows before the newest that free clocks need
     has_voltage: bool = False  # True if rows end with the battery's voltage
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Return the paths of the parameters at the beginning of θ."""
+        return (*self.shared, *self.per_run)
 
     @property
     def by_run(self) -> tuple[str, ...]:
@@ -263,12 +269,19 @@ def sigma_from_option(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.n
     return sigmas
 
 
+def blocks_in_row(
+    blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray, row: np.ndarray
+) -> FittedBlocks:
+    """Return the blocks with the parameters of θ, and with the voltage at the end of the row if it was logged."""
+    blocks = substitute(blocks, shape.paths, theta)
+    return with_value(blocks, "model.drivetrain.battery_v", row[-1]) if shape.has_voltage else blocks
+
+
 def vehicle_at_start(blocks: FittedBlocks, shape: ThetaShape) -> Callable[[np.ndarray], Tree]:
     """Return the function θ → vehicle at the start of a segment."""
-    paths = (*shape.shared, *shape.per_run)
 
     def start(theta: np.ndarray) -> Any:
-        blocks_at = substitute(blocks, paths, theta)
+        blocks_at = substitute(blocks, shape.paths, theta)
         at_start = np.zeros(len(START_NAMES))
         for k, i in enumerate(shape.start):
             at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(START_NAMES))[i]
@@ -281,18 +294,19 @@ def vehicle_at_start(blocks: FittedBlocks, shape: ThetaShape) -> Callable[[np.nd
 
 def example(blocks: FittedBlocks, shape: ThetaShape) -> np.ndarray:
     """Return θ (p,) with the present values of the blocks."""
-    paths = (*shape.shared, *shape.per_run)
-    return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
+    return np.array(
+        [*(value(blocks, path) for path in shape.paths), *np.zeros(shape.size - len(shape.paths))]
+    )
 
 
 def initial_state(
     blocks: FittedBlocks, shape: ThetaShape
 ) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
     """Return the function θ → (vehicle at the start of a segment, constant signal of each sensor before it)."""
-    vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run)
+    vehicle_at = vehicle_at_start(blocks, shape)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
-        blocks_at, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)
+        blocks_at, vehicle = substitute(blocks, shape.paths, theta), vehicle_at(theta)
         motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
         return vehicle, tuple(constant_signal(sensor, sensor.h(motion)) for sensor in blocks_at.sensors)
 

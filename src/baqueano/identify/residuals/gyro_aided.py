@@ -22,10 +22,15 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import with_battery_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.parameters.free import DELAY_PATH, substitute
-from baqueano.identify.parameters.setup import ThetaShape, example, initial_state, vehicle_at_start
+from baqueano.identify.parameters.free import DELAY_PATH
+from baqueano.identify.parameters.setup import (
+    ThetaShape,
+    blocks_in_row,
+    example,
+    initial_state,
+    vehicle_at_start,
+)
 from baqueano.identify.residuals.noise_level import MAD, profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
@@ -83,10 +88,9 @@ class GyroAidedResiduals(Residuals):
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment (N, 3): ν_x of the gyro-aided simulation, the gyro reading by the commands, and its
         derivative."""
-        if self._speeds is None:
-            self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
+        kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
         return [
-            np.asarray(self._speeds.run(rows, theta[index])[1])
+            np.asarray(kernel.run(rows, theta[index])[1])
             for rows, index in zip(self.rows, self._index, strict=True)
         ]
 
@@ -140,7 +144,7 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
 
 
 def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
-    aided_step, n, paths = _aided_step(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
+    aided_step, n = _aided_step(blocks), blocks.model.commands
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
     def start(theta: np.ndarray) -> GyroAidedState:
@@ -148,9 +152,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         return GyroAidedState(vehicle, vehicle, (signal, signal), np.zeros(3 if sample_fraction else 0))
 
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
-        blocks_at = with_battery_voltage(
-            substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage
-        )
+        blocks_at = blocks_in_row(blocks, shape, theta, row[:-EXTRA_COLUMNS])
         imu = blocks_at.sensors[0]
         nu_with_speed = with_speed(blocks_at.model, state.free.nu, state.gyro_aided.nu[0])
         free, motion = blocks_at.model.step(
@@ -172,16 +174,14 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
 def _traced_outputs(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to (3,): ν_x of the gyro-aided simulation, the gyro reading by the
     commands, and its derivative."""
-    aided_step, n, paths = _aided_step(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
+    aided_step, n = _aided_step(blocks), blocks.model.commands
     at_start = vehicle_at_start(blocks, shape)
 
     def start(theta: np.ndarray) -> tuple[Tree, Tree]:
         return at_start(theta), at_start(theta)
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        blocks_at = with_battery_voltage(
-            substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage
-        )
+        blocks_at = blocks_in_row(blocks, shape, theta, row[:-EXTRA_COLUMNS])
         imu, aided_state, free = blocks_at.sensors[0], *state
         nu_with_speed = with_speed(blocks_at.model, free.nu, aided_state.nu[0])
         free, motion = blocks_at.model.step(

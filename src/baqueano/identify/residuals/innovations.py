@@ -22,10 +22,8 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
-from baqueano.identify.data.added_channels import with_battery_voltage
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.free import substitute
-from baqueano.identify.parameters.setup import ThetaShape, example, initial_state
+from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, scan, with_value
@@ -88,7 +86,7 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
     """Return a scan over rows (dt, u, z, 1/σ, early) with outputs e (m,) and log s (m,), 0 without a measurement. θ =
     (θ of the simulation, v of each axis, ½ log q of each channel)."""
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
-    m, paths, axes = sum(sizes), (*shape.shared, *shape.per_run), axes_of(blocks.model)
+    m, axes = sum(sizes), axes_of(blocks.model)
     size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage
 
     start_of = initial_state(blocks, shape)
@@ -99,7 +97,7 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         return FilterState(vehicle, np.zeros((size, size)), signals, previous_h)
 
     def step(theta: np.ndarray, state: FilterState, row: np.ndarray) -> tuple[FilterState, np.ndarray]:
-        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
+        blocks_at = blocks_in_row(blocks, shape, theta, row)
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         drivetrain, effort = blocks_at.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])

@@ -20,18 +20,18 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_battery_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import Evaluation, ThetaLayout, add, arrow_layout, diagonal_matrix
 from baqueano.identify.parallel import parallel_map
-from baqueano.identify.parameters.free import substitute
 from baqueano.identify.parameters.setup import (
     ThetaShape,
+    blocks_in_row,
     example,
     initial_state,
     read_sensors,
-    vehicle_at_start,
 )
+from baqueano.identify.residuals.motion import Motions, motion_kernel, motion_rows
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
@@ -93,7 +93,7 @@ class Residuals:
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
         self.scan = cached_kernel(blocks, shape, backend, _trace, self.difference)
-        self._blocks, self._speeds = blocks, None
+        self._blocks = blocks
         row_count = sum(len(record.dt_s) for record in self.records)
         # per segment the input rows (N, q) of its kernel, and 1 at each measurement (N, m)
         self.rows = parallel_map(lambda x: _rows(x, self.names, shape), self.records, rows=row_count)
@@ -220,14 +220,15 @@ class Residuals:
         out = zip(self.residuals(theta), self.weights, strict=True)
         return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
 
+    def motions(self, theta: np.ndarray) -> list[Motions]:
+        """Return for each segment the motion and the predictions of the model, without timestamps between ticks."""
+        kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, motion_kernel)
+        pairs = zip(self.records, self._index, strict=True)
+        return [kernel.run(motion_rows(record), theta[index])[1] for record, index in pairs]
+
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment |ν_x| (N,) of the model."""
-        if self._speeds is None:
-            self._speeds = _speed_kernel(self._blocks, self.shape, self.scan.backend)
-        return [
-            np.abs(np.asarray(self._speeds.run(rows, theta[index])[1]))
-            for rows, index in zip(self.rows, self._index, strict=True)
-        ]
+        return [np.abs(motion.nu[:, 0]) for motion in self.motions(theta)]
 
     def sigma_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
@@ -306,7 +307,7 @@ def cached_kernel(
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
-    for path in (*shape.shared, *shape.per_run):
+    for path in shape.paths:
         shape_blocks = with_value(shape_blocks, path, 0.0)
     key = (traced, more, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
@@ -319,7 +320,7 @@ def cached_kernel(
 
 def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Callable[..., Any]) -> Scan:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
-    m, paths, names = sum(sizes), (*shape.shared, *shape.per_run), blocks.sensors._fields
+    m, names = sum(sizes), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
     at_start = initial_state(blocks, shape)
 
@@ -333,7 +334,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
     def step(
         theta: np.ndarray, state: SimulationState, row: np.ndarray
     ) -> tuple[SimulationState, np.ndarray]:
-        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
+        blocks_at = blocks_in_row(blocks, shape, theta, row)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         sample_fraction = row[1 + n + 2 * m :]
@@ -344,7 +345,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
         for k, sensor in enumerate(blocks_at.sensors):
             h = readings[k]
             if free_clock[k]:
-                offset_s = theta[len(paths) + shape.clocks.index(names[k])]
+                offset_s = theta[len(shape.paths) + shape.clocks.index(names[k])]
                 subtract = partial(difference, sensor)
                 h = delayed_value(
                     h, state.lines[k], steps_s, sample_fraction[fraction_index] - offset_s, subtract
@@ -361,19 +362,6 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
         return state, np.concatenate(residuals)
 
     q = 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage
-    return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
-
-
-def _speed_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
-    """Return a scan from the same rows and θ to ν_x of the model."""
-    start, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run), blocks.model.commands
-
-    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
-        blocks_at = with_battery_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
-        state, motion = blocks_at.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
-        return state, motion.nu[0]
-
-    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.sample_fraction) + shape.has_voltage
     return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 

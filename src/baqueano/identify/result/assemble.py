@@ -332,7 +332,7 @@ def _inseparable_sums(end: FinishedFit) -> list[Diagnostic]:
     tilted_names = [
         name for name, block in blocks
         if has_field(block, "tilt_rad") and not _has_path(shape.shared, f"sensors.{name}.tilt_rad")
-        and _has_path((*shape.shared, *shape.per_run), f"sensors.{name}.accel_bias")
+        and _has_path(shape.paths, f"sensors.{name}.accel_bias")
     ]  # fmt: skip
     without_filter = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
     delays = without_filter[:1] if DELAY_PATH in shape.shared and len(without_filter) == len(blocks) else []
@@ -375,4 +375,4 @@ def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
     means = theta[s : layout.first_start].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
-    return substitute(end.blocks, (*shape.shared, *shape.per_run), [float(x) for x in (*theta[:s], *means)])
+    return substitute(end.blocks, shape.paths, [float(x) for x in (*theta[:s], *means)])

@@ -1,0 +1,50 @@
+"""Simulate the motion of a model under the commands of a record, without residuals."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.identify.data.added_channels import VOLTAGE_KEY
+from baqueano.identify.data.record import FitRecord, FittedBlocks
+from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state, read_sensors
+from baqueano.sensors.sampling import Signal
+from baqueano.symbolic import scan
+from baqueano.symbolic.scan import Scan
+
+
+class MotionState(NamedTuple):
+    """State of the simulation without its residuals."""
+
+    vehicle: Tree
+    signals: tuple[Signal, ...]
+
+
+class Motions(NamedTuple):
+    """Motion and predictions, row by row."""
+
+    h: np.ndarray  # (N, m)
+    nu: np.ndarray  # (N, 3)
+    nu_dot: np.ndarray  # (N, 3)
+
+
+def motion_rows(record: FitRecord, *columns: np.ndarray) -> np.ndarray:
+    """Return rows (N, q): dt, u, the columns `columns`, and the battery voltage if it is recorded."""
+    voltage = [record.sensors[VOLTAGE_KEY].z] if VOLTAGE_KEY in record.sensors else []
+    return np.concatenate([record.dt_s[:, None], record.u, *columns, *voltage], axis=1)
+
+
+def motion_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
+    """Return the scan from motion rows and θ to `Motions`."""
+    n, begin = blocks.model.commands, initial_state(blocks, shape)
+
+    def start(theta: np.ndarray) -> MotionState:
+        return MotionState(*begin(theta))
+
+    def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
+        blocks_at = blocks_in_row(blocks, shape, theta, row)
+        vehicle, motion = blocks_at.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
+        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, row[0])
+        return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
+
+    return scan(step, start, np.zeros(1 + n + shape.has_voltage), example(blocks, shape), backend=backend)
