@@ -19,8 +19,8 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.information import marginal_information, marginal_std
-from baqueano.identify.data.added_channels import BATTERY_CHANNEL, with_voltage
-from baqueano.identify.data.record import FittedBlocks, past_rows_of
+from baqueano.identify.data.added_channels import BATTERY_CHANNEL
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import begins_at_rest, with_gyro_bias_at_rest
 from baqueano.identify.data.segments import dense
 from baqueano.identify.dataset import sensors_of
@@ -32,11 +32,10 @@ from baqueano.identify.parameters.free import (
     DELAY_PATH,
     LAG_PATH,
     MIN_LAG,
-    enable_parameters,
     free_parameters,
     has_offset,
 )
-from baqueano.identify.parameters.setup import records_of, shape_of, start_theta, with_pose_segments
+from baqueano.identify.parameters.setup import parameters_for_fit
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of
@@ -161,21 +160,18 @@ class _ModelSelection:
         blocks, runs, only = sensors_of(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
-        options = with_pose_segments(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
         blocks = with_term_slots(blocks, terms)
-        records = records_of(runs, blocks, only, options)
         paths = list(dict.fromkeys([*least_paths, *(path for term in terms for path in term.paths)]))
-        candidates = free_parameters(
-            blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths}
-        )
-        u = np.concatenate([r.u for r in records])
-        blocks, candidates = enable_parameters(blocks, candidates, base_file.rate_hz, u, past_rows_of(runs))
-        records = with_voltage(records, runs, blocks)
-        self.paths = [candidate.path for candidate in candidates]
-        shape = shape_of(blocks, candidates, records, options)
+        bounds = {path: limits for path, limits in options.bounds.items() if path in paths}
+        candidates, plain = free_parameters(blocks, paths, (), bounds), FitOptions(at_rest=options.at_rest)
+        parameters = parameters_for_fit(blocks, candidates, runs, only, base_file.rate_hz, plain)
+        blocks, shape = parameters.blocks, parameters.shape
+        self.paths = list(shape.shared)
         at_rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        held_out = HeldOutFolds(blocks, shape, records, at_rest, len(validation_runs), setup.options.backend)
-        theta, held_out.low, held_out.high = start_theta(blocks, candidates, shape, records, FitOptions())
+        held_out = HeldOutFolds(
+            blocks, shape, parameters.records, at_rest, len(validation_runs), setup.options.backend
+        )
+        theta, held_out.low, held_out.high = parameters.start, parameters.low, parameters.high
         floor = min_sigma(blocks.sensors, held_out.all_data.z, held_out.all_data.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are treated as 0
         if LAG_PATH in self.paths:
