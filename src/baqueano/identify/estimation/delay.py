@@ -16,7 +16,6 @@ ticks remain for (2). A timer of 8 bits rounds a duty to 1/255. With a dead zone
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]
     if DELAY_PATH not in shared_names:
         return task, best_search(task, begin)
 
-    def counted(*arguments: Any, **options: Any) -> Solution:
+    def counted(*arguments: Tree, **options: Tree) -> Solution:
         solution = task.minimise(*arguments, **options)
         counts.append(solution.evaluations)
         return solution
