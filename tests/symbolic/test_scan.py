@@ -1,5 +1,6 @@
 """The results of a scan with every back end, compared with a simple loop."""
 
+import gc
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -159,6 +160,22 @@ def test_sensitivities_match_finite_differences(backend):
     close(values, outputs(THETA))
     assert slopes.shape == (N, 3, 3)
     close(slopes, differences(outputs, THETA), 1e-7)
+
+
+def test_bound_sensitivities_follow_theta_and_the_carry(backend):
+    def step(theta, x, row):
+        x = x + DT * (row - theta * x**3)
+        return x, x[0] * theta
+
+    kernel, theta, rows = scan(step, np.ones(2), 0.0, np.ones(2), backend=backend), np.ones(2), pushes().u
+    bound = kernel.bind_sensitivities(rows.copy())
+    gc.collect()  # the call keeps its rows alive
+    for start in (np.ones(2), np.array([0.5, -2.0])):
+        theta = theta + 0.3
+        for actual, expected in zip(
+            bound(theta, start), kernel.sensitivities(rows, theta, start), strict=True
+        ):
+            np.testing.assert_array_equal(actual, expected)
 
 
 def test_sensitivities_include_a_start_that_depends_on_the_parameters(backend):

@@ -3,7 +3,7 @@
 print and pdb work in the step. Derivatives are computed with dual numbers.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from baqueano.symbolic.graph.tree import (
     Shape,
     as_floats,
     build,
+    count_ticks,
     flat_row,
     leaves,
     restore,
@@ -30,7 +31,7 @@ from baqueano.symbolic.graph.tree import (
     values,
     with_kinds,
 )
-from baqueano.symbolic.scan import Scan, count_ticks
+from baqueano.symbolic.scan import Scan
 
 
 class PlainScan(Scan):
@@ -62,6 +63,9 @@ class PlainScan(Scan):
         )
         jacobians = np.array([rows_of(row, len(theta), level) for row in flat_rows], dtype=float)
         return rows, jacobians
+
+    def bind_sensitivities(self, inputs: Tree) -> Callable[[np.ndarray, np.ndarray], Tree]:
+        return lambda theta, carry: self.sensitivities(inputs, theta, carry)
 
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         _, outputs = self._loop(inputs, self._theta(theta), carry)

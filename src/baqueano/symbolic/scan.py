@@ -7,7 +7,7 @@ when a method is first called. With the back end "numpy" the step is not traced,
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
@@ -20,7 +20,14 @@ from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import nodes_below
 from baqueano.symbolic.graph.program import NormalEquations, Program
 from baqueano.symbolic.graph.trace import trace_step
-from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, flat_row, leaves, shape_of, tree_of, values
+from baqueano.symbolic.graph.tree import (
+    flat_row,
+    input_rows,
+    leaves,
+    shape_of,
+    symmetric_leaves,
+    tree_of,
+)
 
 
 def scan(
@@ -139,6 +146,13 @@ class Scan(ABC):
         """Return the values of the outputs (N, m), and their derivatives with respect to θ (N, m, p)."""
 
     @abstractmethod
+    def bind_sensitivities(self, inputs: Tree) -> Callable[[np.ndarray, np.ndarray], Tree]:
+        """Return `sensitivities` for these inputs, as a fast function of θ (p,) and a carry that is one array.
+
+        Each call fills the arrays of the result of the previous call.
+        """
+
+    @abstractmethod
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         """Return the sum of the output over the ticks. Raise Invalid if the output is not one number per tick."""
 
@@ -199,16 +213,6 @@ class Scan(ABC):
             raise Invalid(fault("engine.no-parameters"))
 
 
-def count_ticks(shape: Shape, inputs: Tree) -> int:
-    """Return N, the length of the first leaf of `inputs`. Raise Invalid if this leaf does not have an axis of ticks."""
-    for leaf, value in zip(leaves(shape), values(shape, inputs), strict=True):
-        ticks = np.shape(value)
-        if len(ticks) == 1 + len(leaf.shape):
-            return ticks[0]
-        raise Invalid(fault("engine.ticks", path=leaf.path, found=str(ticks), expected=str(leaf.shape)))
-    raise Invalid(fault("engine.no-number"))
-
-
 class TracedScan(Scan):
     """A scan whose step was traced to a graph."""
 
@@ -218,7 +222,7 @@ class TracedScan(Scan):
         super().__init__(step, carry, inputs, theta)
         self.requested_backend = backend
         start = None if self.carry_function else self._flat_start(None)  # the start can depend on θ
-        candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
+        candidates = {leaf.path for leaf in symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._trace_once(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
         self.summing: dict[tuple[int, int], tuple[Assembly, Program, Runner]] = {}
@@ -243,7 +247,7 @@ class TracedScan(Scan):
         return tuple(names[k] for k in self._runner(keep_all=False)[0].unused_carry)
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
-        theta, rows = self._theta(theta), self._rows(inputs)
+        theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
         (assembly, runner), start = self._prepare(True, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         final = np.empty(len(assembly.program.carry))
@@ -254,12 +258,30 @@ class TracedScan(Scan):
 
     def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
-        theta, rows = self._theta(theta), self._rows(inputs)
+        theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
         (assembly, runner), start = self._prepare(False, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
         runner.call("sensitivities", len(rows), theta, start, rows, outputs, jacobians)
         return outputs, jacobians
+
+    def bind_sensitivities(self, inputs: Tree) -> Callable[[np.ndarray, np.ndarray], Tree]:
+        self._need_theta()
+        rows, (assembly, runner) = (
+            input_rows(self.input_shape, inputs),
+            self._runner(keep_all=False, given_start=True),
+        )
+        theta, start = np.empty(self.parameters or 0), np.empty(len(assembly.first))
+        outputs = np.empty((len(rows), len(assembly.program.outputs)))
+        jacobians = np.empty((*outputs.shape, len(theta)))
+        run = runner.call("bind", len(rows), theta, start, rows, outputs, jacobians, "sensitivities")
+
+        def call(theta_now: np.ndarray, carry: np.ndarray) -> Tree:
+            theta[...], start[...] = theta_now, carry[assembly.first]
+            run()
+            return outputs, jacobians
+
+        return call
 
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         return self._run_total(inputs, theta, carry, with_gradient=False)[0]
@@ -272,7 +294,7 @@ class TracedScan(Scan):
         self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
     ) -> NormalEquations:
         self._need_theta()
-        theta, rows = self._theta(theta), self._rows(inputs)
+        theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
         (_, runner), start = self._prepare(False, carry)
         sums = runner.call("normal_equations", len(rows), theta, start, rows, huber)
         return NormalEquations(*sums)
@@ -318,7 +340,7 @@ class TracedScan(Scan):
         return self.summing[key][1:]
 
     def _run_total(self, inputs: Tree, theta: Tree, carry: Tree, with_gradient: bool) -> Tree:
-        theta, rows = self._theta(theta), self._rows(inputs)
+        theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
         (assembly, runner), start = self._prepare(False, carry)
         if len(assembly.program.outputs) != 1:
             raise Invalid(fault("engine.cost", numbers=len(assembly.program.outputs)))
@@ -355,40 +377,13 @@ class TracedScan(Scan):
 
     def _check(self, keep_all: bool, flat_start: np.ndarray) -> Tree:
         pair = self._runner(keep_all, given_start=True)
-        if not np.array_equal(
-            flat_start, flat_start[..., pair[0].equal_entry], equal_nan=True
-        ):  # a matrix of the start is not symmetric
+        mirrored, mirror = pair[0].mirrored, pair[0].mirror
+        is_symmetric = not len(mirrored) or np.array_equal(
+            flat_start[..., mirrored], flat_start[..., mirror], equal_nan=True
+        )
+        if not is_symmetric:  # a matrix of the start
             pair = self._runner(keep_all, given_start=True, is_symmetric=False)
         return pair, np.ascontiguousarray(flat_start[..., pair[0].first])
 
     def _flat_start(self, carry: Tree) -> np.ndarray:
         return flat_row(self.carry_shape, self.example if carry is None else carry)
-
-    def _rows(self, inputs: Tree) -> np.ndarray:
-        """Return the inputs as rows (N, ·), which are only read: an input that is one suitable array is not copied."""
-        shape = self.input_shape
-        if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
-            has_shape = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)
-            if has_shape and inputs.flags.c_contiguous and inputs.flags.aligned:
-                return inputs.reshape(len(inputs), shape.size)
-        n = count_ticks(self.input_shape, inputs)
-        pairs = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
-        blocks = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in pairs]
-        if len(blocks) == 1:
-            return np.require(blocks[0], requirements=["C", "A"])
-        columns = [column for block in blocks for column in block.T]
-        rows = np.empty((n, len(columns)))
-        for row, column in enumerate(columns):  # NumPy copies long columns faster than short rows
-            rows[:, row] = column
-        return rows
-
-
-def _symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:
-    """Yield the leaves that are square matrices, symmetric at the start or with an unknown start."""
-    offset = 0
-    for leaf in leaves(shape):
-        if len(leaf.shape) == 2 and leaf.shape[0] == leaf.shape[1] > 1:
-            matrix = None if start is None else start[offset : offset + leaf.size].reshape(leaf.shape)
-            if matrix is None or np.array_equal(matrix, matrix.T):
-                yield leaf
-        offset += leaf.size

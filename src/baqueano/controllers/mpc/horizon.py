@@ -19,6 +19,7 @@ from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.signals import Estimate, Reference
 from baqueano.symbolic import Scan, function, scan
 from baqueano.vehicles.drivetrain import DrivetrainState
+from baqueano.vehicles.rk4 import MAX_ROW_S, ROW_TOLERANCE
 from baqueano.vehicles.state import VehicleState
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 STEPS = 12  # of the horizon
 NO_LIMIT = 1e6
-MAX_STEP_S = 0.02  # longest step of the model, because its tyres are stiff
+MAX_STEP_S = (1.0 + ROW_TOLERANCE) * MAX_ROW_S  # longest stable step of the model
 MIN_EFFORT = 1e-6  # effort in place of 0, where a motor is not differentiable
 MIN_CURVATURE = 1e-6  # added to the curvature of (1), so that a command without effect does not change
 LINEAR_MOTORS = {
@@ -64,12 +65,15 @@ class Horizon:
         self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS
         self._substeps = max(1, int(np.ceil(self._step_s / MAX_STEP_S)))
         max_command = self._active_rows @ np.minimum(law.limit, NO_LIMIT)
-        self._max_change = law.change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
-        D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / self._max_change))
+        max_change = law.change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
+        self._change_weight = 1.0 / max_change**2
+        D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / max_change))
         self._P = D.T @ D + MIN_CURVATURE * np.eye(STEPS * self._k)
         wall = np.array([law.wall_low, law.wall_high])
-        self._wall, self._with_wall = wall, np.isfinite(wall).any(axis=0)
+        self._with_wall = np.isfinite(wall).any(axis=0)
+        self._walls = np.tile(wall[:, self._with_wall], STEPS)  # (2, w)
         self._weights = np.repeat(np.eye(STEPS), self._substeps, axis=0)
+        self._end_of_step = slice(self._substeps - 1, None, self._substeps)
         self._kernel = self._begin_compiled = self._command_compiled = None
 
     def rest_state(self) -> tuple[np.ndarray, np.ndarray, Tree]:
@@ -102,17 +106,16 @@ class Horizon:
             self._begin_compiled = function(self._begin, *arguments).call
         E, drivetrain, start = self._begin_compiled(*arguments)
         if self._kernel is None:
-            self._kernel = self._scan(start)
-        outputs, jacobians = self._kernel.sensitivities(self._weights, z := E.ravel(), start)
-        outputs, jacobians = (x[self._substeps - 1 :: self._substeps] for x in (outputs, jacobians))
+            self._kernel = self._scan(start).bind_sensitivities(self._weights)
+        outputs, jacobians = self._kernel(z := E.ravel(), start)
+        outputs, jacobians = outputs[self._end_of_step], jacobians[self._end_of_step]
         J = jacobians[:, :3].reshape(-1, len(z))
-        q = J.T @ (outputs[:, :3].ravel() - J @ z)
-        q[: self._k] -= state.effort / self._max_change**2
+        q = (outputs[:, :3].ravel() - J @ z) @ J
+        q[: self._k] -= state.effort * self._change_weight
         if not np.isfinite(q).all():
             return E, drivetrain, None
-        p_E = jacobians[:, 3:].reshape(-1, len(z))
-        free_outputs = outputs[:, 3:].ravel() - p_E @ z
-        low, high = (np.tile(wall[self._with_wall], STEPS) - free_outputs for wall in self._wall)
+        p_E, p = jacobians[:, 3:].reshape(-1, len(z)), outputs[:, 3:].ravel()
+        low, high = self._walls - (p - p_E @ z) if len(p) else self._walls
         return E, drivetrain, QuadraticProgram(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -62,17 +62,20 @@ class CKernel:
         start: np.ndarray,
         inputs: np.ndarray,
         outputs: np.ndarray,
-        final: np.ndarray,
+        filled: np.ndarray,
+        method: str = "run",
     ) -> Callable[[], object]:
-        """Return `run` bound to these arrays, whose addresses are read once. The caller keeps them alive.
+        """Return `run` or `sensitivities` bound to these arrays, whose addresses are read once.
 
         The call holds the interpreter's lock, because a tick takes only microseconds and must not wait for the lock.
         """
-        addresses = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
-        self._function("values", is_hasty=True)  # for one tick, the call costs more than the arithmetic
-        entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
+        arrays = theta, start, inputs, outputs, filled
+        addresses = np.array([n, *_addresses(*arrays)], dtype=np.int64)
+        name = "values" if method == "run" else method
+        self._function(name, is_hasty=True)  # for one tick, the call costs more than the arithmetic
+        entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries[name, True]))
         call = partial(entry_point, POINTER(addresses.ctypes.data))  # converted once
-        call.__dict__["given"] = addresses  # keeps the array alive as long as the call
+        call.__dict__["given"] = addresses, arrays  # keeps the arrays alive as long as the call
         return call
 
     def sensitivities(

@@ -21,7 +21,7 @@ BATCH_SIGNATURE = """\
 EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, const double *restrict start,
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
-REPEATED_TICK_CODE = """\
+REPEATED_CALL_CODE = """\
 EXPORT int again(const int64_t *a) {{
     const double *inputs = (const double *)(intptr_t)a[3];
     if ({nonzero}) return 1;
@@ -59,7 +59,7 @@ def values(program: Program) -> str:
     """Return the code that fills first (n, m), the outputs, and second (c,), the carry after the last tick.
 
     The function `again` receives all arguments except the setting in one array: this call costs a third of a call with
-    eight arguments.
+    eight arguments. `sensitivities` has it too.
     """
     text = CText(width=1)
     text.lines.append(SIGNATURE)
@@ -73,9 +73,7 @@ def values(program: Program) -> str:
     text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
     text.close_brace()
     text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
-    zeros = set(program.zeros)
-    nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
-    return str(text) + REPEATED_TICK_CODE.format(nonzero=" | ".join(nonzero) or "0")
+    return str(text) + _again(program)
 
 
 def sensitivities(derivatives: DerivativeProgram) -> str:
@@ -89,7 +87,7 @@ def sensitivities(derivatives: DerivativeProgram) -> str:
             text.add(f"store_{block.lanes}(second + {k * p + block.first}, {row}, {width});")
     text.add(f"first += {len(program.outputs)}, second += {len(program.outputs) * p};")
     _end_with_tangents(text, program, rows)
-    return str(text)
+    return str(text) + _again(program)
 
 
 def cost(program: Program) -> str:
@@ -216,6 +214,12 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
     text.add(*(f"scatter_{LANE_COUNT}(final + {k}, at_final, x{k});" for k in range(len(program.carry))))
     text.close_brace()
     return str(text)
+
+
+def _again(program: Program) -> str:
+    zeros = set(program.zeros)
+    nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
+    return REPEATED_CALL_CODE.format(nonzero=" | ".join(nonzero) or "0")
 
 
 def _tick_with_tangents(derivatives: DerivativeProgram, *declarations: str) -> CText:

@@ -20,7 +20,8 @@ class Assembly(NamedTuple):
     program: Program
     first: np.ndarray  # (s,) index of each start value in the whole carry
     whole_from_kept: np.ndarray  # index of each entry of the whole carry in (final carry, start values)
-    equal_entry: np.ndarray  # index of the entry that each entry must equal at the start
+    mirrored: np.ndarray  # index of each mirrored entry of the whole carry
+    mirror: np.ndarray  # index of the entry that it must equal at the start
     unused_carry: tuple[int, ...]  # indices in the whole carry
 
     def whole_carry(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -67,11 +68,13 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
         for k, x in enumerate(trace.carry)
         if x not in used_entries and not (x in constant and x in used_nodes)
     ]
+    mirrored = [k for k, x in enumerate(trace.carry) if first_of[x] != k]
     return Assembly(
         program,
         np.array(first if from_start else [], dtype=int),
         np.array([kept_index.get(x, 0) for x in trace.carry], dtype=int),
-        np.array([first_of[x] for x in trace.carry], dtype=int),
+        np.array(mirrored, dtype=int),
+        np.array([first_of[trace.carry[k]] for k in mirrored], dtype=int),
         tuple(unused_carry),
     )
 

@@ -55,9 +55,16 @@ class Kernel(Protocol):
         ...
 
     def bind(
-        self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
+        self,
+        n: int,
+        theta: Array,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+        filled: Array,
+        method: str = "run",
     ) -> Callable[[], object]:
-        """Return `run` bound to these arrays, for repeated calls.
+        """Return `run` or `sensitivities` bound to these arrays, for repeated calls.
 
         If one of `Program.zeros` is not 0, the call returns a true value and the outputs are not valid.
         """

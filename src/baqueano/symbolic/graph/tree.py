@@ -244,6 +244,8 @@ def _short_text(value: Tree) -> str:
 
 def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
     """Return the values of a tree as one row (size,) of floats."""
+    if isinstance(shape, Leaf):
+        return as_floats(shape, tree).flatten()
     pairs = zip(leaves(shape), values(shape, tree), strict=True)
     return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
 
@@ -258,3 +260,42 @@ def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Tree]:
     for leaf in leaves(shape):
         yield restore(leaf, rows[..., offset : offset + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
         offset += leaf.size
+
+
+def count_ticks(shape: Shape, inputs: Tree) -> int:
+    """Return N, the length of the first leaf of `inputs`. Raise Invalid if this leaf does not have an axis of ticks."""
+    for leaf, value in zip(leaves(shape), values(shape, inputs), strict=True):
+        ticks = np.shape(value)
+        if len(ticks) == 1 + len(leaf.shape):
+            return ticks[0]
+        raise Invalid(fault("engine.ticks", path=leaf.path, found=str(ticks), expected=str(leaf.shape)))
+    raise Invalid(fault("engine.no-number"))
+
+
+def symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:
+    """Yield the leaves that are square matrices, symmetric at the start or with an unknown start."""
+    offset = 0
+    for leaf in leaves(shape):
+        if len(leaf.shape) == 2 and leaf.shape[0] == leaf.shape[1] > 1:
+            matrix = None if start is None else start[offset : offset + leaf.size].reshape(leaf.shape)
+            if matrix is None or np.array_equal(matrix, matrix.T):
+                yield leaf
+        offset += leaf.size
+
+
+def input_rows(shape: Shape, inputs: Tree) -> np.ndarray:
+    """Return the inputs as rows (N, ·), which are only read: an input that is one suitable array is not copied."""
+    if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
+        has_shape = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)
+        if has_shape and inputs.flags.c_contiguous and inputs.flags.aligned:
+            return inputs.reshape(len(inputs), shape.size)
+    n = count_ticks(shape, inputs)
+    pairs = zip(leaves(shape), values(shape, inputs), strict=True)
+    blocks = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in pairs]
+    if len(blocks) == 1:
+        return np.require(blocks[0], requirements=["C", "A"])
+    columns = [column for block in blocks for column in block.T]
+    rows = np.empty((n, len(columns)))
+    for row, column in enumerate(columns):  # NumPy copies long columns faster than short rows
+        rows[:, row] = column
+    return rows

@@ -9,6 +9,7 @@ it into the tangents. For a batch, the same code runs on arrays with one entry p
 import math
 import struct
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -76,11 +77,18 @@ class PythonKernel:
         final[:] = last
 
     def bind(
-        self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
+        self,
+        n: int,
+        theta: Array,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+        filled: Array,
+        method: str = "run",
     ) -> Callable[[], object]:
-        """Return `run` bound to these arrays."""
+        """Return `run` or `sensitivities` bound to these arrays."""
         if n != 1 or self.program.carry or self.program.theta or self.program.start:
-            return lambda: self.run(n, theta, start, inputs, outputs, final)
+            return partial(getattr(self, method), n, theta, start, inputs, outputs, filled)
         return self._tick(inputs[0], outputs[0])
 
     def sensitivities(
