@@ -150,3 +150,10 @@ def test_the_advice_for_unclear_points_can_be_used_without_a_map(lab, tmp_path, 
         assert not any(
             key in sentence for key in ("[files", "where =", "header =", "decimal =", "encoding =")
         )
+
+
+def test_a_refused_route_has_a_page_with_its_path_in_the_room(lab, tmp_path):
+    files = ("--report", "lab.html", "--figures", "figures")
+    assert lab("route", "check", "lab", "--vehicle", "small", "--room", "1x2", *files).code == 1
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["01-path.svg", "02-demands.svg"]
+    assert "<svg" in (tmp_path / "lab.html").read_text(encoding="utf-8")

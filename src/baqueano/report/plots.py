@@ -30,6 +30,7 @@ from baqueano.report.libraries import draw_onto, panel, panels, with_style
 from baqueano.report.page import Drawing, Table
 from baqueano.report.pages.at_rest import allan_curves, channels_by_sensor
 from baqueano.report.pages.parameter_drift import curves, parameters_with_curves
+from baqueano.report.pages.route import plot_demand, plot_examined_route, plot_route
 from baqueano.report.run_report import commands_section, errors, paths, sensors_of, speed_drawing
 from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
@@ -149,7 +150,7 @@ def _route_drawings(result: Route) -> dict[str, Draw]:
 
 @drawings_of.register(RouteReport)
 def _examined_route_drawings(result: RouteReport) -> dict[str, Draw]:
-    return {"demand": lambda: plot_demand(result), "path": lambda: plot_route(result.route)}
+    return {"demand": lambda: plot_demand(result), "path": lambda: plot_examined_route(result)}
 
 
 @drawings_of.register(Noise)
@@ -306,43 +307,6 @@ def plot_corridor(result: CorridorForecast) -> "Figure":
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel(_("time [s]"))
     axes.set_ylabel(_("across, 95 % [± cm]"))
-    return figure
-
-
-@with_style
-def plot_route(result: Route) -> "Figure":
-    """Draw the path of a route and its start pose."""
-    figure, axes = panel((7.2, 6.2))
-    axes.plot(result.eta[:, 0], result.eta[:, 1], color=REFERENCE, lw=1.6)
-    axes.plot(*result.eta[0, :2], "o", ms=6, color=MODEL, label=_("start"))
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.legend()
-    return figure
-
-
-@with_style
-def plot_demand(result: RouteReport) -> "Figure":
-    """Draw speed, yaw rate and command along a route; dashed: the largest values that the vehicle can drive."""
-    motion, (fastest, turn) = result.demand(), result.limits()
-    curves = [
-        (_("speed [m/s]"), motion.speed_m_s, (fastest,)),
-        (_("yaw rate [rad/s]"), motion.yaw_rate_rad_s, (turn, -turn)),
-    ]
-    if result.capability is not None:
-        curves.append((_("command [%]"), 100.0 * motion.share, (np.full(len(motion.share), 100.0),)))
-    figure, axes = panels(len(curves), 1, (7.2, 1.75 * len(curves) + 0.5), sharex=True)
-    for axis, (label_, values, limits) in zip(axes[:, 0], curves, strict=True):
-        axis.plot(motion.s_m, values, color=REFERENCE, lw=2.0, label=_("route"))
-        for k, limit in enumerate(limits if result.capability is not None else ()):
-            name = "" if k else _("limit of the vehicle")
-            axis.plot(motion.s_m, limit, color=figures.ALARM, lw=0.9, ls=(0, (5, 4)), label=name)
-        axis.set_ylabel(label_)
-        if len(limits) == 1:  # speed and command are not negative
-            axis.set_ylim(bottom=0.0)
-    axes[0, 0].legend(**figures.LEGEND_ABOVE)
-    axes[-1, 0].set_xlabel(_("distance [m]"))
     return figure
 
 

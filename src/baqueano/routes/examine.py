@@ -88,6 +88,8 @@ class RouteReport(Result):
         Codes, figures and commands to type.
     capability : Capability, optional
         Limits of the vehicle, for the figure; None without a vehicle, or if samples are missing.
+    room : Walls, optional
+        The room, for the figure.
 
     Examples
     --------
@@ -108,6 +110,12 @@ class RouteReport(Result):
     free_m: float
     findings: tuple[Diagnostic, ...]
     capability: Capability | None = None
+    room: Walls | None = None
+
+    @property
+    def placed_route(self) -> Route:
+        """Return the route from the middle of the room, or at its place in the map without a room."""
+        return self.route if self.room is None else _in_room(self.route, self.room)
 
     @property
     def verdict(self) -> Verdict:
@@ -218,7 +226,7 @@ def examine(
         share, findings = _share_findings(route, s, capability)
     free_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
-        xy = move_route(route._replace(eta=from_start(route.eta)), np.array(room.start)).eta[:, :2]
+        xy = _in_room(route, room).eta[:, :2]
         distances = np.min(room.free_half_width_m - np.abs(xy), axis=1)
         free_m, index = float(np.min(distances)), int(np.argmin(distances))
         if free_m < 0.0:
@@ -234,7 +242,12 @@ def examine(
     return RouteReport(
         route, float(s[-1]), float(route.t_s[-1]), float(np.max(speed)), float(np.max(turn)),
         float(np.max(speed * turn)), float(np.min(radius)), share, free_m, tuple(findings), capability,
+        room,
     )  # fmt: skip
+
+
+def _in_room(route: Route, room: Walls) -> Route:
+    return move_route(route._replace(eta=from_start(route.eta)), np.array(room.start))
 
 
 def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tuple[float, list[Diagnostic]]:

@@ -10,6 +10,7 @@ import click
 from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
+from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import AnswerNo, FileError, UsageError
@@ -75,20 +76,25 @@ def ls(as_json: bool) -> None:
 @room_option
 @start_option
 @options.backend
+@report_options
 @options.as_json
 def check(
     route: str, vehicle: str | None, settings: tuple[str, ...], room: str | None, start: str | None, backend: str,
-    as_json: bool,
+    report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.routes import examine
 
     vehicle_file = options.load_vehicle(vehicle, settings)
-    report = examine(
+    result = examine(
         options.find_route(route), vehicle_file, room_of_options(vehicle_file, room, start), backend=backend
     )
-    report = replace(report, findings=tuple(with_route_name(finding, route) for finding in report.findings))
-    print_answer(report, as_json)
-    for finding in report.findings:
+    result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
+    print_answer(result, as_json)
+    if report:
+        from baqueano.report.pages.route import page_of_route
+
+        report.write(lambda: page_of_route(result), reproducible=True)
+    for finding in result.findings:
         if finding.severity == Severity.ERROR:
             raise AnswerNo(finding)
 

@@ -23,8 +23,10 @@ from baqueano.report.fit_report import page_of_fit
 from baqueano.report.page import Headline, Page, Section, Table, check_format, draw
 from baqueano.report.pages.at_rest import page_of_rest
 from baqueano.report.pages.parameter_drift import page_of_drift
+from baqueano.report.pages.route import page_of_route
 from baqueano.report.plots import plot_comparison
 from baqueano.report.run_report import page_of_run
+from baqueano.routes import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 
@@ -44,7 +46,7 @@ def report(
 
     Parameters
     ----------
-    result : Run, Fit, Comparison, CorridorForecast, SweepResult, RestMeasurement or ParameterHistory
+    result : Run, Fit, Comparison, CorridorForecast, SweepResult, RestMeasurement, RouteReport or ParameterHistory
         The subject of the page. The results of `teach`, of an import and of a first drive have the page of their run.
     path : path, optional
         File to which the page is written, as self-contained HTML.
@@ -120,6 +122,11 @@ def _rest_page(result: RestMeasurement, alignment: str = "none") -> Page:
 @page_of.register(ParameterHistory)
 def _history_page(result: ParameterHistory, alignment: str = "none") -> Page:
     return page_of_drift(result)
+
+
+@page_of.register(RouteReport)
+def _route_page(result: RouteReport, alignment: str = "none") -> Page:
+    return page_of_route(result)
 
 
 @page_of.register(Comparison)
