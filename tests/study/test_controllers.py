@@ -15,6 +15,7 @@ from baqueano.study.counterpart import LoopWorld
 from baqueano.study.truth import draw_robots
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.result import SweepCell, SweepDrive, SweepResult
+from baqueano.vehicle_file import load
 
 
 def test_the_ideal_estimator_returns_the_pose_of_the_world():
@@ -67,6 +68,11 @@ def test_the_verdict_lists_the_code_of_each_missed_requirement():
     row = result(0.2).rows()[1]
     assert row["pose_low"] < 0.2 < row["pose_high"] < 0.21
     assert len(result(0.2).table().splitlines()) == 7
+
+
+def test_the_gains_of_an_array_are_set_entry_by_entry():
+    law = Contestant("lqr", "lqr", {"e_max[1]": 0.01, "change_max[0]": 0.3}, ()).controller(load("small"))
+    assert (law.e_max[1], law.change_max[0]) == (0.01, 0.3)
 
 
 def test_an_unknown_controller_is_refused_before_the_first_drive():

@@ -18,6 +18,7 @@ from baqueano.study.truth import draw_robots
 from baqueano.sweep.figures import drive_figures
 from baqueano.sweep.result import SweepCell, SweepDrive
 from baqueano.tune import tune
+from baqueano.tune.search_space import with_gains
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
@@ -39,6 +40,10 @@ class Contestant(NamedTuple):
     kind: "OwnBlock"
     gains: dict[str, float]  # the tuned ones; empty: the defaults
     at_bound: tuple[str, ...]  # gains that ended at a bound of the search
+
+    def controller(self, vehicle_file: VehicleFile) -> "Controller":
+        """Return the controller with its gains, for the model of this vehicle."""
+        return with_gains(vehicle_file.controller(self.kind), self.gains, self.gains.values())
 
 
 class DrivenRobot(NamedTuple):
@@ -78,7 +83,7 @@ def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) ->
         return DrivenRobot(seed, {})
     vehicle_file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
     for rival in contestants:
-        block = vehicle_file.controller(rival.kind, **rival.gains)
+        block = rival.controller(vehicle_file)
         cell = SweepCell(rival.label, "", rival.label, "repeat")
         for name, make in SHAPES.items():
             route, label = relative_to_start(make()), f"robot {seed}, {name}"
