@@ -7,11 +7,24 @@ from baqueano.errors import UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.route import Route, move_route
 from baqueano.guides.shapes import circle, eight, line, rectangle, slalom
-from baqueano.routes import at_speed, cut, join, reverse, scale, through_points
+from baqueano.routes import at_speed, cut, fastest, join, reverse, scale, through_points
 from baqueano.routes.path import distances_along
+from baqueano.vehicle_file import load
 from tests.codes import refused
 
-ROUTES = {"circle": circle(0.5, 0.2), "eight": eight(0.6, 0.25), "slalom": slalom(2.0, 0.3, 3, 0.2)}
+
+def with_slip(route, slip_rad):
+    """Return the route of a body that moves in a direction to the left of its heading, as the origin of a car does."""
+    nu = np.column_stack(
+        [np.cos(slip_rad) * route.nu[:, 0], np.sin(slip_rad) * route.nu[:, 0], route.nu[:, 2]]
+    )
+    return route._replace(eta=route.eta - [0.0, 0.0, slip_rad], nu=nu)
+
+
+ROUTES = {
+    "circle": circle(0.5, 0.2), "eight": eight(0.6, 0.25), "slalom": slalom(2.0, 0.3, 3, 0.2),
+    "circle of a car": with_slip(circle(0.5, 0.2), 0.15),
+}  # fmt: skip
 
 
 def drives_itself(route, atol=2e-3):
@@ -109,3 +122,14 @@ def test_an_impossible_route_edit_is_refused():
     with refused("route.points-same", UsageError, first=3, second=1):
         through_points([(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)], 0.2, closed=True)
     assert rectangle(1.0, 1.0, 0.2, 0.2).closed
+
+
+@pytest.mark.parametrize("backing", [False, True])
+def test_a_new_speed_keeps_the_slip_of_the_route(backing):
+    """The origin of a car moves in another direction than its heading: a controller follows the direction of both."""
+    route = reverse(ROUTES["circle of a car"], backing)
+    edited_routes = (at_speed(route, 0.4), fastest(route, load("car")))
+    for edited_route in edited_routes:
+        drives_itself(edited_route)
+        slip = np.arctan(edited_route.nu[:, 1] / edited_route.nu[:, 0])
+        np.testing.assert_allclose(slip, 0.15, atol=2e-3)

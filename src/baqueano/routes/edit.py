@@ -1,6 +1,6 @@
 """Cut, join, reverse and scale routes.
 
-the other direction: the vehicle is turned by 180° ψ + π,  (ν_x, −ν_y, −ν_ψ),  from the end to the start  (1)
+the other direction: the vehicle is turned by 180° ψ + π,  (ν_x, ν_y, −ν_ψ),  from the end to the start   (1)
 backing up along the same poses                    ψ,      −ν                                             (2)
 """
 
@@ -114,14 +114,14 @@ def reverse(route: Route, backing: bool = False) -> Route:
     >>> there = bq.guides.shapes.circle(0.5, 0.2)
     >>> back = reverse(there)
     >>> print(back.nu[0].round(2))
-    [ 0.2 -0.  -0.4]
+    [ 0.2  0.  -0.4]
     """
     eta, t_s = route.eta[::-1].copy(), route.t_s[-1] - route.t_s[::-1]
     if backing:
         return route._replace(t_s=t_s, eta=eta, nu=-route.nu[::-1])
     eta[:, 2] += np.pi
     eta[:, 2] -= 2.0 * np.pi * np.round(eta[0, 2] / (2.0 * np.pi))
-    return route._replace(t_s=t_s, eta=eta, nu=route.nu[::-1] * np.array([1.0, -1.0, -1.0]))
+    return route._replace(t_s=t_s, eta=eta, nu=route.nu[::-1] * np.array([1.0, 1.0, -1.0]))
 
 
 def scale(route: Route, factor: float) -> Route:

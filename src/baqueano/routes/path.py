@@ -1,9 +1,11 @@
 """The path of a route: its positions, without the time in which it is driven.
 
     s_k = Σ |p_j − p_{j−1}|,   κ = dχ/ds,   ψ = χ forward,  χ + π backward                                (1)
+    ν = ± v (cos β, sin β, κ),   β = atan(ν_y / ν_x)                                                      (2)
 
-p is the position, s the distance along the path, κ the curvature, ψ the heading; χ is the course, the direction of
-travel. Samples closer than STEP_M belong to a stop, or to a turn on the spot, and are excluded.
+p is the position, s the distance along the path, κ the curvature, ψ the heading, v the speed, ν the velocity. β is the
+slip: the vehicle moves in the direction χ + β, for example the origin of a car ahead of its rear axle. Samples closer
+than STEP_M belong to a stop, or to a turn on the spot, and are excluded.
 """
 
 from typing import NamedTuple
@@ -35,15 +37,18 @@ class RoutePath(NamedTuple):
     xy : ndarray (m, 2) [m]
         Positions in the map.
     course : ndarray (m,) [rad]
-        Direction of travel, continuous.
+        χ, the heading of a forward drive, continuous.
     kappa : ndarray (m,) [1/m]
         Curvature; positive to the left.
+    slip : ndarray (m,) [rad]
+        β, the angle from χ to the direction of travel.
     """
 
     s: np.ndarray
     xy: np.ndarray
     course: np.ndarray
     kappa: np.ndarray
+    slip: np.ndarray | float = 0.0
 
 
 def distances_along(xy: np.ndarray) -> np.ndarray:
@@ -99,11 +104,12 @@ def cut_command(s: np.ndarray, k: int) -> str:
 
 
 def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, closed: bool) -> Route:
-    """Return the route along a path with the speeds (m,) > 0 [m/s]; `forward_sign` −1 drives it backward."""
+    """Return the route along a path with the speeds (m,) > 0 [m/s]; `forward_sign` −1 drives it backward.  (2)"""
     rate = 0.5 * (speed[1:] + speed[:-1])
     t_s = np.append(0.0, np.cumsum(np.diff(path.s) / rate))
     psi = path.course if forward_sign > 0.0 else path.course + np.pi
-    nu = np.column_stack([forward_sign * speed, np.zeros_like(speed), path.kappa * speed])
+    along, aside = forward_sign * speed * np.cos(path.slip), forward_sign * speed * np.sin(path.slip)
+    nu = np.column_stack([along, aside, path.kappa * speed])
     return Route(t_s, np.column_stack([path.xy, psi]), nu, closed)
 
 
@@ -113,5 +119,6 @@ def path_of(route: Route) -> RoutePath:
     xy = route.eta[indices, :2]
     s = distances_along(xy)
     psi = np.unwrap(route.eta[indices, 2]) + (np.pi if direction(route) < 0.0 else 0.0)
-    kappa = np.gradient(psi, s)
-    return RoutePath(s, xy, psi, kappa)
+    v_x, v_y = route.nu[indices, 0], route.nu[indices, 1]
+    slip = np.arctan(v_x * v_y / (v_x**2 + MIN_SPEED_M_S**2))  # 0 at rest
+    return RoutePath(s, xy, psi, np.gradient(psi, s), slip)

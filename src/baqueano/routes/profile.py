@@ -136,8 +136,8 @@ def _resample(path: RoutePath) -> RoutePath:
     """Return the path with a point every GRID_M, and the curvature averaged over that distance."""
     s = np.linspace(0.0, path.s[-1], max(8, round(path.s[-1] / GRID_M) + 1))
     xy = np.column_stack([np.interp(s, path.s, column) for column in path.xy.T])
-    course = np.interp(s, path.s, path.course)
-    return RoutePath(s, xy, course, np.gradient(course, s))
+    course, slip = (np.interp(s, path.s, column) for column in (path.course, path.slip))
+    return RoutePath(s, xy, course, np.gradient(course, s), slip)
 
 
 def _rates(
