@@ -73,6 +73,7 @@ def test_the_verdict_lists_the_code_of_each_missed_requirement():
 def test_the_gains_of_an_array_are_set_entry_by_entry():
     law = Contestant("lqr", "lqr", {"e_max[1]": 0.01, "change_max[0]": 0.3}, ()).controller(load("small"))
     assert (law.e_max[1], law.change_max[0]) == (0.01, 0.3)
+    assert Contestant("pd", "pd", {"alpha": 3.0, "beta": 1.0}, ()).controller(load("small")).alpha == 3.0
 
 
 def test_an_unknown_controller_is_refused_before_the_first_drive():

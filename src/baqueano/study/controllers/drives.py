@@ -43,7 +43,9 @@ class Contestant(NamedTuple):
 
     def controller(self, vehicle_file: VehicleFile) -> "Controller":
         """Return the controller with its gains, for the model of this vehicle."""
-        return with_gains(vehicle_file.controller(self.kind), self.gains, self.gains.values())
+        entries = {name: gain for name, gain in self.gains.items() if "[" in name}
+        fields = {name: gain for name, gain in self.gains.items() if name not in entries}
+        return with_gains(vehicle_file.controller(self.kind, **fields), entries, entries.values())
 
 
 class DrivenRobot(NamedTuple):
