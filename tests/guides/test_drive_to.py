@@ -6,6 +6,7 @@ import pytest
 from baqueano.block_checks import check_guide
 from baqueano.guides import DriveTo
 from baqueano.guides.dubins import pose_at, shortest_dubins_path
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, eight, line
 from baqueano.routes import reverse
 from baqueano.signals import Estimate
@@ -119,3 +120,15 @@ def test_compiled_and_uncompiled_guides_give_the_same_reference():
         compiled = function(guide.step, state_k, now, backend="python")(state_k, now)[1]
         np.testing.assert_allclose(compiled.eta, plain.eta, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(compiled.nu, plain.nu, rtol=1e-9, atol=1e-12)
+
+
+def test_a_sparse_route_is_joined_at_the_same_place_as_a_dense_route():
+    """A line of two poses: the end of the line is not the only place to join it ahead of its start."""
+    starts = []
+    for count in (2, 201):
+        s = np.linspace(0.0, 2.0, count)
+        route = Route(s / 0.2, np.outer(s, [1.0, 0.0, 0.0]), np.tile([0.2, 0.0, 0.0], (count, 1)), False)
+        state, _ = followed(DriveTo.to_route(route), (0.3, 0.1, 0.0))
+        starts.append(state.goal[0])
+    assert starts[0] == pytest.approx(starts[1])
+    assert 1.0 < starts[0] <= 5.0

@@ -5,6 +5,7 @@ import pytest
 
 from baqueano.block_checks import check_guide
 from baqueano.guides import RepeatByProgress
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, eight, rectangle
 from baqueano.signals import Estimate
 from baqueano.simulate import simulate_loop
@@ -114,7 +115,7 @@ class LookAtAll(RepeatByProgress):
 
     __slots__ = ()
 
-    def _window(self):
+    def _window(self, s):
         return 10**6, 10**6
 
 
@@ -153,3 +154,13 @@ def test_a_closed_turn_on_the_spot_advances_with_time():
     guide = RepeatByProgress(psi, np.outer(psi, [0.0, 0.0, 1.0]), turn, closed=True)
     for reference in drive_guide(guide, on_it, 3):
         assert reference.nu.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_the_reference_advances_along_a_route_of_two_poses():
+    route = Route(
+        np.array([0.0, 8.0]), np.diag([2.0, 0.0, 0.0])[[1, 0]], np.tile([0.25, 0.0, 0.0], (2, 1)), False
+    )
+    references = drive_guide(RepeatByProgress.along(route), on_it, 900)
+    x = np.array([reference.eta[0] for reference in references])
+    assert np.all(np.diff(x) >= 0.0)
+    assert x[-1] == 2.0

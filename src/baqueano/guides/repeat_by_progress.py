@@ -27,6 +27,7 @@ from baqueano.signals import Estimate, Reference, seconds
 
 HEADING_WEIGHT_M = 0.1
 FAR_AWAY = 1e9
+MAX_SPACING_M = 0.05  # of the points of (1): half of it is less than the slack
 
 
 class ProgressState(NamedTuple):
@@ -91,17 +92,17 @@ class RepeatByProgress(Repeat):
 
     def _pace(self, phase: Value, estimate: Estimate) -> Value:
         """Return τ̇ at the time `phase` [s] of a lap.  (1)-(3)"""
-        s, (behind_s, front) = self._distances(), self._window()
-        eta, distances, is_on_route = self.eta, s, 1.0
+        t_s, eta, s = self._points()
+        (behind_s, front), distances, is_on_route = self._window(s), s, 1.0
         if behind_s + front + 2 < len(s):
             indices = np.arange(len(s), dtype=float)
-            k = np.floor(np.interp(phase, self.t_s, indices)) + np.arange(-behind_s, front + 2)
+            k = np.floor(np.interp(phase, t_s, indices)) + np.arange(-behind_s, front + 2)
             if self.closed:
                 k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point equals the first one
             is_on_route = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
-            eta = np.stack([np.interp(k, indices, column) for column in self.eta.T], axis=1)
+            eta = np.stack([np.interp(k, indices, column) for column in eta.T], axis=1)
             distances = np.interp(k, indices, s)
-        lag_m = np.interp(phase, self.t_s, s) - distances  # (k,) d, if the vehicle is at each of these points
+        lag_m = np.interp(phase, t_s, s) - distances  # (k,) d, if the vehicle is at each of these points
         if self.closed and s[-1] > 0.0:
             lag_m = lag_m - s[-1] * np.floor(lag_m / s[-1] + 0.5)
         squared_distances = (eta[:, 0] - estimate.eta[0]) ** 2 + (eta[:, 1] - estimate.eta[1]) ** 2
@@ -116,16 +117,27 @@ class RepeatByProgress(Repeat):
         catching_pace = np.maximum(-d - tolerance_m, 0.0) / self.wait_m
         return np.clip(waiting_pace + catching_pace, -1.0, self.fastest)
 
-    def _distances(self) -> np.ndarray:
-        """Return the distance s (m,) [m] of each point of the route."""
-        steps = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
-        return np.concatenate([[0.0], np.cumsum(steps)])
+    def _points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the times (m,), the poses (m, 3) and the distances s (m,) of the points of (1).
 
-    def _window(self) -> tuple[int, int]:
+        They are the poses of the route, with points between poses that are more than MAX_SPACING_M apart.
+        """
+        steps_m = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
+        counts = np.maximum(np.ceil(steps_m / MAX_SPACING_M), 1.0).astype(int)
+        first, segment = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
+        within = (np.arange(len(segment)) - first[segment]) / counts[segment]
+        index = np.append(segment + within, len(counts))
+        t_s, *eta, s = (
+            np.interp(index, np.arange(len(self.t_s)), column)
+            for column in (self.t_s, *self.eta.T, np.append(0.0, np.cumsum(steps_m)))
+        )
+        return t_s, np.column_stack(eta), s
+
+    def _window(self, s: np.ndarray) -> tuple[int, int]:
         """Return the largest number of points within `reach_m` of a point: behind this point, and in front of it.
         The compiled step searches only these points.
         """
-        s, reach_m = self._distances(), self.reach_m + 1e-9
+        reach_m = self.reach_m + 1e-9
         wrapped_distances = np.concatenate([s - s[-1], s[1:], s[1:] + s[-1]]) if self.closed else s
         first = np.searchsorted(wrapped_distances, wrapped_distances - reach_m, side="left")
         last = np.searchsorted(wrapped_distances, wrapped_distances + reach_m, side="right")
