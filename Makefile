@@ -43,7 +43,7 @@ browser-tools:
 docs: $(VENV)/test.stamp
 	$(BIN)/python -m docs.site
 
-# 20,000 damaged inputs of each format that comes from others; `make test` takes as many as come in 20 s, in CI in 75 s.
+# 20,000 damaged inputs of each format that comes from others; `make test` takes as many as come in 20 s, CI all.
 fuzz: $(VENV)/test.stamp
 	BAQUEANO_FUZZ=20000 $(BIN)/python -m pytest -s $(PROCESSES) tests/fuzz/test_fuzz.py
 

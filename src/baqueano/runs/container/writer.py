@@ -13,6 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -43,14 +44,19 @@ Message = tuple[int, int, bytes, int]  # topic, arrival [ns], packed message, ti
 
 def versions() -> dict[str, str]:
     """Return the versions and the machine that made a run, for its metadata."""
-    from importlib.metadata import version
-
     return {
-        "baqueano": version("baqueano"),
+        "baqueano": _installed_version(),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
     }
+
+
+@cache
+def _installed_version() -> str:
+    from importlib.metadata import version
+
+    return version("baqueano")
 
 
 class RunWriter:
