@@ -91,6 +91,14 @@ def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turn
         flood.end()
 
 
+def test_a_message_of_the_loop_has_priority_over_the_waiting_lines(door, connect, monkeypatch):
+    person, answer, event = connect(), door._answer, {"is": "event", "level": "info", "said": "x"}
+    monkeypatch.setattr(door, "_answer", lambda client, line: (answer(client, line), door.broadcast(event)))
+    person.line.sendall(b'{"do": "ping"}\n' * 20)
+    kinds = [person.receive()["is"] for _ in range(40)]
+    assert kinds == ["pong", "event"] * 20
+
+
 def test_a_stop_has_priority_over_earlier_lines_of_its_client(door, connect, turns):
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)

@@ -221,6 +221,17 @@ def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, perso
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
 
 
+def test_rt15_a_stop_halts_the_motors_before_it_is_acknowledged(tmp_path):
+    halts = []
+    door = Door(tmp_path / "s", Operator(), tmp_path, halt=lambda: halts.append(True))
+    person = Person(door.path)
+    person.send(do="stop", why="it nears the stairs")
+    assert person.receive()["is"] == "heard"
+    assert halts == [True]
+    person.close()
+    door.close()
+
+
 def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, person):
     person.send(do="mission", mission="{}", id="one")
     message = person.receive()

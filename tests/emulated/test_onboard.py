@@ -15,6 +15,7 @@ from baqueano.door.remote import connect
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.guides.shapes import circle
+from baqueano.robot.service.realtime import PRIORITY
 from benchmarks.onboard import BOOT_S, MOST_MB, Figures
 from tests.emulated.onboard import running
 from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401
@@ -56,29 +57,29 @@ def test_the_service_imports_no_laptop_module_at_start_or_in_drives(firmware, tm
     assert [drive["late"] for drive in drives] == [[]] * len(drives)
 
 
-def test_only_the_control_loop_and_the_serial_thread_have_real_time_priority(firmware, tmp_path):
+def test_the_door_and_the_serial_thread_run_below_the_loop_and_before_ordinary_programs(firmware, tmp_path):
     chrt = ("chrt", "-f", "40")  # as the unit starts it: every thread begins with the priority of the loop
     if shutil.which("chrt") is None or subprocess.run([*chrt, "true"], capture_output=True).returncode:
         pytest.skip("this user may have no real-time priority")
     with running(firmware, tmp_path, (*chrt, sys.executable), {"BAQUEANO_BACKEND": "numpy"}) as service:
-        idle = policies(service)
+        idle = priorities(service)
         with connect(str(service.door)) as remote:
             driving = []
             mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             path = tmp_path / "run.mcap"
-            perform_mission(remote, mission, path, progress=lambda t_s: driving.append(policies(service)))
+            perform_mission(remote, mission, path, progress=lambda t_s: driving.append(priorities(service)))
     most = max(driving, key=len)
-    assert idle == [os.SCHED_OTHER] + [os.SCHED_FIFO] * 2  # the door
-    assert most == [os.SCHED_OTHER] * 2 + [os.SCHED_FIFO] * 2  # the door and the run's writer
+    assert idle == [PRIORITY - 1, PRIORITY - 1, PRIORITY]
+    assert most == [0, *idle]  # the run's writer
 
 
-def policies(service):
-    """Return the scheduling policies of its threads; a thread may end meanwhile."""
-    policies = []
+def priorities(service):
+    """Return the real-time priorities of its threads, 0 without one; a thread may end meanwhile."""
+    priorities = []
     for task in Path(f"/proc/{service.process.pid}/task").iterdir():
         with suppress(ProcessLookupError):
-            policies.append(os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK)
-    return sorted(policies)
+            priorities.append(os.sched_getparam(int(task.name)).sched_priority)
+    return sorted(priorities)
 
 
 def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware, tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, pack
+from baqueano.drive.recording import LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
 from tests.emulated.drives import TEACHER, drive, during, spin
 
@@ -39,6 +40,14 @@ def test_rt15_a_stop_by_anyone_is_latched_until_cleared(service, robot):
         robot.wait(0.05)
     assert service.machine.state is DoorState.READY
     assert drive(service, spin())[0]["why"] is None
+
+
+def test_rt15_a_stop_that_latches_the_uno_at_once_is_reported_as_the_stop_and_not_as_a_fault(service, robot):
+    during(service, robot, 0.5, lambda: (robot.uno.stop(), service.operator.stop(TEACHER), robot.wait(0.03)))
+    done, run = drive(service, spin(3.0))
+    assert done["why"] == TEACHER
+    assert {event.level for event in run.events if event.source in (LINE_SOURCE, UNO_SOURCE)} == {"info"}
+    assert service.machine.reason == TEACHER
 
 
 def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, robot):

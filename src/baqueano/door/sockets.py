@@ -54,13 +54,15 @@ Handler = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and re
 
 
 class Door:
-    """A thread that serves clients at the socket `path`, if any. `handlers` contains those of further messages."""
+    """A thread that serves clients at the socket `path`, if any. `handlers` contains those of further messages; `halt`
+    switches the motors off at once, before the loop reads the stop in its next tick."""
 
     def __init__(
         self, path: Path | None, operator: "Operator", folder: Path, handlers: Mapping[str, Handler] | None = None,
+        halt: Callable[[], object] = lambda: None,
     ) -> None:  # fmt: skip
         self.path, self.operator, self.frames = path, operator, Frames()
-        self._handlers, self._files = dict(handlers or {}), RunFiles(folder, self._wake)
+        self._halt, self._handlers, self._files = halt, dict(handlers or {}), RunFiles(folder, self._wake)
         self._clients: set[DoorClient] = set()
         self._until: dict[DoorClient, float] = {}  # end of the connection of clients in extra places
         self._state: JsonObject = {}  # the last state sent
@@ -212,12 +214,15 @@ class Door:
             self._disconnect_after_sending(client)
 
     def _answer_all(self) -> None:
-        """Answer the waiting lines of all clients in turn, at most MAX_LINES lines or MAX_ROUND_S."""
+        """Answer the waiting lines of all clients in turn, at most MAX_LINES or for MAX_ROUND_S; the loop's messages
+        interrupt it, so each turn answers one line at least."""
         for client in [peer for peer in self._until if peer.lines]:
             self._refuse_client(client)
         self._busy, end_s = 0, time.monotonic() + MAX_ROUND_S
         queue = deque(sorted((peer for peer in self._clients if peer.lines), key=lambda peer: peer.answered))
-        while queue and self._busy < MAX_LINES and (time.monotonic() < end_s or not self._busy):
+        while queue and self._busy < MAX_LINES:
+            if self._busy and (self._outbox or time.monotonic() >= end_s):
+                break
             client = queue.popleft()
             self._busy, client.answered = self._busy + 1, self._number
             self._number += 1
@@ -284,6 +289,7 @@ class Door:
 
     def _stop(self, client: DoorClient, reason: Diagnostic) -> None:
         self.operator.stop(reason)
+        self._halt()
         client.enqueue({"is": "heard", "do": "stop"})
         if client in self._until:
             self._until[client] = time.monotonic() + STOPPED_S

@@ -63,11 +63,11 @@ def serve(
         from baqueano.door.sockets import Door
         from baqueano.robot.service.service import Service
 
-        for line in request_realtime():  # before the door starts its thread, which does not need real time
-            log(line)
         operator = Operator()
-        door = Door(path, operator, folder)
+        door = Door(path, operator, folder, halt=uno.stop)
         open_things.callback(door.close)
+        for line in request_realtime():
+            log(line)
         door.frames.begin(vehicle_file, "real")
         service = Service(
             uno, imu, vehicle_file.robot, folder, operator, door.broadcast, door.frames, *_watchdog_functions(systemd),

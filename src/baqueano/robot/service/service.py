@@ -371,6 +371,8 @@ class _ServiceObserver(Observer):
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
+        if (requested := s.operator.stop_reason(attended=False)) is not None:
+            return requested  # it has latched the Uno, which is no fault of its own
         reason = s.uno.standstill_reason() or world.stop_reason(t_ns) or s.health.stop_reason(world)
         return reason or s.operator.stop_reason(self._attended)
 
@@ -382,6 +384,11 @@ class _ServiceObserver(Observer):
         s._record = record
         s.frames.on_record(record, battery_v=self._world.battery_v, late_ms=self._lateness.now_ms)
 
+    def _uno_trouble(self) -> Diagnostic | None:
+        """Return the trouble of the Uno, except a latch by a requested stop."""
+        trouble, requested = self._service.uno.trouble, self._service.operator.stop_reason(attended=False)
+        return None if requested and trouble and trouble.code == StopReason.UNO_LATCHED else trouble
+
     def on_disk_full(self, reason: Diagnostic) -> None:
         self._service._send_event("error", reason)
 
@@ -390,7 +397,7 @@ class _ServiceObserver(Observer):
         before, current = self._previous, s.uno.statistics
         last_lines: list[EventLine] = [
             (CLOCK_SOURCE, *self._lateness.event_line()),
-            (LINE_SOURCE, *line_losses(before, current, s.uno.trouble)), (UNO_SOURCE, *uno_losses(before, current)),
+            (LINE_SOURCE, *line_losses(before, current, self._uno_trouble())), (UNO_SOURCE, *uno_losses(before, current)),
         ]  # fmt: skip
         last_lines += [(IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts))] if s._counts_before else []
         for _, level, message in last_lines:

@@ -99,7 +99,7 @@ class Uno:
         self._previous: PreviousTelemetry | None = None
         self._nonce: int | None = None  # nonce in the last frame of the firmware
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
-        self._armed, self._confirmed, self._damaged_count = False, False, 0
+        self._armed, self._confirmed, self._stop_sent, self._damaged_count = False, False, False, 0
         self._armed_ns = 0  # time of `arm`
         self._unarmed_ns: int | None = None  # time since which telemetry shows the Uno as not armed
         self._lock = threading.RLock()  # a listening thread and the loop share the line
@@ -109,7 +109,7 @@ class Uno:
         self.standstill_reason()
         self._standstill.record_command()
         if self.info is None or not self._armed:
-            self.statistics.unsent += 1
+            self.statistics.unsent += not self._stop_sent
             return
         if self._unarmed_ns is not None:
             self._drive(0, 0, DriveFlag.ARM)  # otherwise the Uno does not obey the command
@@ -124,7 +124,7 @@ class Uno:
         if this takes longer than ARMING_TIMEOUT_S.
         """
         with self._lock:
-            self._armed, self._confirmed, self.trouble = True, False, None
+            self._armed, self._confirmed, self._stop_sent, self.trouble = True, False, False, None
             self._standstill.reset()
             self._armed_ns, self._unarmed_ns = self._now_ns(), None
             self._drive_seq = self._drive_seq if self._previous is None else self._previous.state.drive_seq
@@ -138,8 +138,8 @@ class Uno:
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
-        """Send a stop, which the Uno obeys in any state and latches."""
-        self._armed = False
+        """Send a stop, which the Uno obeys in any state and latches. Any thread can call it."""
+        self._armed, self._stop_sent = False, True
         self._send(Stop())
 
     def clear_stop(self) -> None:
