@@ -277,7 +277,9 @@ def _line(line: bytes, generator: random.Random) -> bytes:
     return _damaged(line.decode(), generator, 0.5, ",").replace(b"\n", b" ")
 
 
-def _damaged(original: str, generator: random.Random, byte_share: float = 0.2, separators: str = "\n") -> bytes:
+def _damaged(
+    original: str, generator: random.Random, byte_share: float = 0.2, separators: str = "\n"
+) -> bytes:
     if generator.random() < byte_share:
         return damaged_bytes(original.encode(), generator)
     return damaged_text(original, generator, separators).encode("utf-8", "surrogatepass")

@@ -1,8 +1,8 @@
 """Damaged inputs of every external format: each gives a baqueano error with its code, or a value.
 
 CI and `make fuzz` judge 20,000 inputs per format (BAQUEANO_FUZZ=20000). Otherwise as many inputs are judged as
-SHARE_S permits, and at least LEAST. The input of a number and a seed is always the same, and a finding prints the command
-that repeats it. The public service sets another seed each day (BAQUEANO_FUZZ_SEED).
+SHARE_S permits, and at least LEAST. The input of a number and a seed is always the same, and a finding prints the
+command that repeats it. The public service sets another seed each day (BAQUEANO_FUZZ_SEED).
 """
 
 import os

@@ -54,8 +54,7 @@ Handler = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and re
 
 
 class Door:
-    """A thread that serves clients at the socket `path`, if any. `handlers` contains those of further messages; `halt`
-    switches the motors off at once, before the loop reads the stop in its next tick."""
+    """A thread that serves clients at the socket `path`, if any, with more `handlers`; a stop calls `halt` at once."""
 
     def __init__(
         self, path: Path | None, operator: "Operator", folder: Path, handlers: Mapping[str, Handler] | None = None,
@@ -192,8 +191,6 @@ class Door:
 
     def _receive_from(self, client: DoorClient) -> None:
         """Read the received bytes, and handle the stops in them."""
-        if client not in self._clients:
-            return
         try:
             for line in client.receive():
                 self._answer(client, line)
@@ -214,15 +211,12 @@ class Door:
             self._disconnect_after_sending(client)
 
     def _answer_all(self) -> None:
-        """Answer the waiting lines of all clients in turn, at most MAX_LINES or for MAX_ROUND_S; the loop's messages
-        interrupt it, so each turn answers one line at least."""
+        """Answer lines of all clients in turn: one, and more until MAX_LINES, MAX_ROUND_S or a message of the loop."""
         for client in [peer for peer in self._until if peer.lines]:
             self._refuse_client(client)
         self._busy, end_s = 0, time.monotonic() + MAX_ROUND_S
         queue = deque(sorted((peer for peer in self._clients if peer.lines), key=lambda peer: peer.answered))
-        while queue and self._busy < MAX_LINES:
-            if self._busy and (self._outbox or time.monotonic() >= end_s):
-                break
+        while queue and self._busy < MAX_LINES and (time.monotonic() < end_s or not self._busy):
             client = queue.popleft()
             self._busy, client.answered = self._busy + 1, self._number
             self._number += 1
@@ -232,6 +226,8 @@ class Door:
             elif client.dropped:
                 self._refuse(client, note("door.too-many", Severity.ERROR, dropped=client.dropped), 1)
                 client.dropped = 0
+            if self._outbox:
+                return
 
     def _answer(self, client: DoorClient, line: bytes) -> None:
         try:
@@ -376,17 +372,15 @@ class Door:
 
 def _listening_socket(path: Path) -> socket.socket:
     """Return a socket that listens at `path`. Raise RobotUnreachable or FileExistsError if it is not free."""
-    probe = socket.socket(socket.AF_UNIX)
-    try:
-        probe.connect(str(path))
-    except OSError:
-        if path.exists() and not path.is_socket():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
-        path.unlink(missing_ok=True)  # left by a service that was killed
-    else:
-        raise RobotUnreachable(fault("door.runs-already", "systemctl status baqueano", path=path))
-    finally:
-        probe.close()
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            if path.exists() and not path.is_socket():
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+            path.unlink(missing_ok=True)  # left by a service that was killed
+        else:
+            raise RobotUnreachable(fault("door.runs-already", "systemctl status baqueano", path=path))
     path.parent.mkdir(parents=True, exist_ok=True)
     listener, previous_mask = socket.socket(socket.AF_UNIX), os.umask(0o117)
     try:

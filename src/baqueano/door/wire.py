@@ -1,7 +1,7 @@
 """Encode and decode the messages between a vehicle and its clients: lines of JSON, with diagnostics as data."""
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic
 from baqueano.messages.printable import printable_json
@@ -41,7 +41,7 @@ def decode(line: bytes) -> "JsonObject | None":
         return None
 
 
-def _plain_data(value: object) -> Any:
+def _plain_data(value: object) -> object:
     if isinstance(value, Diagnostic):
         return value.to_json()
     raise TypeError(f"{type(value).__name__} does not go through the door")

@@ -13,8 +13,12 @@ from baqueano.robot.service import realtime
 @pytest.mark.skipif(sys.platform != "linux", reason="SCHED_FIFO")
 def test_other_threads_get_the_priority_below_the_loop(monkeypatch):
     priorities, done = {}, threading.Event()
-    monkeypatch.setattr(os, "sched_setscheduler", lambda n, policy, p: priorities.update({n: p.sched_priority}))
-    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda *name, **options: SimpleNamespace(mlockall=lambda flags: 1))
+    monkeypatch.setattr(
+        os, "sched_setscheduler", lambda n, policy, p: priorities.update({n: p.sched_priority})
+    )
+    monkeypatch.setattr(
+        realtime.ctypes, "CDLL", lambda *name, **options: SimpleNamespace(mlockall=lambda flags: 1)
+    )
     monkeypatch.setattr(realtime.gc, "freeze", lambda: None)
     thread = threading.Thread(target=done.wait)
     thread.start()

@@ -1,10 +1,12 @@
 """Request real-time rights from the system for a control loop, and notify systemd.
 
 SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on your machine). The loop also waits for the
-interpreter lock: a thread that holds it must not wait for ordinary programs of the machine, so the other threads run
-under SCHED_FIFO, too, below the loop (priority inversion: Sha, Rajkumar & Lehoczky 1990, section II). Each page of memory is locked
-when it is first used, so that no tick waits for the disk. Locking all mapped memory would also make unused buffers and
-stacks resident. Objects made at the start are excluded from garbage collection. docs/benchmarks.md gives the results.
+interpreter lock. If an ordinary program preempted the thread that holds it, the loop would wait for this program, too
+(priority inversion; Sha, Rajkumar and Lehoczky 1990). So the other threads run under SCHED_FIFO, below the loop.
+
+Each page of memory is locked when it is first used, so that no tick waits for the disk. Locking all mapped memory would
+also make unused buffers and stacks resident. Objects made at the start are excluded from garbage collection.
+docs/benchmarks.md gives the results.
 """
 
 import ctypes
@@ -25,14 +27,14 @@ def request_realtime(priority: int = PRIORITY) -> list[str]:
     """Request a real-time priority and locked memory, and return sentences about what was granted.
 
     The calling thread gets `priority`, the other threads of this program one less. Threads and programs that start
-    later do not inherit it. Existing objects are excluded from garbage
-    collection, and the collector is switched on.
+    later do not inherit it. Existing objects are excluded from garbage collection, and the collector is switched on.
     """
     grants = []
     try:
         policy, own_id = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, threading.get_native_id()
         os.sched_setscheduler(own_id, policy, os.sched_param(priority))
-        for thread_id in {thread.native_id for thread in threading.enumerate()} - {own_id, None}:
+        thread_ids = {thread.native_id or own_id for thread in threading.enumerate()}
+        for thread_id in thread_ids - {own_id}:
             with suppress(ProcessLookupError):  # it has ended
                 os.sched_setscheduler(thread_id, policy, os.sched_param(priority - 1))
         grants.append(_("real-time priority {priority}", priority=priority))

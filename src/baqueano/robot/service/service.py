@@ -212,9 +212,8 @@ class Service:
             self.health.limits = self.hardware
             self.set_watchdog_timeout(HANG_TIMEOUT_S)
         regular_end = reason is None or code or self.operator.is_end_requested
-        late_stop = self.operator.stop_reason(
-            attended=False
-        )  # requested while the drive was prepared, or its run closed
+        # requested while the drive was prepared, or its run closed
+        late_stop = self.operator.stop_reason(attended=False)
         stop_reason = late_stop if regular_end else reason
         self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
         self.operator.discard_requests(stop_reason)
@@ -282,12 +281,9 @@ class Service:
             self._publish(world)
 
     def _send_event(self, level: str, content: Diagnostic | str) -> None:
-        diagnostic = (
-            content
-            if isinstance(content, Diagnostic)
-            else note("hardware.note", Severity(level), words=content)
-        )
-        self.broadcast({"is": "event", "level": level, "said": diagnostic})
+        if isinstance(content, str):
+            content = note("hardware.note", Severity(level), words=content)
+        self.broadcast({"is": "event", "level": level, "said": content})
 
     def _start_obstacle(self) -> Diagnostic | None:
         """Return the reason why a drive is not allowed to begin; None if it is allowed."""
@@ -371,8 +367,8 @@ class _ServiceObserver(Observer):
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
-        if (requested := s.operator.stop_reason(attended=False)) is not None:
-            return requested  # it has latched the Uno, which is no fault of its own
+        if (request := s.operator.stop_reason(attended=False)) is not None:
+            return request  # it latches the Uno, so the telemetry reports a latch
         reason = s.uno.standstill_reason() or world.stop_reason(t_ns) or s.health.stop_reason(world)
         return reason or s.operator.stop_reason(self._attended)
 
@@ -384,20 +380,17 @@ class _ServiceObserver(Observer):
         s._record = record
         s.frames.on_record(record, battery_v=self._world.battery_v, late_ms=self._lateness.now_ms)
 
-    def _uno_trouble(self) -> Diagnostic | None:
-        """Return the trouble of the Uno, except a latch by a requested stop."""
-        trouble, requested = self._service.uno.trouble, self._service.operator.stop_reason(attended=False)
-        return None if requested and trouble and trouble.code == StopReason.UNO_LATCHED else trouble
-
     def on_disk_full(self, reason: Diagnostic) -> None:
         self._service._send_event("error", reason)
 
     def end(self, reason: Diagnostic | None) -> list[EventLine]:
         self.over, self.stopped, s = True, reason, self._service
-        before, current = self._previous, s.uno.statistics
+        before, current, trouble = self._previous, s.uno.statistics, s.uno.trouble
+        if trouble and trouble.code == StopReason.UNO_LATCHED and s.operator.stop_reason(attended=False):
+            trouble = None  # the requested stop
         last_lines: list[EventLine] = [
             (CLOCK_SOURCE, *self._lateness.event_line()),
-            (LINE_SOURCE, *line_losses(before, current, self._uno_trouble())), (UNO_SOURCE, *uno_losses(before, current)),
+            (LINE_SOURCE, *line_losses(before, current, trouble)), (UNO_SOURCE, *uno_losses(before, current)),
         ]  # fmt: skip
         last_lines += [(IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts))] if s._counts_before else []
         for _, level, message in last_lines:
