@@ -1,5 +1,6 @@
 """A lap that a person taught on the page gives the gyro scale of the vehicle file, once; other runs do not."""
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,10 +17,10 @@ from baqueano.web.guard import Role
 from baqueano.web.lab.worker import Worker
 from tests.codes import refused
 from tests.drive.test_lap_closure import NOISE, TRUE
-from tests.web.chromium import CHROMIUM
+from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.fake_vehicle import live_page
 from tests.web.page_client import browser, run_page
-from tests.web.screens import PAGE, open_page, until
+from tests.web.screens import BOXES, PAGE, REST_S, open_page, until
 from tests.web.scripted import RUNS
 
 FIT = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
@@ -147,6 +148,10 @@ def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
     live.put({"is": "runs", "runs": runs})
     tab.wait(f"!{closed}.hidden && !{closed}.disabled")
     assert tab.js(f"{closed}.firstChild.textContent") == "Back at its start"
+    tab.size(*SIZES["phone"])
+    tab.js("dispatchEvent(new Event('resize'))")
+    time.sleep(REST_S)
+    assert not tab.js(BOXES)
     tab.press("c", code="KeyC")
     (word,) = until(lambda: live.words("write"))
     assert (word["lap"], word["route"]) == ("r9", "route-1")
