@@ -282,6 +282,20 @@ def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
     run_page(job)
 
 
+def test_the_reason_of_a_stop_is_reported_once(tmp_path):
+    async def job():
+        why = stop(StopReason.STOPPED_BY, words="it nears the stairs")
+        async with live_page(tmp_path) as (server, link, _), browser(server) as me:
+            link.frame(1.0)
+            link.on_word({"is": "done", "id": "x", "run": None, "why": why})
+            link.state("STOPPED", why=why)
+            state = await me.next("state", where=lambda word: word["state"] == "STOPPED")
+            assert (state["severity"], state["odd"]) == ("error", [])
+            assert "it nears the stairs" in state["sentence"]
+
+    run_page(job)
+
+
 def test_a_change_of_vehicle_sends_a_new_hello_message(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as visitor:

@@ -104,9 +104,9 @@ def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_folder,
     assert not (tmp_path / "executed").exists()
 
 
-def serve_job(folder, job):
+def serve_job(folder, job, language="en"):
     async def whole():
-        async with recorded_page(folder, "round") as server, browser(server) as visitor:
+        async with recorded_page(folder, "round") as server, browser(server, language) as visitor:
             await job(visitor)
 
     run_page(whole)
@@ -126,6 +126,16 @@ def test_the_tuning_answer_describes_each_gain_and_the_figures_of_a_lap(folder):
         assert len(lap["x"]) == len(lap["y"]) > 100
 
     serve_job(folder, job)
+
+
+def test_the_meanings_of_gains_and_parameters_are_in_the_language_of_the_browser(folder):
+    async def job(visitor):
+        about = await visitor.request("tune")
+        assert about["gains"][1]["meaning"] == "velocidad por error longitudinal e_x"
+        rows = (await visitor.request("block", room="controller"))["parameters"]
+        assert "velocidad por error longitudinal e_x" in {row["meaning"] for row in rows}
+
+    serve_job(folder, job, "es")
 
 
 def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from baqueano.guides.shapes import SHAPE_NAMES
 from baqueano.web.http import static_files
 
 STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
@@ -54,6 +55,11 @@ def test_a_script_module_imports_only_existing_files_of_its_folder(path):
     for name in re.findall(r'from "([^"]+)"', path.read_text(encoding="utf-8")):
         assert name.startswith("./")
         assert (STATIC / name).is_file(), name
+
+
+@pytest.mark.parametrize("language", ["en", "es"])
+def test_each_shape_of_a_lap_has_a_name(language):
+    assert {f"shape.{name}" for name in SHAPE_NAMES} <= set(texts(language))
 
 
 def test_the_scripts_are_small():

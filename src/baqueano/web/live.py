@@ -382,10 +382,11 @@ class Live:
             visitor.send(words[visitor.language])
 
     def _description(self) -> "JsonObject":
-        now_s = self.feed.value("t")
+        now_s, cause = self.feed.value("t"), self._state.get("why")
         odd = [
             message for t_s, message in self._events
             if message.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > WARNING_DISPLAY_S
+            and message != cause
         ]  # fmt: skip
         return state_message(self._state, self.feed, self._route, odd[-3:])
 

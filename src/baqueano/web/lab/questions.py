@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages import text
-from baqueano.messages.language import use_language
+from baqueano.messages.language import translate, use_language
 from baqueano.messages.printable import one_line
 from baqueano.web.lab.run_list import RunList
 from baqueano.web.lab.worker_client import WorkerClient
@@ -110,7 +110,7 @@ class Questions:
 
     async def _tune(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         reply, _ = await self._bench.request("tune", **self._tuning_request(message))
-        return reply
+        return reply | {"gains": _with_meanings(reply["gains"], visitor.language)}
 
     async def _lap(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         if not self._is_newest(visitor, message):
@@ -152,7 +152,8 @@ class Questions:
 
     async def _block(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         reply, _ = await self.slow.request("block", **self._block_request(message))
-        return reply | {"swapped": self.blocks.get(str(message["room"]))}
+        rows = _with_meanings(reply["parameters"], visitor.language)
+        return reply | {"parameters": rows, "swapped": self.blocks.get(str(message["room"]))}
 
     async def _check(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         reply, _ = await self.slow.request("check", **self._block_request(message))
@@ -196,3 +197,9 @@ class Questions:
     def path_of(self, message: str) -> Path:
         """Return the path of the run with this key in the list. Raise UsageError if the run does not exist."""
         return Path(self.subject_of({"run": message})["path"])
+
+
+def _with_meanings(rows: "list[JsonObject]", language: str) -> "list[JsonObject]":
+    """Return the rows of gains or parameters with their meanings in this language."""
+    with use_language(language):
+        return [row | {"meaning": translate(row["meaning"])} for row in rows]

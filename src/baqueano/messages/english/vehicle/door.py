@@ -4,7 +4,7 @@ from baqueano.diagnostics import StopReason as S
 
 TEMPLATES: dict[str, str] = {
     S.HOLDER_SILENT: (
-        "no message from the operator for {silent_ms:.0f} ms: ssh, Wi-Fi or the terminal was lost"
+        "no message from the operator for {silent_ms:.0f} ms: the browser, ssh, Wi-Fi or the terminal was lost"
     ),
     S.STOPPED_BY: "{words}",
     S.STOPPED_FROM_LAPTOP: "stopped from the laptop",
