@@ -51,6 +51,21 @@ def test_measurements_before_the_first_tick_are_ignored(case, case_run):
     assert has[1:].all()
 
 
+def test_a_reading_within_a_long_tick_belongs_to_the_row_of_its_time(case, case_run):
+    """Ticks of 50 ms have three rows: a reading 30 ms before a tick is in the second, at a part of it."""
+    run = case_run(0, 3.0)
+    imu = run.sensors["imu"]
+    at_ns = run.t_ns[4::5][1:] - 30_000_000
+    readings = imu._replace(t_ns=at_ns, arrival_ns=at_ns, z=imu.z[: len(at_ns)])
+    slow = replace(run, t_ns=run.t_ns[4::5], applied=run.applied[4::5], sensors={"imu": readings}, truth=None)
+    record = record_of(slow, case.sensors._asdict())
+    _, has, part = record.sensors["imu"]
+    rows = np.flatnonzero(has[:, 0])
+    assert np.all(rows % 3 == 1)
+    before_s = record.t_s[rows + 1] - record.t_s[rows] + part[rows] * record.dt_s[rows]
+    np.testing.assert_allclose(before_s, 0.03)
+
+
 def test_a_segment_longer_than_the_run_is_the_whole_run(case, case_run):
     whole = record_of(case_run(0, 4.0), case.sensors._asdict())
     (piece,) = split_record(whole, 60.0, 0.5)

@@ -3,9 +3,9 @@
     dt_k = t_k − t_{k−1},  u_k applied in dt_k,  z_k measured at its end,  has_k = 0 without a measurement   (1)
 
 Ticks can be irregular. A long tick is split into equal rows, so that the integrator stays accurate. A Runge-Kutta
-step must be short compared with the fastest time constant of a small vehicle, 15 ms. Only the last of these rows has
-measurements. A measurement belongs to the tick that ends at its timestamp (not at its arrival), or to the first tick
-after it. If a tick contains several measurements, the last one is used. Entries that are not finite, entries that
+step must be short compared with the fastest time constant of a small vehicle, 15 ms. A measurement belongs to the row
+that ends at its timestamp (not at its arrival), or to the first row that ends after it. If a row contains several
+measurements, the last one is used. Entries that are not finite, entries that
 diagnostics/samples.py removed, and measurements before the first tick are excluded. Readings at the end of the
 sensor's range are excluded and counted. If a sensor and the commands have different clocks, a reading with timestamp
 t was taken at t + o, |o| ≤ MAX_CLOCK_OFFSET_S. Readings of this sensor are assigned MAX_CLOCK_OFFSET_S after their
@@ -36,7 +36,7 @@ class Measurements(NamedTuple):
 
     z: np.ndarray  # (N, m), 0 without a measurement
     has: np.ndarray  # (N, m) 1.0 at each measurement, else 0.0
-    # (N,) part of the step by which the reading precedes the tick, or None on the tick. If the clock offset of the
+    # (N,) part of the row by which the reading precedes its end, or None at the end. If the clock offset of the
     # sensor is free: the age of the reading at the end of the row [s]
     sample_fraction: np.ndarray | None
 
@@ -164,7 +164,9 @@ def _measurements(
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(max_offset_s * 1e9))
     first_ns = run.t_ns[0] - round(MAX_EARLY_FRACTION * float(np.median(np.diff(run.t_ns))))
     is_inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (max_offset_s > 0.0))
-    row_index = ends[tick[is_inside]]
+    row_index, part = ends[tick[is_inside]], np.zeros(0)
+    if max_offset_s == 0.0 and len(row_index):
+        row_index, part = _row_and_part(run.t_ns, channel.t_ns[is_inside], tick[is_inside], ends)
     z[row_index] = np.where(is_sound[is_inside], channel.z[is_inside], 0.0)
     has[row_index] = is_sound[is_inside]
     if max_offset_s > 0.0:
@@ -173,27 +175,23 @@ def _measurements(
         # the delay line is not full yet
         has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * MAX_CLOCK_OFFSET_S))])] = 0.0
         return Measurements(z, has, age_s)
-    return Measurements(
-        z, has, _sample_fraction(run, channel.t_ns[is_inside], tick[is_inside], row_index, row_count)
-    )
-
-
-def _sample_fraction(
-    run: Run, t_ns: np.ndarray, tick: np.ndarray, index: np.ndarray, row_count: int
-) -> np.ndarray | None:
-    """Return the fraction (rows,) of the step by which each timestamp precedes the end of its tick. Return None if
-    all fractions are negligible."""
-    if not len(tick):
-        return None
-    previous_ns = run.t_ns[np.maximum(tick, 1) - 1]
-    fraction: np.ndarray = (run.t_ns[tick] - t_ns) / np.maximum(
-        run.t_ns[np.maximum(tick, 1)] - previous_ns, 1
-    )
-    if np.all(fraction < MAX_EARLY_FRACTION):
-        return None
+    if np.all(part < MAX_EARLY_FRACTION):
+        return Measurements(z, has, None)
     sample_fraction = np.zeros(row_count)
-    sample_fraction[index] = np.clip(fraction, 0.0, 1.0)
-    return sample_fraction
+    sample_fraction[row_index] = part
+    return Measurements(z, has, sample_fraction)
+
+
+def _row_and_part(
+    tick_ns: np.ndarray, t_ns: np.ndarray, tick: np.ndarray, ends: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the row of each reading at `t_ns` in its `tick`, and the part of this row by which it precedes its end."""
+    later = np.maximum(tick, 1)
+    tick_part = (tick_ns[tick] - t_ns) / np.maximum(tick_ns[later] - tick_ns[later - 1], 1)
+    rows = np.diff(ends, prepend=-1)[tick]
+    age = np.clip(tick_part, 0.0, 1.0) * rows  # in rows
+    earlier = np.minimum(np.floor(age + MAX_EARLY_FRACTION), rows - 1).astype(int)
+    return ends[tick] - earlier, np.clip(age - earlier, 0.0, 1.0)
 
 
 def _valid_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
