@@ -8,6 +8,8 @@ import pytest
 from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import channel_map
+from baqueano.sensors import Wheels
+from baqueano.signals import sensor_slots
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
@@ -66,6 +68,10 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     findings = channel_map.gain_findings(blocks, names, np.array([sideways, turning]), sd)
     assert [finding.code for finding in findings] == ["file.lever-arm"]
     assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
+    no_imu = blocks._replace(sensors=sensor_slots(("wheels",))(Wheels(0.12)))
+    assert channel_map.gain_findings(no_imu, names, np.array([sideways, turning]), sd)[0].fix == (
+        "--free +model.centre_of_mass_x_m"
+    )
     findings = channel_map.gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
     assert [finding.code for finding in findings] == ["file.swapped"]
 

@@ -342,12 +342,22 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
                 )
             )
             continue
-        if sizes[second_axis] > sizes[main_axis] and main_axis == TURNING_AXIS:
-            lever = "--free +sensors.imu.lever_arm_m"
+        offset = _offset_path(blocks)
+        if sizes[second_axis] > sizes[main_axis] and main_axis == TURNING_AXIS and offset:
             axis = note(f"axis.{AXIS_NAMES[second_axis]}")
-            findings.append(note("file.lever-arm", Severity.WARNING, lever, f"u[{j}]", axis=axis))
+            findings.append(
+                note("file.lever-arm", Severity.WARNING, f"--free +{offset}", f"u[{j}]", axis=axis)
+            )
         findings += _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
     return findings
+
+
+def _offset_path(blocks: FittedBlocks) -> str:
+    """Return the path of the lever arm of a sensor, else of the centre of mass, else ""."""
+    for name, sensor in blocks.sensors._asdict().items():
+        if has_field(sensor, "lever_arm_m"):
+            return f"sensors.{name}.lever_arm_m"
+    return "model.centre_of_mass_x_m" if has_field(blocks.model, "centre_of_mass_x_m") else ""
 
 
 def _comparable_magnitudes(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
