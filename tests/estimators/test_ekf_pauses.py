@@ -208,6 +208,10 @@ def test_a_pause_is_split_into_periods_and_jitter_is_not_split():
     assert silent_times(0, 20 * MS, 100.0) == []
     assert silent_times(0, 24 * MS, 50.0) == []
     assert silent_times(-1, 900 * MS, 100.0) == [], "no pause precedes the first tick"
+    assert silent_times(0, 100 * MS, 10.0) == [20 * MS, 40 * MS, 60 * MS, 80 * MS], (
+        "a period too long for RK4"
+    )
+    assert silent_times(-1, 100 * MS, 10.0) == [20 * MS, 40 * MS, 60 * MS, 80 * MS]
     assert silent_times(5, 5 + 50 * MS, 100.0) == [5 + k * 10 * MS for k in (1, 2, 3, 4)]
     assert silent_times(0, 120 * MS + 1, 50.0) == [k * 20 * MS for k in range(1, 6)]
     assert max(np.diff([0, *silent_times(0, 990 * MS, 50.0), 990 * MS])) <= 25 * MS

@@ -93,7 +93,7 @@ CASES = {
     "coulomb too stiff": ("coulomb = [0.25, 0.0, 0.01]", "coulomb = [0.25, 0.0, 1.0]",
         "vehicle.entry-too-stiff", {}),
     "wheel friction too stiff": ("coulomb = [0.25, 0.0, 0.01]", "coulomb_forward = [10.0, 10.0]",
-        "vehicle.entry-too-stiff", {"found": "[10, 10]", "entry": "0", "tick_ms": 10.0}),
+        "vehicle.entry-too-stiff", {"found": "[10, 10]", "entry": "0", "step_ms": 10.0}),
     "wheel friction without a track": ("coulomb = [0.25, 0.0, 0.01]", "coulomb_forward = [0.1, 0.1]\ntrack_m = 0.0",
         "vehicle.refused", {}),
     "an unknown battery": ("battery_v = 7.4", 'battery_v = 7.4\nbattery = "full"', "vehicle.refused", {}),

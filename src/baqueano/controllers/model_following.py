@@ -29,6 +29,7 @@ from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.effort import constant_effort
+from baqueano.vehicles.rk4 import row_counts
 from baqueano.vehicles.state import DynamicVehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
@@ -193,13 +194,18 @@ class ModelFollower:
 
     def _effort(self, effort: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
         """Return ε (n,): the model at (v_w, ν_y, ω_w) then has the acceleration `nu_dot` (2,) over one tick.  (5)"""
-        dt_s = 1.0 / self.rate_hz
+        dt_s, rows = 1.0 / self.rate_hz, int(row_counts(np.array(1.0 / self.rate_hz)))
 
-        def acceleration_after(effort: np.ndarray) -> np.ndarray:
-            return self.vehicle.advance(np.zeros(3), nu, constant_effort(effort), dt_s)[1][::2]
+        def velocity_after(effort: np.ndarray) -> np.ndarray:
+            nu_after = nu
+            for _ in range(rows):
+                _, nu_after, _ = self.vehicle.advance(
+                    np.zeros(3), nu_after, constant_effort(effort), dt_s / rows
+                )
+            return nu_after[::2]
 
-        B = jacobian(acceleration_after)(effort)
-        remainder = nu[::2] + nu_dot * dt_s - acceleration_after(effort)
+        B = jacobian(velocity_after)(effort)
+        remainder = nu[::2] + nu_dot * dt_s - velocity_after(effort)
         effort = effort + B.T @ np.linalg.solve(B @ B.T + NEWTON_DAMPING * np.eye(2), remainder)
         return np.clip(effort, -self.limit, self.limit)
 

@@ -1,12 +1,13 @@
-"""Split a pause between two ticks into rows: over half a second, a fixed-step integrator of a stiff model diverges.
+"""Split a long tick, or a pause between two ticks, into rows: a fixed-step integrator of a stiff model diverges.
 
     dt ≤ longest           one row, the tick itself                                                       (1)
-    dt ≤ MAX_PREDICTION_S  equal rows of about a period: silent rows, then the tick with its measurements  (2)
+    dt ≤ MAX_PREDICTION_S  equal rows of about a row period: silent rows, then the tick with its measurements  (2)
     dt > MAX_PREDICTION_S  silent rows over MAX_PREDICTION_S − longest, then the tick: the prediction stops there    (3)
 
-dt is the time since the previous tick. The time `longest` is MAX_ROW_S, or 1.25 periods of the ticks if that is longer.
-So jitter of the clock does not split a tick. A silent row is a tick without measurements. A delay line contains one
-command per period, so a pause does not shorten a delay.
+dt is the time since the previous tick, or a period of the ticks before the first tick. A row period is a period of the
+ticks, or an equal part of it if the period is too long for the integrator (vehicles/rk4.py). The time `longest` is
+MAX_ROW_S, or 1.25 row periods if that is longer. So jitter of the clock does not split a tick. A silent row is a tick
+without measurements. A delay line contains one command per row period, so a pause does not shorten a delay.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,11 +21,11 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort
-from baqueano.vehicles.rk4 import MAX_ROW_S
+from baqueano.vehicles.rk4 import MAX_ROW_S, row_rate_hz
 
 MAX_ROW_NS = round(MAX_ROW_S * NANOSECONDS)
 MAX_PREDICTION_S = 1.0  # longest prediction without a tick; after it the position is too uncertain to predict
-JITTER_PERIODS = 1.25  # longest row in periods of the ticks
+JITTER_PERIODS = 1.25  # longest row in row periods
 # m², rad²: beyond this a pose is unknown, and rounding would destroy the smaller variances of the matrix
 MAX_POSE_VARIANCE = 1e6
 INTEGER_TYPES = (int, np.integer)  # types of a time with a known value, in contrast to a traced time
@@ -33,14 +34,18 @@ BOOLEAN_TYPES = (bool, np.bool_)  # types of a condition with a known value, in 
 
 def max_row_s(rate_hz: float) -> float:
     """Return the longest row [s] of a filter with ticks at `rate_hz`.  (1)"""
-    return min(max(MAX_ROW_S, JITTER_PERIODS / rate_hz), MAX_PREDICTION_S)
+    return max(MAX_ROW_S, JITTER_PERIODS / row_rate_hz(rate_hz))
 
 
 def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
-    """Return the times [ns] of the silent rows between two ticks; empty after a short pause.  (1)-(3)"""
+    """Return the times [ns] of the silent rows between two ticks; empty after a short pause.  (1)-(3)
+
+    `since_ns` is negative before the first tick.
+    """
     longest_ns, held_ns = round(max_row_s(rate_hz) * NANOSECONDS), round(MAX_PREDICTION_S * NANOSECONDS)
-    pause_ns = t_ns - since_ns
-    if since_ns < 0 or pause_ns <= longest_ns:
+    since_ns = since_ns if since_ns >= 0 else t_ns - round(NANOSECONDS / rate_hz)
+    pause_ns, rate_hz = t_ns - since_ns, row_rate_hz(rate_hz)
+    if pause_ns <= longest_ns:
         return []
     is_held = pause_ns > held_ns
     span_ns = held_ns - longest_ns if is_held else pause_ns
@@ -48,10 +53,19 @@ def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
     return [since_ns + span_ns * k // count for k in range(1, count + is_held)]
 
 
-def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
-    """Return the silent rows between `since_ns` and a tick; each has the command of the tick.  (1)-(3)"""
-    silent_slots = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
-    return [Tick(t_ns, tick.u, silent_slots) for t_ns in silent_times(int(since_ns), int(tick.t_ns), rate_hz)]
+def silent_rows(since_ns: Value, tick: Tick, rate_hz: float) -> list[Tick]:
+    """Return the silent rows between `since_ns` and a tick; each has the command of the tick.  (1)-(3)
+
+    While a step is traced, the times are not known, and a tick has as many rows as a period.
+    """
+    silent_slots = type(tick.sensors)(*(Slot(0.0, np.zeros(np.shape(slot.z))) for slot in tick.sensors))
+    if isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(since_ns, INTEGER_TYPES):
+        times: Sequence[Value] = silent_times(int(since_ns), int(tick.t_ns), rate_hz)
+    else:
+        count = round(row_rate_hz(rate_hz) / rate_hz)
+        since_ns = np.where(since_ns >= 0, since_ns, tick.t_ns - round(NANOSECONDS / rate_hz))
+        times = [since_ns + np.floor((tick.t_ns - since_ns) * k / count) for k in range(1, count)]
+    return [Tick(t_ns, tick.u, silent_slots) for t_ns in times]
 
 
 def limit_covariance(cov: np.ndarray) -> np.ndarray:
@@ -67,10 +81,8 @@ def limit_covariance(cov: np.ndarray) -> np.ndarray:
 def rows_of_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     """Return the rows of N ticks, and the index (N,) of the row of each tick. Leaves begin with an axis N.  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
-    silent_times_of_gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise(t_ns)]
-    counts = np.array(
-        [1] * min(len(t_ns), 1) + [len(gap_times) + 1 for gap_times in silent_times_of_gaps], dtype=np.int64
-    )
+    silent_times_of_gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise([-1, *t_ns])]
+    counts = np.array([len(gap_times) + 1 for gap_times in silent_times_of_gaps], dtype=np.int64)
     tick_indices = np.cumsum(counts) - 1
     row_times = np.repeat(t_ns, counts)
     row_times[np.setdiff1d(np.arange(len(row_times)), tick_indices)] = [
@@ -98,7 +110,7 @@ class FilterRow(NamedTuple):
     """A row of the filter: its duration and its command."""
 
     is_new: Value  # True if the row is newer than the last row; else it is ignored
-    dt_s: Value  # duration of the row; a nominal period for the first row
+    dt_s: Value  # duration of the row; a row period for the first row
     moved_s: Value  # the predicted part of the duration: at most that of the longest row
     u: np.ndarray  # (n,) the command; 0 for an entry that is not finite
 
@@ -106,7 +118,7 @@ class FilterRow(NamedTuple):
 def filter_row(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     """Return the duration and the command of the row that ends with this tick."""
     is_new = tick.t_ns > since_ns
-    dt_s = np.where(is_new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
+    dt_s = np.where(is_new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / row_rate_hz(rate_hz))
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
     return FilterRow(is_new, dt_s, np.minimum(dt_s, max_row_s(rate_hz)), u)
 
@@ -142,19 +154,18 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
 
 
 def step_in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
-    """Return the belief and the estimate of `block.row` for a tick, after the silent rows of `block.rows_before`.
-
-    While a step is traced, the times are not known, and the tick is one row.
-    """
-    if isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(belief.t_ns, INTEGER_TYPES):
-        for silent_tick in block.rows_before(belief, tick):
-            belief, _ = block.row(belief, silent_tick)
+    """Return the belief and the estimate of `block.row` for a tick, after the silent rows of `block.rows_before`."""
+    for silent_tick in block.rows_before(belief, tick):
+        belief, _ = block.row(belief, silent_tick)
     return block.row(belief, tick)
 
 
 def rows_before(since_ns: Value, tick: Tick, rate_hz: float) -> Sequence[Tick]:
     """Return the silent rows before a tick; empty if the tick follows without a pause."""
-    return () if tick.t_ns - since_ns <= MAX_ROW_NS else silent_rows(since_ns, tick, rate_hz)
+    is_known = isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(since_ns, INTEGER_TYPES)
+    return (
+        () if is_known and 0 <= tick.t_ns - since_ns <= MAX_ROW_NS else silent_rows(since_ns, tick, rate_hz)
+    )
 
 
 def tree_where(condition: Value, a: Tree, b: Tree) -> Tree:

@@ -41,7 +41,7 @@ from baqueano.supervisor import REASONS, diagnostic_of
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
 from baqueano.symbolic.scan import Scan
-from baqueano.worlds.simulated import no_noise, rows_of_tick, with_rows
+from baqueano.worlds.simulated import no_noise, rows_of_tick
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -167,8 +167,7 @@ def loop_system(
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
     controller = vehicle_file.controller() if controller is None else controller
-    vehicle, sensors = with_rows(vehicle_file.vehicle, sensors, vehicle_file.rate_hz)
-    return System(vehicle, sensors, estimator, guide, controller, vehicle_file.supervisor())
+    return System(vehicle_file.vehicle, sensors, estimator, guide, controller, vehicle_file.supervisor())
 
 
 @lru_cache(maxsize=32)

@@ -30,7 +30,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import EnvelopeMonitor
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import random_stream
-from baqueano.worlds.simulated import rows_of_tick, step_vehicle, with_rows
+from baqueano.worlds.simulated import rows_of_tick, step_vehicle
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -203,7 +203,7 @@ def simulate_many(
     u = command_signal(vehicle_file, u)
     rate = vehicle_file.rate_hz
     rows_per_tick = rows_of_tick(1.0 / rate)
-    system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, rate))
+    system = System(vehicle_file.vehicle, vehicle_file.sensors)
     if vary is None:
         paths, theta, clips = draw_parameters(vehicle_file, system, vehicles, seed)
     else:

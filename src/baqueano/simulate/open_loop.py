@@ -27,7 +27,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, unit_normals
-from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick, with_rows
+from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -104,7 +104,7 @@ def simulate(
     (100, 3) 0.13 m/s
     """
     rate = vehicle_file.rate_hz if rate_hz is None else rate_hz
-    system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, rate))
+    system = System(vehicle_file.vehicle, vehicle_file.sensors)
     u = command_signal(vehicle_file, u)
     draws = draw_noise(system.sensors, seed, len(u), rows_of_tick(1.0 / rate)) if noise else None
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)

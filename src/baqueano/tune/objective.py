@@ -41,6 +41,7 @@ from baqueano.simulate.system import Input, System, SystemState, begin, paramete
 from baqueano.symbolic import Scan, with_value
 from baqueano.tune.cost import Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
+from baqueano.vehicles.rk4 import row_rate_hz
 from baqueano.worlds.noise import random_stream
 from baqueano.worlds.simulated import rows_of_tick
 
@@ -349,7 +350,7 @@ def _with_delay_slots(system: System, paths: tuple[str, ...], vehicles: np.ndarr
     max_delay_s = (
         float(np.max(vehicles[:, paths.index(DELAY_PATH)])) + DELAY_SPREAD_S
     )  # the vehicles of the test are drawn later
-    slots = rows_of_tick(1.0 / rate_hz) * ceil(max_delay_s * rate_hz)
+    slots = ceil(max_delay_s * row_rate_hz(rate_hz))
     return with_value(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 
 

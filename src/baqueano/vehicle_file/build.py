@@ -15,6 +15,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, error_text, from_outside, user_code_place
+from baqueano.estimators.readings.velocity_readings import velocity_rows
 from baqueano.signals import ByName, sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
 from baqueano.vehicle_file.tables import (
@@ -26,6 +27,7 @@ from baqueano.vehicle_file.tables import (
     keys_of,
     missing_keys,
 )
+from baqueano.vehicles.rk4 import row_rate_hz
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -173,6 +175,10 @@ def role_table(
         table = {k: v for k, v in table.items() if k in keys}
     values = arguments(report, path, keys, table)
     values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
+    if "use" in keys and "use" not in values and keys["use"].default == ("imu",):
+        sensors = given["sensors"]  # of those in the file, the sensors of velocity
+        names = tuple(n for n in sensors._fields if velocity_rows(getattr(sensors, n)))
+        values["use"] = names or sensors._fields
     missing_names = missing_keys(keys, values)
     values |= {k: v for k, v in given.items() if k in argument_names(block_class)}
     return RoleTable(block_class, values, [k for k in missing_names if k not in table])
@@ -199,7 +205,7 @@ def construct(
     if "commands" in names and commands is not None:
         values["commands"] = commands
     if "delay_slots" in names and "delay_s" in names:
-        values["delay_slots"] = ceil(values.get("delay_s", 0.0) * context.rate_hz - 1e-9)
+        values["delay_slots"] = ceil(values.get("delay_s", 0.0) * row_rate_hz(context.rate_hz) - 1e-9)
     if "tick_rate_hz" in names:
         values["tick_rate_hz"] = context.rate_hz
     try:

@@ -19,6 +19,7 @@ from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicle_file.head import Channels, Geometry, reach_m, solid_inertia
 from baqueano.vehicle_file.tables import ReadReport, format_array
 from baqueano.vehicles.freedoms import damping_derivatives, decay_rates
+from baqueano.vehicles.rk4 import row_rate_hz
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import SensorBlocks
@@ -143,14 +144,14 @@ def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: C
 
 
 def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) -> None:
-    """Add a problem for friction whose time constant is below tick/2.785, because RK4 is then unstable.  (3)"""
-    fading_rates = decay_rates(vehicle)
-    for i in np.flatnonzero(fading_rates > RK4_LIMIT * rate_hz):
+    """Add a problem for friction whose time constant is below row/2.785, because RK4 is then unstable.  (3)"""
+    fading_rates, row_rate = decay_rates(vehicle), row_rate_hz(rate_hz)
+    for i in np.flatnonzero(fading_rates > RK4_LIMIT * row_rate):
         path, _, entry = _fastest_path(vehicle, int(i)).partition("[")
         steps = format_array(np.asarray(value_at_path({"model": vehicle}, path)))
         report.add_problem(
             tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=steps,
-            entry=entry[:-1], stops_ms=1e3 / fading_rates[i], rate_hz=rate_hz, tick_ms=1e3 / rate_hz, most=RK4_LIMIT,
+            entry=entry[:-1], stops_ms=1e3 / fading_rates[i], rate_hz=rate_hz, step_ms=1e3 / row_rate, most=RK4_LIMIT,
             keys=["rate_hz", *_slowing_keys(vehicle, path, int(i))],
         )  # fmt: skip
 

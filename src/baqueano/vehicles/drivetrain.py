@@ -92,7 +92,7 @@ class Drivetrain:
     servos : int
         Number of servos; they are the last channels.
     delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate_hz, rounded up.
+        Number of past rows that are stored for the delay: delay_s · rows per second (rk4.row_rate_hz), rounded up.
     has_lag : bool
         True if lag_s > 0; set automatically.
 

@@ -38,3 +38,12 @@ def row_counts(dt_s: np.ndarray) -> np.ndarray:
     array([1, 1, 3])
     """
     return np.maximum(np.ceil(dt_s / MAX_ROW_S - ROW_TOLERANCE), 1).astype(int)
+
+
+def row_rate_hz(rate_hz: float) -> float:
+    """Return the rows per second of a loop with ticks at `rate_hz`.
+
+    >>> row_rate_hz(100.0), row_rate_hz(10.0)
+    (100.0, 50.0)
+    """
+    return rate_hz * int(row_counts(np.array(1.0 / rate_hz)))

@@ -34,7 +34,6 @@ from baqueano.worlds.simulated import (
     WorldState,
     no_noise,
     step_in_rows,
-    with_rows,
 )
 
 MAX_FAULTS = 500  # of one drive
@@ -187,7 +186,6 @@ class FaultyWorld(SimulatedWorld):
         self._pending: list[tuple[int, Diagnostic | str]] = []
         self._started_numbers, self._ended_numbers = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
-        vehicle, sensors = with_rows(vehicle, sensors, rate_hz)
         self._requested = self._u
         block = _FaultyVehicle(_with_gains(vehicle), sensors).step
         no_disturbance = self._shaking.calm.disturbance()

@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks, World
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, ByName, Command, Motion, Slot, Tick, sensor_slots
-from baqueano.symbolic import function, with_value
+from baqueano.symbolic import function
 from baqueano.vehicles.rk4 import row_counts
 from baqueano.vehicles.state import Vehicle, VehicleState
 from baqueano.worlds.noise import PROCESS_STREAM, random_stream, sensor_stream
@@ -124,20 +123,6 @@ def rows_of_tick(dt_s: float) -> int:
     return int(row_counts(np.array(dt_s)))
 
 
-def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[Vehicle, SensorBlocks]:
-    """Return the blocks with one delay slot per row, instead of one per tick."""
-    rows = rows_of_tick(1.0 / rate_hz)
-    if rows == 1:
-        return vehicle, sensors
-    paths = ["vehicle", "vehicle.drivetrain", *(f"sensors.{name}" for name in sensors._fields)]
-    tree = {"vehicle": vehicle, "sensors": sensors}
-    drivetrain = vehicle.drivetrain if optional.has_field(vehicle, "drivetrain") else None
-    for path, block in zip(paths, (vehicle, drivetrain, *sensors), strict=True):
-        if slots := optional.attribute(block, "delay_slots"):
-            tree = with_value(tree, f"{path}.delay_slots", rows * slots)
-    return tree["vehicle"], tree["sensors"]
-
-
 def no_noise(sensors: SensorBlocks, row_count: int = 1) -> DrawnNoise:
     """Return zeros in place of standard normals, as constants, so that tracing removes the noise."""
     leading_shape = () if row_count == 1 else (row_count,)
@@ -199,7 +184,6 @@ class SimulatedWorld(World):
         backend: str = "auto",
     ) -> None:
         self.commands: int = vehicle.commands
-        vehicle, sensors = with_rows(vehicle, sensors, rate_hz)
         self._state = world_init(vehicle, sensors, eta0)
         start = self._state.vehicle
         self.truth = Motion(

@@ -18,6 +18,7 @@ from baqueano.estimators.readings.gate import gate_limit
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import constant_effort
 from baqueano.vehicles.freedoms import is_steered, is_turned_by_last_command
+from baqueano.vehicles.rk4 import row_rate_hz
 from baqueano.vehicles.state import DynamicVehicle
 
 LINK_DELAY_S = 0.02  # delay of the gyro's filter, of the estimate, and of the wire in both directions
@@ -66,7 +67,7 @@ def heading_hold_gains(vehicle_file: VehicleFile) -> Gains | None:
     ):
         return None
     for share in (LINEARISATION_SHARE, 1.0):  # at half the limit a vehicle can be in its dead zone
-        speed, k, tau_s = _turn_response(vehicle, limit, share, vehicle_file.rate_hz)
+        speed, k, tau_s = _turn_response(vehicle, limit, share, row_rate_hz(vehicle_file.rate_hz))
         if abs(k) * limit[-1] > STEP_RAD_S:
             break
     else:

@@ -25,7 +25,7 @@ from baqueano.simulate.many import batch_kernel, parameter_bounds
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import random_stream, unit_normals
-from baqueano.worlds.simulated import rows_of_tick, with_rows
+from baqueano.worlds.simulated import rows_of_tick
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -119,7 +119,7 @@ class VehicleCloud:
         backend: str = "auto",
     ) -> None:
         self.distribution, self.seed, self.rate_hz = distribution, seed, vehicle_file.rate_hz
-        system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, self.rate_hz))
+        system = System(vehicle_file.vehicle, vehicle_file.sensors)
         self.kernel = batch_kernel(system, distribution.paths, self.rate_hz, True, backend)
         self.rest_state = system.model.init()
         self.size = len(distribution.theta)

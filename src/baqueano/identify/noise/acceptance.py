@@ -23,6 +23,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.motion import disturbance_acceleration, velocity_error
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
 from baqueano.identify.noise.filter_noise import ROBUST_SIGMA
@@ -263,7 +264,8 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
         )
         draws = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
         _, (truth, slots) = drive.run(draws, carry=begin)
-        *_, eta, nu, cov = filtered.run(Tick(t_ns, u, slots))[1]
+        rows, tick_rows = rows_of_ticks(Tick(t_ns, u, slots), ekf.rate_hz)
+        eta, nu, cov = (rows_of_output[tick_rows] for rows_of_output in filtered.run(rows)[1][-3:])
         e = np.concatenate([eta, nu], axis=1) - truth
         e[:, 2] = wrap(e[:, 2])
         errors.append(e)

@@ -24,6 +24,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, decay_rates
+from baqueano.vehicles.rk4 import row_rate_hz
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
@@ -38,7 +39,7 @@ LAG_START_TICKS, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and
 LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0
 LIMIT_START = 0.7  # of the largest command: start of the search for the limit of a motor
 # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
-MAX_DECAY_PER_TICK = 1.5
+MAX_DECAY_PER_ROW = 1.5
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
@@ -214,10 +215,12 @@ def enable_parameters(
 
 
 def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
-    """Return, for each free friction (path → value), the upper bound up to which the motion stays integrable. The free
-    frictions of an axis share the remaining range."""
+    """Return, for each free friction (path → value), the upper bound up to which the motion of a row is integrable.
+
+    The free frictions of an axis share the remaining range.
+    """
     kept_model, bounds = coasting_axes(blocks.model), {}
-    slack = np.maximum(MAX_DECAY_PER_TICK * rate_hz - decay_rates(blocks.model, kept_model), 0.0)
+    slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
     requested_paths = {
         k for k, p in all_parameters(blocks.model, "model") if k in requested_paths and p.role != "known"

@@ -188,14 +188,14 @@ TEMPLATES: dict[str, str] = {
         "it in percent?"
     ),
     "vehicle.too-stiff": (
-        "{place} = {found}: this value stops the vehicle within {stops_ms:.3g} ms, but a tick at "
-        "{rate_hz:g} Hz lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster "
-        "than a tick cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
+        "{place} = {found}: this value stops the vehicle within {stops_ms:.3g} ms, but a step of "
+        "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {most:g} times "
+        "faster than a step cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
     "vehicle.entry-too-stiff": (
-        "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a tick at "
-        "{rate_hz:g} Hz lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster "
-        "than a tick cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
+        "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a step of "
+        "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {most:g} times "
+        "faster than a step cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
     "vehicle.too-fast": (
         "{place}: the largest command would produce more than {most:g} {in_unit}. Are the gains and the "
