@@ -8,6 +8,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify
+from baqueano.identify.selection.choice import Choice
 from baqueano.identify.validation import (
     ChannelMetrics,
     Validation,
@@ -84,19 +85,38 @@ def test_short_held_out_runs_do_not_change_the_recommendation(fits, drives):
     assert with_cost_advice(fit, short, validate(fit, short), None) is fit
 
 
-def test_identify_prints_the_recommendation_by_held_out_runs(case, case_run, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("options", [[], ["--choose"]])
+def test_identify_prints_the_recommendation_by_held_out_runs(
+    options, case, case_run, tmp_path, monkeypatch, capsys
+):
     advice = note("cost.held-out-larger", percent=3.0)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
         import_module("baqueano.identify.validation"),
         "with_cost_advice",
-        lambda fit, runs, validation, refit: replace(fit, notes=(advice,)),
+        lambda fit, runs, validation, refit: replace(fit, notes=(advice, *refit("innovations").notes[:0])),
     )
     case.save(tmp_path / "vehicle.toml")
     for seed, name in enumerate(("one", "two")):
         write_run(case_run(seed, 10.0, name=name), tmp_path / f"{name}.mcap")
+    monkeypatch.setattr(
+        import_module("baqueano.identify.selection.selection"),
+        "choose",
+        lambda runs, file, **how: Choice((), identify(runs, file, ["model.mass_kg"]), ""),
+    )
     with pytest.raises(SystemExit):
-        main(["identify", "one.mcap", "--held-out", "two.mcap", "--no-noise", "--free", "model.mass_kg"])
+        main(
+            [
+                "identify",
+                "one.mcap",
+                "--held-out",
+                "two.mcap",
+                "--no-noise",
+                "--free",
+                "model.mass_kg",
+                *options,
+            ]
+        )
     assert text(advice) in " ".join(capsys.readouterr().out.split())
 
 

@@ -1,6 +1,7 @@
 """Define `baqueano identify`: fit the model and the noise to runs."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -146,12 +147,14 @@ def command(
         )
     fit = result.fit if choose else result
     validation = _validate_fit(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
-    if validation is not None and not choose:
+    if validation is not None:
         from baqueano.identify.validation import refit_with_cost, with_cost_advice
 
         with show_activity(note("cli.judging", runs=len(validation_runs))):
-            refit = refit_with_cost(fit_runs, vehicle_file, **settings_of_fit)
-            fit = result = with_cost_advice(fit, validation_runs, validation, refit)
+            start_file, changes = (fit.vehicle_file, result.refit_arguments) if choose else (vehicle_file, {})
+            refit = refit_with_cost(fit_runs, start_file, **{**settings_of_fit, **changes})
+            fit = with_cost_advice(fit, validation_runs, validation, refit)
+            result = replace(result, fit=fit) if choose else fit
     drive_forecast = _forecast_drive(fit, fit_runs, lap, how["route"])
     if as_json or report.page is None:
         print_answer(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.options import FitOptions
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.terms import Term
 from baqueano.messages import text
@@ -143,6 +144,12 @@ class Choice:
     def vehicle_file(self) -> "VehicleFile":
         """Return the file with the chosen model."""
         return self.fit.vehicle_file
+
+    @property
+    def refit_arguments(self) -> "JsonObject":
+        """Return the arguments of `identify` that fit the chosen model again, from its values."""
+        options = FitOptions(gyro_leads=False, backend=self.fit.backend)
+        return {"free": list(self.fit.names), "options": options}
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per term, then one per parameter of the fit."""
