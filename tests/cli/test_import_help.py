@@ -146,6 +146,17 @@ def test_a_draft_takes_columns_with_the_package_names_of_commands_as_commands(ba
     assert baqueano("runs", "import", "log.toml", "log.csv").code in (0, 1)
 
 
+def test_a_draft_reads_the_counts_of_encoders_and_the_velocities_of_ros(tmp_path):
+    head = "millis,linear_x,angular_z,enc_left,enc_right\n"
+    rows = "".join(f"{20 * k},0.2,0.1,{7 * k},{8 * k}\n" for k in range(9))
+    (tmp_path / "log.csv").write_text(head + rows, encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert [entry.get("unit") for entry in tables["command"]["u"]] == ["m/s", None, "rad/s"]
+    assert "truth" not in tables
+    for entry in tables["sensors"]["wheels"]["z"]:
+        assert (entry["unit"], entry["counts_per_turn"], entry["derivative"]) == ("counts", 0, True)
+
+
 @pytest.mark.parametrize(
     ("times", "unit"),
     [

@@ -30,7 +30,9 @@ IMU_PATTERNS = (
     r"(^|_)(ay|acc(el)?_y)(_|$)",
     r"(gyro|giro)(_z)?(_|$)|(^|_)(gz|omega|yaw_rate)(_|$)",
 )
-POSE_PATTERNS = (r"(^|_)x(_|$)", r"(^|_)y(_|$)", r"(^|_)(yaw|psi|theta|heading)(_|$)")
+COUNT_PATTERN = r"(^|_)(enc|encoder|counts?|ticks?)(_|$)"
+TWIST_PATTERNS = r"(^|_)linear_x$", r"(^|_)angular_z$"  # names of ROS
+POSE_PATTERNS = (r"(?<!linear)(^|_)x(_|$)", r"(?<!linear)(^|_)y(_|$)", r"(^|_)(yaw|psi|theta|heading)(_|$)")
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
 FULL_DUTY_COUNTS = 255.0  # counts of a duty of 8 bits
 
@@ -77,8 +79,18 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(map(_quoted, single_column))}]'
         entries = _list_lines(_command(column, _largest_magnitude(table, column)) for column in single_column)
         yield f"u = [\n{entries}\n]"
-    signals = list(_signal_tables(free_columns))
-    if not commands and not single_column:
+    twist = [] if commands or single_column else _take_all(free_columns, TWIST_PATTERNS)
+    if twist:
+        remark = _("if it is measured, not a command: write it as z of [sensors.odometer]")
+        yield f'\n[command]                            # {remark}\nin_force = "from"\nnames = ["u_x", "u_y", "u_psi"]'
+        entries = [
+            _entry(twist[0], "speed", "m/s"),
+            "{ constant = 0 }",
+            _entry(twist[1], "angular rate", "rad/s"),
+        ]
+        yield f"u = [\n{_list_lines(iter(entries))}\n]"
+    signals = list(_signal_tables(table, free_columns))
+    if not commands and not single_column and not twist:
         at_rest = _("no column looks like a command: without [command] the vehicle is at rest")
         nothing = _(
             "no column looks like a command or a measurement: write [command], [sensors.NAME] or [truth]"
@@ -87,10 +99,10 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     yield from signals
 
 
-def _signal_tables(free_columns: list[str]) -> Iterator[str]:
+def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     """Yield the tables of the sensors and of the truth, and remove their columns from `free_columns`."""
-    if wheels := _take_pair(free_columns, SPEED_PATTERN):
-        yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(column) for column in wheels)}\n]"
+    if wheels := _take_pair(free_columns, f"{SPEED_PATTERN}|{COUNT_PATTERN}"):
+        yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(table, column) for column in wheels)}\n]"
     for title, key, names in (("sensors.imu", "z", IMU_PATTERNS), ("truth", "eta", POSE_PATTERNS)):
         columns = [_take_column(free_columns, name) for name in names]
         if any(columns):
@@ -118,15 +130,20 @@ def _take_column(free_columns: list[str], pattern: str) -> str:
     return column
 
 
+def _take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
+    """Return one column for each pattern, and remove them from `free_columns`. Return [] if one is missing."""
+    remaining = list(free_columns)
+    columns = [_take_column(remaining, pattern) for pattern in patterns]
+    if not all(columns):
+        return []
+    free_columns[:] = remaining
+    return columns
+
+
 def _take_pair(free_columns: list[str], pattern: str) -> list[str]:
     """Return the columns of the left and right wheel whose names match, and remove them from `free_columns`.
     Return [] if one of them is missing."""
-    remaining = list(free_columns)
-    pair = [_take_column(remaining, f"(?=.*({pattern})).*{side}") for side in (LEFT_PATTERN, RIGHT_PATTERN)]
-    if not all(pair):
-        return []
-    free_columns[:] = remaining
-    return pair
+    return _take_all(free_columns, [f"(?=.*({pattern})).*{side}" for side in (LEFT_PATTERN, RIGHT_PATTERN)])
 
 
 def _unit(name: str, measures: str) -> str:
@@ -167,18 +184,25 @@ def _command(column: str, largest: float) -> str:
     return f'{{ column = {_quoted(column)}, unit = "raw", scale = {1.0 / full_count:.6g} }},   # {full_text}'
 
 
-def _wheel(column: str) -> str:
+def _wheel(table: LogTable, column: str) -> str:
     unit_name = _unit(column, "angular rate")
+    if re.search(COUNT_PATTERN, _plain_name(column)) and _unit(column, "speed") == unit_name == UNKNOWN:
+        counts = table.numbers(column)
+        if np.array_equal(counts, np.round(counts)):
+            remark = _("counts in a turn of the wheel, and its radius")
+            keys = 'unit = "counts", counts_per_turn = 0, derivative = true, radius_m = 0.0'
+            return f"{{ column = {_quoted(column)}, {keys} }},   # {remark}"
     if unit_name != UNKNOWN:
         remark = _("the radius of the wheel")
         return f'{{ column = {_quoted(column)}, unit = "{unit_name}", radius_m = 0.0 }},   # {remark}'
     return _entry(column, "speed")
 
 
-def _entry(column: str, measures: str) -> str:
+def _entry(column: str, measures: str, usual_unit: str = UNKNOWN) -> str:
     if not column:
         return "{ constant = nan }"
-    return f'{{ column = {_quoted(column)}, unit = "{_unit(column, measures)}" }}'
+    unit_name = _unit(column, measures)
+    return f'{{ column = {_quoted(column)}, unit = "{usual_unit if unit_name == UNKNOWN else unit_name}" }}'
 
 
 def _list_lines(entries: Iterator[str]) -> str:
