@@ -230,6 +230,28 @@ def test_inertial_motion_ignores_readings_that_are_nan_or_not_newer():
     np.testing.assert_array_equal(ends[0].nu, ends[1].nu)
 
 
+def test_inertial_speed_uses_the_latest_rest_on_a_sloping_floor():
+    """After a turn on a floor of 3° the accelerometer at rest reads 0.5 m/s² more."""
+    slots, errors = sensor_slots(("imu",)), []
+    for seed in range(60):
+        rng, estimator = np.random.default_rng(seed), Inertial()
+        state = estimator.init()
+        for k in range(600):
+            drives = 200 <= k < 225 or 400 <= k < 425
+            slope, a = 0.5 * (k >= 225), 0.4 * (400 <= k < 425)
+            z = np.array([slope + a, 0.0, 0.0]) + 0.05 * rng.standard_normal(3)
+            tick = Tick(round((k + 1) * 1e7), np.array([float(drives)]), slots(Slot(1.0, z)))
+            state, pose = estimator.step(state, tick)
+            if k == 424:
+                errors.append([pose.nu[0] - 0.1, pose.cov[3, 3]])
+                assert pose.cov[3, 3] < 0.15**2, "the change of gravity is within the standard deviation"
+            if k == 460:
+                assert pose.nu[0] > 0.05, "the vehicle still moves"
+    error, var = np.array(errors).T
+    assert np.mean(error) == pytest.approx(0.0, abs=0.005)
+    assert np.all(np.abs(error) < 3.0 * np.sqrt(var))
+
+
 def test_inertial_distance_error_matches_its_covariance():
     """The vehicle is at rest, with and without the later knowledge that its speed was noise."""
     slots, ends = sensor_slots(("imu",)), {False: [], True: []}

@@ -1,13 +1,18 @@
 """Dead reckoning with only the IMU, with zero-velocity updates: for a vehicle without a model.
 
 The vehicle is assumed to be at rest before its first command, and when the command has been zero for MIN_REST_S. The
-biases b and the noise σ of the channels are computed from readings at rest. While the vehicle drives, with v the speed,
-ψ the heading, s the distance, δ the time between two readings:
+noise σ of the channels is the scatter within the rests. The bias b differs from rest to rest, because gravity on a
+sloping floor changes with the heading, and the gyro drifts. With the mean m of n readings of a rest, and b_0, n_0
+before it:
+
+    b = (n_0' b_0 + n m)/(n_0' + n),   1/n_0' = 1/n_0 + w/σ²,   w = mean of (m − b_0)² − σ²/n − σ²/n_0 ≥ 0   (0)
+
+While the vehicle drives, with v the speed, ψ the heading, s the distance, δ the time between two readings:
 
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
     var v = σ_x² δ² k + σ_x² (k δ)² / n_rest,   the same for ψ with σ_ω                                   (2)
 
-k counts the readings since the last rest, n_rest the samples at rest; a_x and ω are the readings of the IMU. If a speed
+k counts the readings since the last rest, n_rest is n_0' + n; a_x and ω are the readings of the IMU. If a speed
 remains when the vehicle stops, it is integrated noise, and the distance is corrected:
 
     s ← s − ½ v k δ,   var s = σ_x² δ⁴ (k³/3 + k⁴/(4 n_rest) + Σ k³/12 over the earlier drives)           (3)
@@ -24,14 +29,69 @@ from baqueano.signals import Estimate, Tick, seconds
 MIN_REST_S = 0.6  # without a command; after this time a small vehicle is at rest
 
 
+class RestBias(NamedTuple):
+    """Mean and scatter of the readings at rest, (3,) each; the bias changes from rest to rest.  (0)"""
+
+    count: float = 0.0  # readings of this rest
+    mean: np.ndarray = np.zeros(3)  # of this rest
+    squared_deviations: np.ndarray = np.zeros(3)  # from the mean of their rest, over all rests
+    degrees_of_freedom: float = -1.0  # of the squared deviations
+    earlier_bias: np.ndarray = np.zeros(3)  # b_0
+    earlier_count: np.ndarray = np.zeros(3)  # n_0
+    change_sum: np.ndarray = np.zeros(3)  # sum of the changes of (0) over the earlier rests
+    changes: float = 0.0  # their number
+
+    def add(self, z: np.ndarray) -> "RestBias":
+        """Return the bias after another reading of the same rest."""
+        count, deviation = self.count + 1.0, z - self.mean
+        mean = self.mean + deviation / count
+        squared_deviations = self.squared_deviations + deviation * (z - mean)
+        return self._replace(
+            count=count, mean=mean, squared_deviations=squared_deviations,
+            degrees_of_freedom=self.degrees_of_freedom + 1.0,
+        )  # fmt: skip
+
+    @property
+    def var(self) -> np.ndarray:
+        """Return σ² (3,)."""
+        return self.squared_deviations / max(self.degrees_of_freedom, 1.0)
+
+    def _changes(self) -> tuple[np.ndarray, float]:
+        """Return the sum (3,) of the changes of (0), this rest included, and their number."""
+        if not (self.count and np.all(self.earlier_count)):
+            return self.change_sum, self.changes
+        by_chance = self.var * (1.0 / self.count + 1.0 / self.earlier_count)
+        change = (self.mean - self.earlier_bias) ** 2 - by_chance
+        return self.change_sum + change, self.changes + 1.0
+
+    def level(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bias b (3,), and the number of readings (3,) with the same information.  (0)"""
+        if not np.all(self.earlier_count):
+            return self.mean, np.full(3, self.count)
+        change_sum, changes = self._changes()
+        w = np.maximum(change_sum / max(changes, 1.0), 0.0)
+        var = np.maximum(self.var, 1e-18)
+        earlier_count = self.earlier_count * var / (var + w * self.earlier_count)
+        count = earlier_count + self.count
+        return (earlier_count * self.earlier_bias + self.count * self.mean) / count, count
+
+    def end_of_rest(self) -> "RestBias":
+        """Return the bias with which a drive begins."""
+        if self.count == 0.0:
+            return self
+        (bias, count), (change_sum, changes) = self.level(), self._changes()
+        return RestBias(
+            0.0, np.zeros(3), self.squared_deviations, self.degrees_of_freedom - 1.0, bias, count,
+            change_sum, changes,
+        )  # fmt: skip
+
+
 class InertialBelief(NamedTuple):
-    """The state of `Inertial`: statistics at rest, pose and speed."""
+    """The state of `Inertial`: bias at rest, pose and speed."""
 
     t_ns: int  # of the last reading, -1 before the first
     since_ns: int  # time at which the last command ended
-    rest_count: float  # number of samples at rest
-    mean: np.ndarray  # (3,) mean of the samples at rest
-    squared_deviations: np.ndarray  # (3,) sum of their squared deviations
+    rest: RestBias
     eta: np.ndarray  # (3,)
     v: float
     omega: float
@@ -51,7 +111,7 @@ class Inertial:
 
     Notes
     -----
-    Equations (1)-(3) of the module.
+    Equations (0)-(3) of the module.
 
     Examples
     --------
@@ -68,7 +128,7 @@ class Inertial:
 
     def init(self) -> InertialBelief:
         """Return the belief before the first tick."""
-        return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
+        return InertialBelief(-1, -1, RestBias(), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
         """Return the belief, and the estimate: pose relative to the start, body velocity, variances of (2) and (3).
@@ -82,17 +142,14 @@ class Inertial:
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         is_at_rest = (
             seconds(tick.t_ns, since_ns) >= MIN_REST_S
-            or s.rest_count == 0.0
+            or s.t_ns < 0
             or (s.moving_count == 0.0 and not np.any(tick.u))
         )
-        rest_count, mean, squared_deviations = s.rest_count, s.mean, s.squared_deviations
         z = np.asarray(slot.z, dtype=float)
-        if is_at_rest:
-            rest_count, deviation = rest_count + 1.0, z - mean
-            mean = mean + deviation / rest_count
-            squared_deviations = squared_deviations + deviation * (z - mean)
-        omega = float(z[2] - mean[2])
-        v = 0.0 if is_at_rest else s.v + float(z[0] - mean[0]) * dt_s
+        rest = s.rest.add(z) if is_at_rest else s.rest.end_of_rest()
+        bias, _ = rest.level()
+        omega = float(z[2] - bias[2])
+        v = 0.0 if is_at_rest else s.v + float(z[0] - bias[0]) * dt_s
         psi = s.eta[2] + (0.0 if is_at_rest else omega * dt_s)
         distance = -0.5 * s.v * s.moving_count * dt_s if is_at_rest else v * dt_s
         eta = np.array([s.eta[0] + distance * np.cos(psi), s.eta[1] + distance * np.sin(psi), psi])
@@ -101,19 +158,7 @@ class Inertial:
             if is_at_rest
             else (s.moving_count + 1.0, s.displacement_sum)
         )
-        state = InertialBelief(
-            tick.t_ns,
-            since_ns,
-            rest_count,
-            mean,
-            squared_deviations,
-            eta,
-            v,
-            omega,
-            moving_count,
-            wander,
-            dt_s,
-        )
+        state = InertialBelief(tick.t_ns, since_ns, rest, eta, v, omega, moving_count, wander, dt_s)
         return state, _estimate(state, tick.t_ns)
 
 
@@ -124,12 +169,12 @@ def _estimate(s: InertialBelief, t_ns: int) -> Estimate:
 def _cov(s: InertialBelief) -> Value:
     """Return the diagonal covariance (6, 6) of (2) and (3); zeros before three samples at rest have arrived."""
     cov = np.zeros((6, 6))
-    if s.rest_count > 2.0:
-        var = s.squared_deviations / (s.rest_count - 1.0)
-        growth = s.dt_s * s.dt_s * (s.moving_count + s.moving_count * s.moving_count / s.rest_count)
-        cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * growth, var[0] * growth, var[2]
+    if s.rest.degrees_of_freedom > 1.0:
+        var, (_, n_rest) = s.rest.var, s.rest.level()
+        growth = s.dt_s * s.dt_s * (s.moving_count + s.moving_count * s.moving_count / n_rest)
+        cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * growth[2], var[0] * growth[0], var[2]
         displacement_sum = (
-            s.displacement_sum + s.moving_count**3 / 3.0 + s.moving_count**4 / (4.0 * s.rest_count)
+            s.displacement_sum + s.moving_count**3 / 3.0 + s.moving_count**4 / (4.0 * n_rest[0])
         )
         cov[0, 0] = cov[1, 1] = var[0] * s.dt_s**4 * displacement_sum
     return cov
