@@ -9,7 +9,7 @@ from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience
 from baqueano.drive.safety.precautions import PlainRoom, Precautions, drive_to_limits
-from baqueano.drive.safety.room_watch import CHI_SQUARE_95, RoomWatch
+from baqueano.drive.safety.room_watch import CHI_SQUARE_95, RoomWatch, stopping_distance
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides import Idle
 from baqueano.guides.shapes import circle, line
@@ -188,13 +188,30 @@ def test_position_uncertainty_stops_the_vehicle_before_the_wall():
     room, origin = PlainRoom((1.0, 2.0), (0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
     std = 0.1
     for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE_95) * std + 0.01, True)):
-        watch = RoomWatch(room, origin)  # the map's y is the room's −x
+        watch = RoomWatch(room, origin, lambda v: 0.3 * v)  # the map's y is the room's −x
         watch.on_record(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
         assert (watch.stop_reason(0) is not None) == stops
     assert watch.stop_reason(0).figures["axis"] == "x"
-    room_watch = RoomWatch(room, origin)
+    room_watch = RoomWatch(room, origin, lambda v: 0.3 * v)
     room_watch.on_record(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
     assert room_watch.stop_reason(0).figures["stop_m"] == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.5, 2.0])
+def test_a_car_that_coasts_is_stopped_before_the_wall(speed_m_s):
+    """The car of the garage coasts 0.9 m from 2 m/s; 0.3 s times its speed are 0.6 m."""
+    car, wall_m, x = load("car"), 5.0, 3.0
+    stopping_m = stopping_distance(car.vehicle, 2.0)
+    while True:
+        watch = RoomWatch(PlainRoom((wall_m, 9.0), (0.0, 0.0, 0.0)), np.zeros(3), stopping_m)
+        watch.on_record(record(0.0, eta=(x, 0.0, 0.0), nu=(speed_m_s, 0.0, 0.0), cov=np.zeros((6, 6))))
+        if watch.stop_reason(0) is not None:
+            break
+        x += 0.01
+    state = car.vehicle.init(np.array([x, 0.0, 0.0]), np.array([speed_m_s, 0.0, 0.0]))
+    for _ in range(200):
+        state, _ = car.vehicle.step(state, np.zeros(2), 0.02, np.zeros(3))
+    assert wall_m - 0.25 * speed_m_s < state.eta[0] < wall_m
 
 
 def test_endless_laps_by_imu_stop_before_a_wall():

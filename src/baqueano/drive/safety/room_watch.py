@@ -1,16 +1,20 @@
 """Stop the vehicle before it might leave the room.
 
   p̂ = p_start + R(ψ_start) R(ψ_0)ᵀ (p − p_0)                in the room, from the route's first pose η_0 (1)
-  |p̂_i| + STOPPING_S |v_i| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the stopping distance  (2)
+  |p̂_i| + s(|v|) |v_i|/|v| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the stopping distance  (2)
+  s(v) = v (delay + lag) + ∫₀ᵛ w dw / |ν̇_x(w)|,   at least STOPPING_S v       the model coasts without command  (3)
 
 free is half the width of the space in which the body's origin can be (identify/design/room.py). With only commands and
 an IMU, Σ grows from lap to lap. The drive therefore ends when the vehicle might touch a wall, before it touches one.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts import optional
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.observers import Observer
 from baqueano.geometry import map_from_body
@@ -22,12 +26,33 @@ if TYPE_CHECKING:
 
 CHI_SQUARE_95 = 5.991  # 95 % quantile with two degrees of freedom
 STOPPING_S = 0.3
+MIN_DECELERATION_M_S2 = 0.01  # of a model without friction
+SPEED_COUNT = 64
+
+
+def stopping_distance(vehicle: Tree, max_speed_m_s: float) -> Callable[[float], float]:
+    """Return the function s: speed, up to `max_speed_m_s` → stopping distance [m] of the vehicle.  (3)"""
+    edges = np.linspace(0.0, max_speed_m_s, SPEED_COUNT + 1)
+    middles, distances = 0.5 * (edges[1:] + edges[:-1]), np.zeros(SPEED_COUNT + 1)
+    nu_dot, zero_command = optional.attribute(vehicle, "nu_dot"), np.zeros(vehicle.commands)
+    if nu_dot is not None:  # otherwise the velocity follows the command at once
+        nu_dots = [float(nu_dot(np.array([v, 0.0, 0.0]), zero_command, 0.0)[0]) for v in middles]
+        decelerations = np.maximum(-np.array(nu_dots), MIN_DECELERATION_M_S2)
+        distances[1:] = np.cumsum(middles / decelerations) * (edges[1] - edges[0])
+    drivetrain = vehicle.drivetrain
+    distances += edges * (float(drivetrain.delay_s) + float(np.max(drivetrain.lag_s)))
+    distances = np.maximum(distances, STOPPING_S * edges)
+    return lambda v: float(np.interp(v, edges, distances)) * max(1.0, v / max_speed_m_s)
 
 
 class RoomWatch(Observer):
-    """Observer of a drive along a route whose first pose is `origin` (3,) in the map and `room.start` in the room."""
+    """Observer of a drive along a route whose first pose is `origin` (3,) in the map and `room.start` in the room.
 
-    def __init__(self, room: "Walls", origin: np.ndarray) -> None:
+    `stopping_m` is the function s of (3).
+    """
+
+    def __init__(self, room: "Walls", origin: np.ndarray, stopping_m: Callable[[float], float]) -> None:
+        self._stopping_m = stopping_m
         self._free, self._start = np.asarray(room.free_half_width_m), np.asarray(room.start)
         self._origin = origin
         self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
@@ -40,7 +65,8 @@ class RoomWatch(Observer):
         v = self._turn @ map_from_body(eta[2])[:2, :2] @ nu[:2]
         std = np.sqrt(np.maximum(np.diag(self._turn @ cov[:2, :2] @ self._turn.T), 0.0))
         region = np.sqrt(CHI_SQUARE_95) * std
-        stop_m = STOPPING_S * np.abs(v)
+        speed = float(np.hypot(*v))
+        stop_m = self._stopping_m(speed) * np.abs(v) / max(speed, 1e-9)
         excess = np.abs(position) + stop_m + region - self._free
         if np.max(excess) > 0.0 and self._reason is None:
             i = int(np.argmax(excess))
