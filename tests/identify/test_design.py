@@ -23,7 +23,7 @@ from baqueano.identify.design.room import (
     contain_in_room,
     room_of,
 )
-from baqueano.identify.design.vehicle_cloud import VehicleCloud, possible_vehicles
+from baqueano.identify.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.provenance import ParameterCov
 from tests.codes import of_code
@@ -254,3 +254,11 @@ def test_an_experiment_too_short_to_move_is_refused(small):
 def test_a_signal_of_the_wrong_shape_is_refused(small):
     with pytest.raises(UsageError, check=of_code("signal.shape", commands=3)):
         contain_in_room(np.zeros((100, 2)), small, room_of(small, "2x2"))
+
+
+def test_a_draw_that_diverges_only_in_fast_straight_motion_is_replaced(small):
+    """With this drag the integrator diverges at full speed, but not when one wheel stands still."""
+    draws = VehicleDistribution(("model.friction.quadratic[0]",), np.array([[0.8], [9000.0]]))
+    cloud = VehicleCloud(small, draws)
+    _, eta = cloud.drive(cloud.state_at(np.zeros(3)), np.tile([1.0, 0.0, 0.0], (100, 1)))
+    assert np.all(np.isfinite(eta))

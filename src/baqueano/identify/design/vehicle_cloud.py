@@ -14,6 +14,7 @@ simulated in one call of one kernel; several candidates for the next primitive a
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +35,8 @@ RELATIVE_STD = 0.2  # of a parameter without a fit
 MAX_RELATIVE_STD = 0.5  # largest standard deviation of a parameter, relative to its value
 VEHICLES = 48  # possible vehicles: the error of their standard deviation is 10 %
 NOISE_S = 64.0  # duration of the noise that is drawn at once, longer if requested
+STIFFNESS_TEST_S = 0.5  # of each command
+MAX_SPEED_M_S = 100.0  # a faster vehicle is an error of the integrator
 CACHED_WINDOWS = 16  # spans of the noise that are cached, in the memory layout of the kernel
 
 
@@ -153,13 +156,18 @@ class VehicleCloud:
         )
 
     def _reduce_stiffness(self, limit: np.ndarray) -> None:
-        """Move draws that are too stiff for the integrator towards the nominal vehicle, at most 8 times. Such draws
-        have a very high friction: a fit with little information on friction does not limit the friction."""
-        full_commands = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
+        """Move draws that are too stiff for the integrator towards the nominal vehicle, at most 8 times.
+
+        Such draws have a very high friction: a fit with little information on friction does not limit the friction.
+        Each combination of full commands and zero is tested, because the stiffness depends on the motion.
+        """
+        active = [(-x, 0.0, x) if x > 0.0 else (0.0,) for x in np.where(np.isfinite(limit), limit, 1.0)]
+        commands = np.repeat(list(product(*active)), round(STIFFNESS_TEST_S * self.rate_hz), axis=0)
+        farthest_m = MAX_SPEED_M_S * len(commands) / self.rate_hz
         for _ in range(8):
             with np.errstate(all="ignore"):
-                _, eta = self.drive(self.state_at(np.zeros(3)), full_commands)
-            diverged = ~np.isfinite(eta).all(axis=(1, 2))
+                _, eta = self.drive(self.state_at(np.zeros(3)), commands)
+                diverged = ~(np.abs(eta) < farthest_m).all(axis=(1, 2))
             if not diverged.any():
                 break
             theta = self.distribution.theta.copy()
