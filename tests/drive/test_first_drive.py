@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.drive import first_drive, first_drive_pulses, with_rough_gains
 from baqueano.drive.first_drive import directions, estimate_first_drive, pulses_of
-from baqueano.drive.first_drive_pulses import PAUSE_S, PULSE_S, STEP, PulsePlanner
+from baqueano.drive.first_drive_pulses import MIN_SIGMA, PAUSE_S, PULSE_S, STEP, PulsePlanner
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
 from baqueano.messages import text
@@ -250,6 +250,18 @@ def test_inertial_speed_uses_the_latest_rest_on_a_sloping_floor():
     error, var = np.array(errors).T
     assert np.mean(error) == pytest.approx(0.0, abs=0.005)
     assert np.all(np.abs(error) < 3.0 * np.sqrt(var))
+
+
+def test_a_pulse_is_significant_for_a_sensor_without_noise():
+    """The simulator of a user can have exact sensors."""
+    slots, estimator, pulses = sensor_slots(("imu",)), Inertial(), PulsePlanner(np.array([[1.0]]))
+    belief, state, v = estimator.init(), pulses.init(), 0.0
+    for k in range(300):
+        tick = Tick((k + 1) * 10**7, np.array([float(k >= 200)]), slots(Slot(1.0, np.array([k >= 200, 0, 0]))))
+        belief, estimate = estimator.step(belief, tick)
+        state, _, _ = pulses.advance(state, estimate)
+        v = max(v, state.significance)
+    assert v > MIN_SIGMA
 
 
 def test_inertial_distance_error_matches_its_covariance():

@@ -27,6 +27,7 @@ from baqueano.contracts.values import Value
 from baqueano.signals import Estimate, Tick, seconds
 
 MIN_REST_S = 0.6  # without a command; after this time a small vehicle is at rest
+MIN_VAR = 1e-12
 
 
 class RestBias(NamedTuple):
@@ -53,8 +54,8 @@ class RestBias(NamedTuple):
 
     @property
     def var(self) -> np.ndarray:
-        """Return σ² (3,)."""
-        return self.squared_deviations / max(self.degrees_of_freedom, 1.0)
+        """Return σ² (3,), at least MIN_VAR: a simulated sensor can be without noise."""
+        return np.maximum(self.squared_deviations / max(self.degrees_of_freedom, 1.0), MIN_VAR)
 
     def _changes(self) -> tuple[np.ndarray, float]:
         """Return the sum (3,) of the changes of (0), this rest included, and their number."""
@@ -70,7 +71,7 @@ class RestBias(NamedTuple):
             return self.mean, np.full(3, self.count)
         change_sum, changes = self._changes()
         w = np.maximum(change_sum / max(changes, 1.0), 0.0)
-        var = np.maximum(self.var, 1e-18)
+        var = self.var
         earlier_count = self.earlier_count * var / (var + w * self.earlier_count)
         count = earlier_count + self.count
         return (earlier_count * self.earlier_bias + self.count * self.mean) / count, count

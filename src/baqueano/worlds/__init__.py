@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.blocks import World
 from baqueano.on_demand import on_demand
 from baqueano.worlds.robot import Robot
 
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
     from baqueano.worlds.replayed import ReplayedWorld
     from baqueano.worlds.simulated import SimulatedWorld, world_init, world_step
 
-__all__ = ["Fault", "FaultyWorld", "Ledger", "ReplayedWorld", "Robot", "SimulatedWorld", "fault_ledger"]
+__all__ = ["Fault", "FaultyWorld", "Ledger", "ReplayedWorld", "Robot", "SimulatedWorld", "World", "fault_ledger"]
 
 __getattr__ = on_demand(
     __name__,
