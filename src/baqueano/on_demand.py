@@ -30,11 +30,22 @@ def on_demand(
         if name in subpackages:
             return import_module(f"{package}.{name}")
         if name not in module_and_name:
-            raise AttributeError(f"module {package!r} does not have attribute {name!r}")
+            similar = _suggestion(name, [*module_and_name, *subpackages])
+            raise AttributeError(f"module {package!r} does not have attribute {name!r}{similar}")
         module, export = module_and_name[name]
         return getattr(import_module(module), export.partition(" as ")[0])
 
     return get
+
+
+def _suggestion(name: str, names: "list[str]") -> str:
+    """Return a sentence with the most similar name, or ""; nothing for names that Python itself looks up."""
+    if name.startswith("_"):
+        return ""
+    from baqueano.diagnostics import nearest
+    from baqueano.messages import text
+
+    return f". {text(nearest(name, names))}."
 
 
 def front_door(

@@ -19,6 +19,7 @@ from baqueano.compare.divergence import InvalidCovariance, cut_at_divergence, di
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.compare.laps import DriveLap, laps_of
 from baqueano.compare.table import LINE_LETTERS, table
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
@@ -227,6 +228,7 @@ class Comparison(Result):
         ]
 
 
+@checked_call("bq.compare([run])")
 def compare(
     runs: "Sequence[Run] | Run",
     alignment: str = "none",

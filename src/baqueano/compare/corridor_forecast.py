@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare.corridor import Corridor, corridor_of
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
@@ -84,6 +85,7 @@ class CorridorForecast(Result):
         return min(int(np.searchsorted(self.corridor.t_s, lap * self.lap_s)), len(self.corridor.t_s) - 1)
 
 
+@checked_call("bq.forecast(robot, route)")
 def forecast_corridor(
     vehicle_file: "VehicleFile", route: "Route", laps: int = 1, backend: str = "auto"
 ) -> CorridorForecast:

@@ -7,6 +7,7 @@ import numpy as np
 
 from baqueano.blocks import permit_blocks
 from baqueano.contracts.blocks import Controller, Guide, OwnBlock
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import ManualController, Schedule
@@ -36,6 +37,7 @@ CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start is closed
 MIN_LOOP_M = 1.2  # a shorter drive that ends near its start is not a loop
 
 
+@checked_call('bq.experiment(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))')
 def experiment(
     vehicle_file: VehicleFile, u: np.ndarray, *, estimator: OwnBlock | None = None, **options: Any
 ) -> Run:
@@ -139,6 +141,7 @@ class TeachResult(NamedTuple):
     to_pandas = Result.to_pandas
 
 
+@checked_call("bq.teach(robot, path, closed=True)")
 def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> TeachResult:
     """Drive as `driver` directs, and return the run with the estimated path as a route.
 
@@ -202,6 +205,7 @@ def drive_with_driver(
     return drive(blocks, vehicle_file, kind, **options)
 
 
+@checked_call("bq.repeat(robot, route)")
 def repeat(
     vehicle_file: VehicleFile, route: Route, laps: int = 1, *, estimator: OwnBlock | None = None,
     guide: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
@@ -273,6 +277,7 @@ def repeat(
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
 
 
+@checked_call("bq.replay(run)")
 def replay(
     run: Run, vehicle_file: VehicleFile | None = None, blocks: Blocks | None = None, *,
     estimator: OwnBlock | None = None, guide: OwnBlock | None = None, controller: OwnBlock | None = None,

@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
@@ -30,6 +31,7 @@ SHAPE_NAMES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom
 
 
 @lru_cache(maxsize=32)
+@checked_call("bq.guides.shapes.sinuous_circle(0.6, 0.08, 5, 0.2)")
 def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
     """Return a circle whose radius varies `waves` times per lap; the route is one lap.
 
@@ -70,6 +72,7 @@ def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: f
     )
 
 
+@checked_call("bq.guides.shapes.circle(0.5, 0.2)")
 def circle(radius_m: float, speed_m_s: float) -> Route:
     """Return a circle to the left.
 
@@ -93,6 +96,7 @@ def circle(radius_m: float, speed_m_s: float) -> Route:
     return sinuous_circle(radius_m, 0.0, 1, speed_m_s)
 
 
+@checked_call("bq.guides.shapes.eight(0.6, 0.2)")
 def eight(half_length_m: float, speed_m_s: float) -> Route:
     """Return a figure-of-eight route without a net turn.
 
@@ -125,6 +129,7 @@ def eight(half_length_m: float, speed_m_s: float) -> Route:
     return route_of_curve(half_length_m * p, half_length_m * p1, half_length_m * p2, th, speed_m_s)
 
 
+@checked_call("bq.guides.shapes.rectangle(1.2, 0.8, 0.2, 0.2)")
 def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float) -> Route:
     """Return a rectangle with round corners, from the middle of a long side.
 
@@ -188,6 +193,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, True)
 
 
+@checked_call("bq.guides.shapes.line(2.0, 0.2)")
 def line(length_m: float, speed_m_s: float) -> Route:
     """Return a straight line.
 
@@ -212,6 +218,7 @@ def line(length_m: float, speed_m_s: float) -> Route:
     return _route_of_curvature(np.zeros(_points(length_m)), length_m, speed_m_s)
 
 
+@checked_call("bq.guides.shapes.slalom(2.0, 0.3, 3, 0.2)")
 def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Route:
     """Return a slalom: a wavy line that starts and ends along x.
 
@@ -252,6 +259,7 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     return route_of_curve(p, p1, p2, x, speed_m_s, closed=False)
 
 
+@checked_call("bq.guides.shapes.clothoid(1.0, 1.57, 0.2)")
 def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
     """Return a curve that starts and ends straight; its curvature rises and falls linearly.
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import imu_only
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 FIRST_SEARCH_PART, MIN_FIRST_ROWS = 4, 1000
 
 
+@checked_call("bq.identify(run, robot)")
 def identify(
     runs: Run | Sequence[Run],
     vehicle_file: "VehicleFile",

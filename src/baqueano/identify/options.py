@@ -4,12 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 COSTS = ("simulation", "innovations")
 
 
+@checked_call("bq.FitOptions(segment_s=5.0)")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOptions:
     """Options of `identify`; the defaults suit most fits.

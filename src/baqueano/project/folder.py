@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
@@ -32,6 +33,7 @@ verdict = "GUESS"
 """
 
 
+@checked_call('bq.new("mylab")')
 def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     """Make a project folder: a vehicle file, example blocks (estimator, guide, controller), and a notebook.
 

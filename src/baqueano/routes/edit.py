@@ -6,6 +6,7 @@ backing up along the same poses                    ψ,      −ν               
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
@@ -14,6 +15,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.routes.path import MAX_END_GAP_M, MAX_END_GAP_RAD, NAME_PLACEHOLDER, distances_along
 
 
+@checked_call("bq.routes.cut(route, 0.0, 2.0)")
 def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     """Return the part of a route between two distances along it.
 
@@ -49,6 +51,7 @@ def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     return Route(route.t_s[kept_slice] - route.t_s[first], route.eta[kept_slice], route.nu[kept_slice], False)
 
 
+@checked_call("bq.routes.join(first, second)")
 def join(first: Route, second: Route) -> Route:
     """Return two routes as one: the second begins where the first ends.
 
@@ -90,6 +93,7 @@ def join(first: Route, second: Route) -> Route:
     return route._replace(closed=ends_meet(route))
 
 
+@checked_call("bq.routes.reverse(route)")
 def reverse(route: Route, backing: bool = False) -> Route:
     """Return a route in the other direction: from its end to its start.
 
@@ -124,6 +128,7 @@ def reverse(route: Route, backing: bool = False) -> Route:
     return route._replace(t_s=t_s, eta=eta, nu=route.nu[::-1] * np.array([1.0, 1.0, -1.0]))
 
 
+@checked_call("bq.routes.scale(route, 0.5)")
 def scale(route: Route, factor: float) -> Route:
     """Return a route of another size, driven at the same speed.
 

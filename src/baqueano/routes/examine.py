@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.guides.route import Route, from_start, move_route
@@ -181,6 +182,7 @@ class RouteReport(Result):
         )
 
 
+@checked_call('bq.routes.examine(route, robot, "2x3")')
 def examine(
     route: Route,
     vehicle_file: "VehicleFile | None" = None,

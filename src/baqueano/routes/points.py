@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
@@ -12,6 +13,7 @@ from baqueano.routes.path import GRID_M, STEP_M, RoutePath, distances_along, rou
 MAX_LEG_M = 20.0  # largest distance between two points
 
 
+@checked_call("bq.routes.through_points([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], 0.2)")
 def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corner_m: float = 0.1) -> Route:
     """Return a route along straight lines between points, with round corners.
 

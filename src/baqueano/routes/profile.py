@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
@@ -30,6 +31,7 @@ MIN_SPEED_M_S = 0.02  # speed at a start from rest, so that the time is finite
 LAP_COUNT = 3  # laps of a closed route, until the speeds of its start and its end agree
 
 
+@checked_call("bq.routes.at_speed(route, 0.2)")
 def at_speed(route: Route, speed_m_s: float) -> Route:
     """Return a route that is driven at a constant speed along its path.
 
@@ -61,6 +63,7 @@ def at_speed(route: Route, speed_m_s: float) -> Route:
     return route_along(path, np.full(len(path.s), float(speed_m_s)), direction(route), route.closed)
 
 
+@checked_call("bq.routes.fastest(route, robot)")
 def fastest(
     route: Route,
     vehicle_file: "VehicleFile",

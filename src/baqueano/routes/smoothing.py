@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
@@ -37,6 +38,7 @@ class Spectrum(NamedTuple):
     line_slope: complex  # derivative of the straight line along the path
 
 
+@checked_call("bq.routes.smooth(route, 0.02)")
 def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] = "rms") -> Route:
     """Return a route on a smooth path near the taught one.
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages import in_english
@@ -47,6 +48,7 @@ class Readings(NamedTuple):
     slots: ByName[Slot]
 
 
+@checked_call("bq.simulate(robot, u)")
 def simulate(
     vehicle_file: "VehicleFile",
     u: ArrayLike,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.compare.errors import ALIGNMENTS
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 LOOP_ROLES = ("estimator", "controller", "guide")
 
 
+@checked_call('bq.sweep(robot, routes=route, controllers=["pd", "lqr"])')
 def sweep(
     over: "VehicleFile | Run | str | Sequence[VehicleFile | Run | str]",
     *,
@@ -126,9 +128,9 @@ def _as_list(value: Tree) -> list:
 
 
 def _checked_settings(settings: dict) -> SweepSettings:
-    names = SweepSettings._fields
+    names = ("routes", "estimators", "controllers", "guides", "seeds", "reference", *SweepSettings._fields)
     for name in settings:
-        if name not in names:
+        if name not in SweepSettings._fields:
             raise UsageError(fault("sweep.setting", call="sweep", found=name, near=nearest(name, names)))
     conditions = SweepSettings(**settings)
     if conditions.alignment not in ALIGNMENTS:

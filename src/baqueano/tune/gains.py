@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.contracts.blocks import Guide
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
@@ -34,6 +35,7 @@ SEED_OFFSET = 1000  # offset between the seeds of the search and those of the te
 MAX_WIDENED_SEARCHES = 3  # largest number of repeated searches with wider bounds
 
 
+@checked_call("bq.tune(robot, route)")
 def tune(
     vehicle_file: "VehicleFile",
     route: Route | Guide | Sequence[Route | Guide],

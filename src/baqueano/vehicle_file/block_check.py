@@ -7,6 +7,7 @@ from baqueano import block_checks
 from baqueano.block_checks import CHECKS
 from baqueano.blocks import BLOCK_TARGETS, classes_in, kinds, resolve, role_of
 from baqueano.contracts.blocks import OwnBlock
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest
 from baqueano.errors import FileError, UsageError
@@ -42,6 +43,7 @@ class BlockCheck(Result):
         return "\n".join(f"{self.block}  {finding}" for finding in texts(self.findings)) or str(self.verdict)
 
 
+@checked_call("bq.check(MyController)")
 def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | None = None) -> BlockCheck:
     """Call a block as a drive of a vehicle would, and report its faults.
 
@@ -74,6 +76,8 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
     >>> checked.role, str(checked.verdict)
     ('controller', 'USABLE')
     """
+    if not isinstance(block, str | type) and getattr(block, "step", None) is None:
+        raise UsageError(fault("block.not-a-block", role="block", found=type(block).__name__))
     checked_vehicle = load("small") if vehicle_file is None else vehicle_file
     block_or_class = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
     if role is None:

@@ -12,8 +12,9 @@ import numpy as np
 
 from baqueano.blocks import kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
+from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import nearest
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, error_text, from_outside, user_code_place
 from baqueano.estimators.readings.velocity_readings import velocity_rows
 from baqueano.signals import ByName, sensor_slots
@@ -31,6 +32,8 @@ from baqueano.vehicles.rk4 import row_rate_hz
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
+
+FINDING_COMMANDS = {"controller": "baqueano tune --update", "estimator": "baqueano identify RUN --update"}
 
 DEFAULT_KINDS = {
     "estimator": "augmented_ekf",
@@ -182,6 +185,18 @@ def role_table(
     missing_names = missing_keys(keys, values)
     values |= {k: v for k, v in given.items() if k in argument_names(block_class)}
     return RoleTable(block_class, values, [k for k in missing_names if k not in table])
+
+
+def missing_values(file: str, role: str, keys: list[str], kind: OwnBlock | None) -> FileError:
+    """Return the error of a block without its values; a class from Python can also be given as an object."""
+    if isinstance(kind, type) and not kind.__module__.startswith("baqueano."):
+        call = f"{role}={kind.__name__}({', '.join(f'{key}=1.0' for key in keys)})"
+        return FileError(
+            fault("block.lacks-arguments", call, file=file, role=role, keys=keys, block=kind.__name__)
+        )
+    advice = FINDING_COMMANDS.get(role, "")
+    code = "vehicle.lacks-found-by" if advice else "vehicle.lacks"
+    return FileError(fault(code, advice, file=file, role=role, keys=keys))
 
 
 def construct(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from baqueano.blocks import check_role, permit_blocks, resolve_named
 from baqueano.contracts.blocks import OwnBlock
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from baqueano.guides.route import Route
 
 LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")
-FINDING_COMMANDS = {"controller": "baqueano tune --update", "estimator": "baqueano identify RUN --update"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -258,9 +258,7 @@ class VehicleFile:
         report.raise_problems()
         assert content is not None
         if keys := [k for k in content.missing_names if k not in changes]:
-            advice = FINDING_COMMANDS.get(role, "")
-            code = "vehicle.lacks-found-by" if advice else "vehicle.lacks"
-            raise FileError(fault(code, advice, file=report.name, role=role, keys=keys))
+            raise build.missing_values(report.name, role, keys, kind)
         route_names = {"t_s", "route"} & build.argument_names(content.block_class)
         if role == "guide" and "route" not in arguments and route_names:
             raise UsageError(fault("vehicle.no-route", guide=content.block_class.__name__))
@@ -271,6 +269,7 @@ class VehicleFile:
         return block
 
 
+@checked_call('bq.load("small")')
 def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     """Return the vehicle file at a path, or the file of that name in the garage.
 

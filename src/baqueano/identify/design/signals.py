@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
 
@@ -135,6 +136,7 @@ KINDS: dict[str, Callable[..., np.ndarray]] = {
 }
 
 
+@checked_call('bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz)')
 def excitation(
     kind: str,
     limit: ArrayLike,

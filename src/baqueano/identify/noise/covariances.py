@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
@@ -166,6 +167,7 @@ class Noise(Result):
         return vehicle_file.with_values(values, dict.fromkeys(values, origin))
 
 
+@checked_call("bq.measure_noise(fit, run)")
 def measure_noise(
     fit: "Fit",
     runs: Run | Sequence[Run],

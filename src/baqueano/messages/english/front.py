@@ -9,6 +9,11 @@ TEMPLATES: dict[str, str] = {
         "{block} was given as {role:word}, but its step() belongs to another type of block ({other:word}). "
         "Type: {fix}"
     ),
+    "call.missing": "{call}() needs more arguments: {names}. Type: {fix}",
+    "call.positions": "{call}() accepts at most {most} arguments without names. Type: {fix}",
+    "call.order": "The arguments of {call}() are in another order. Type: {fix}",
+    "call.kind": "{call}(): {name} = {found}; expected {expected:word}. Type: {fix}",
+    "call.option-of": "{call}() does not accept {found}, which is an option of {owner}. Add: {fix}",
     "front.more": "{lines} more lines: .table()",
     "front.fit": "Fit of {vehicle} to {runs}: {known} of {parameters} parameters have an estimate",
     "front.across-true": "{cm:.2g} cm rms across the path",

@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "name.near": "Did you mean {meant}? The names are {known}",
-    "name.none": "The list of names is empty here",
+    "name.none": "The list of names is empty",
     "name.unknown": "The names are {known}",
     "messages.others": "{first} (also {others})",
     "messages.then": "{first}. {then}.",

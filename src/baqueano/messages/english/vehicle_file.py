@@ -42,14 +42,15 @@ TEMPLATES: dict[str, str] = {
         'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To create one: '
         "{fix}"
     ),
-    "vehicle.absent": (
-        "{missing} does not exist. In its folder: {near}. The garage has {garage}. To create one: {fix}"
-    ),
+    "vehicle.absent": ("{missing} does not exist. {near}. The garage has {garage}. To create one: {fix}"),
     "vehicle.truth-elsewhere": (
         "{file} [simulation] truth = {found} points outside the folder of the file. Expected a file in "
         "that folder, or one of the garage: {garage}."
     ),
     "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
+    "block.lacks-arguments": (
+        "{block} needs {keys}. Give an object with its values, such as {fix}, or write them into [{role}] of {file}."
+    ),
     "vehicle.lacks": "{file} [{role}] needs {keys}. Write it into the file.",
     "vehicle.lacks-found-by": "{file} [{role}] needs {keys}. Write it into the file, or measure it: {fix}",
     "vehicle.place": "{file}, {key}",

@@ -7,6 +7,7 @@ import numpy as np
 
 from baqueano.compare import Comparison
 from baqueano.compare.corridor_forecast import CorridorForecast
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import fault
 from baqueano.drive import FirstDrive, TeachResult
@@ -33,6 +34,7 @@ from baqueano.runs.importing.recordings import ImportedRun
 MAX_HEADLINES = 4  # runs: more do not fit into one row
 
 
+@checked_call('bq.report(run, "report.html")')
 def report(
     result: Tabular,
     path: str | Path | None = None,

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import FileError, Invalid, cause_of
 from baqueano.messages.printable import baqueano_command
@@ -37,6 +38,7 @@ FOREIGN_SIGNATURES = {  # first bytes → kind of file
 }
 
 
+@checked_call('bq.read_run("runs/0001.mcap")')
 def read_run(path: Path | str) -> Run:
     """Return the run in a file; its `notes` list the losses of a cut or damaged file.
 

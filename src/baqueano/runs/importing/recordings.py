@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
@@ -121,6 +122,7 @@ class ImportedRuns(NamedTuple):
         return "\n".join(lines or [_("nothing in the data was doubtful")])
 
 
+@checked_call('bq.import_run("map.toml", ["recording.csv"])')
 def import_run(
     column_map: ColumnMap | Path | str,
     files: list[Path | str] | dict[str, Path | str] | None = None,

@@ -1,0 +1,194 @@
+"""Check how a function of the front door is called: a wrong call raises one sentence with a call to type.
+
+The check reads the annotations. An annotation that is a class of ALLOWED, a number or a path is checked; any other
+annotation, such as the one of a block, is left to the function. Missing and unknown arguments are found for all.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import is_dataclass
+from functools import wraps
+from numbers import Integral, Real
+from pathlib import PurePath
+from typing import Any, NamedTuple, NoReturn, TypeVar, cast
+
+import numpy as np
+
+from baqueano.contracts.blocks import Guide
+from baqueano.diagnostics import fault, nearest
+from baqueano.errors import Misuse
+from baqueano.messages.language import N_
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class ArgumentKind(NamedTuple):
+    """The kind of an argument: its name for the reader, its test, and a line that reads one from a file."""
+
+    name: str
+    accepts: Callable[[object], bool]
+    reader: str = ""
+
+
+MAX_REPR = 40  # characters of an argument that a message shows
+
+
+def _has_class(name: str) -> Callable[[object], bool]:
+    """Return a test for objects of a class, by its name: the classes belong to packages above this one.
+
+    An object of the user, which only behaves like the class, is accepted.
+    """
+
+    def accepts(value: object) -> bool:
+        is_of_user = type(value).__module__.partition(".")[0] not in ("baqueano", "builtins", "numpy")
+        return is_of_user or any(base.__name__ == name for base in type(value).__mro__)
+
+    return accepts
+
+
+def _is_array(value: Any) -> bool:
+    try:
+        return not isinstance(value, str) and np.asarray(value, dtype=float) is not None
+    except (TypeError, ValueError):
+        return False
+
+
+ALLOWED = {  # part of an annotation → the kind
+    "VehicleFile": ArgumentKind(N_("a vehicle file"), _has_class("VehicleFile"), "robot = bq.load({})"),
+    "Run": ArgumentKind(N_("a run"), _has_class("Run"), "run = bq.read_run({})"),
+    "Route": ArgumentKind(
+        N_("a route"), _has_class("Route"), "from baqueano.runs import read_route; route = read_route({})"
+    ),
+    "Fit": ArgumentKind(N_("a fit"), _has_class("Fit")),
+    "Guide": ArgumentKind(N_("a guide"), lambda value: isinstance(value, Guide)),
+    "int": ArgumentKind(N_("a whole number"), lambda value: isinstance(value, Integral)),
+    "float": ArgumentKind(N_("a number"), lambda value: isinstance(value, Real | np.ndarray)),
+    "bool": ArgumentKind(N_("True or False"), lambda value: isinstance(value, bool | np.bool_)),
+    "str": ArgumentKind(N_("a text"), lambda value: isinstance(value, str)),
+    "Path": ArgumentKind(N_("a name or a path"), lambda value: isinstance(value, PurePath)),
+    "ndarray": ArgumentKind(N_("an array"), _is_array),
+    "None": ArgumentKind("None", lambda value: value is None),
+}
+
+
+def checked_call(example: str) -> Callable[[F], F]:
+    """Return a decorator for a public function; `example` is a call of it that a reader can type.
+
+    The decorated function raises Misuse for a missing or unknown argument, for an argument of another kind, and for
+    arguments in another order.
+
+    >>> @checked_call("double(2)")
+    ... def double(number: int) -> int:
+    ...     return 2 * number
+    >>> double("2")
+    Traceback (most recent call last):
+    baqueano.errors.Misuse: double(): number = "2"; expected a whole number. Type: double(2)
+    """
+
+    def decorate(function: F) -> F:
+        if isinstance(function, type):
+            owner: Any = function
+            owner.__init__ = decorate(owner.__init__)
+            return owner
+        signature = inspect.signature(function)
+        kinds = {
+            name: allowed
+            for name, parameter in signature.parameters.items()
+            if parameter.kind != parameter.VAR_KEYWORD and (allowed := _kinds_of(parameter.annotation))
+        }
+
+        @wraps(function)
+        def call(*args: Any, **options: Any) -> Any:
+            try:
+                values = signature.bind(*args, **options).arguments
+            except TypeError:
+                _refuse_arguments(signature, example, args, options)
+            wrong = [n for n in kinds if n in values and not any(k.accepts(values[n]) for k in kinds[n])]
+            if wrong:
+                _refuse_kind(kinds, wrong, values, example)
+            return function(*args, **options)
+
+        return cast(F, call)
+
+    return decorate
+
+
+def _kinds_of(annotation: object) -> tuple[ArgumentKind, ...]:
+    """Return the kinds of an annotation, or () if one of its parts is not in ALLOWED."""
+    text = annotation.__name__ if isinstance(annotation, type) else str(annotation)
+    if "_SupportsArray" in text:  # numpy's ArrayLike
+        return (ALLOWED["ndarray"],)
+    parts = re.split(r" \| (?![^\[]*\])", re.sub(r"\w+\.", "", text))
+    kinds = [_kind_of(part) for part in parts]
+    return tuple(kind for kind in kinds if kind) if all(kinds) else ()
+
+
+def _kind_of(part: str) -> ArgumentKind | None:
+    items = re.fullmatch(r"Sequence\[(.*)\]", part)
+    if not items:
+        return ALLOWED.get(part)
+    kinds = _kinds_of(items[1])
+    if not kinds:
+        return None
+
+    def accepts(value: object) -> bool:
+        if isinstance(value, list | tuple):
+            return all(any(kind.accepts(item) for kind in kinds) for item in value)
+        return isinstance(value, Iterable) and not isinstance(value, str)
+
+    kind = kinds[0]._replace(accepts=accepts)
+    return kind._replace(name=N_("a list"), reader="{name}=[{}]") if items[1] == "str" else kind
+
+
+def _call_name(example: str) -> str:
+    return example.partition("(")[0]
+
+
+def _refuse_arguments(
+    signature: inspect.Signature, example: str, args: tuple[Any, ...], options: Mapping[str, Any]
+) -> NoReturn:
+    """Raise Misuse for a call that does not match the signature."""
+    parameters = signature.parameters
+    unknown = [name for name in options if name not in parameters]
+    is_open = any(parameter.kind == parameter.VAR_KEYWORD for parameter in parameters.values())
+    if unknown and not is_open:
+        groups = [p for p in parameters.values() if is_dataclass(p.default)]
+        for group in groups:
+            if unknown[0] in group.default.__dataclass_fields__:
+                owner = f"bq.{type(group.default).__name__}"
+                fix = f"{group.name}={owner}({unknown[0]}={options[unknown[0]]!r})"
+                raise Misuse(
+                    fault("call.option-of", fix, call=_call_name(example), found=unknown[0], owner=owner)
+                )
+        near = nearest(unknown[0], [name for name in parameters if name != "self"])
+        raise Misuse(fault("sweep.setting", call=_call_name(example), found=unknown[0], near=near))
+    positional = [p for p in parameters.values() if p.kind == p.POSITIONAL_OR_KEYWORD]
+    missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
+    if missing:
+        raise Misuse(fault("call.missing", example, call=_call_name(example), names=missing))
+    raise Misuse(fault("call.positions", example, call=_call_name(example), most=len(positional)))
+
+
+def _refuse_kind(
+    kinds: Mapping[str, tuple[ArgumentKind, ...]], wrong: list[str], values: Mapping[str, Any], example: str
+) -> NoReturn:
+    """Raise Misuse for arguments of another kind, or in another order."""
+    name, call = wrong[0], _call_name(example)
+    value = values[name]
+    if any(kind.accepts(value) for other in wrong[1:] for kind in kinds[other]) or any(
+        kind.accepts(values[other]) for other in wrong[1:] for kind in kinds[name]
+    ):
+        raise Misuse(fault("call.order", example, call=call))
+    reader = next((kind.reader for kind in kinds[name] if kind.reader), "")
+    is_text = isinstance(value, str)
+    found = f'"{value}"' if is_text else _short_repr(value)
+    fix = reader.format(found, name=name) if is_text and reader else example
+    expected = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
+    raise Misuse(fault("call.kind", fix, call=call, name=name, found=found, expected=expected.name))
+
+
+def _short_repr(value: object) -> str:
+    """Return a number, None or a short list as Python writes it; of any other object the name of its class."""
+    is_short = (value is None or isinstance(value, Real | list | tuple)) and len(repr(value)) <= MAX_REPR
+    return repr(value) if is_short else f"{type(value).__name__}(…)"

@@ -1,0 +1,87 @@
+"""A wrong call of a public function raises one paragraph with a call that can be typed."""
+
+import inspect
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import baqueano as bq
+from baqueano.errors import Misuse
+from baqueano.runs.run import Run
+
+ROBOT = bq.load("small")
+ROUTE = bq.guides.shapes.circle(0.5, 0.2)
+RUN = bq.simulate(ROBOT, np.tile([0.5, 0.0, 0.0], (5, 1)))
+SOURCE = Path(bq.__file__).parent
+ADVISED = re.compile(r"^@checked_call\(['\"](.*)['\"]\)$", re.MULTILINE)
+EXAMPLES = sorted(
+    {call for path in SOURCE.rglob("*.py") for call in ADVISED.findall(path.read_text(encoding="utf-8"))}
+)
+
+
+def code_of(call) -> str:
+    with pytest.raises(Misuse) as error:
+        call()
+    return error.value.diagnostic.code
+
+
+@pytest.mark.parametrize(
+    ("code", "call"),
+    [
+        ("call.kind", lambda: bq.repeat(ROBOT, "lab")),
+        ("call.kind", lambda: bq.replay("0001.mcap")),
+        ("call.kind", lambda: bq.compare([RUN, ROBOT])),
+        ("call.kind", lambda: bq.load(3)),
+        ("call.kind", lambda: bq.experiment(ROBOT, "random_steps")),
+        ("call.kind", lambda: bq.identify(RUN, ROBOT, free="model.mass_kg")),
+        ("call.kind", lambda: bq.FitOptions(segment_s="3")),
+        ("call.kind", lambda: bq.routes.smooth("lab")),
+        ("call.order", lambda: bq.identify(ROBOT, RUN)),
+        ("call.order", lambda: bq.repeat("lab", ROBOT)),
+        ("call.missing", lambda: bq.repeat(ROBOT)),
+        ("call.missing", lambda: bq.excitation("prbs", ROBOT)),
+        ("call.positions", lambda: bq.replay(RUN, ROBOT, None, "ekf")),
+        ("call.option-of", lambda: bq.identify(RUN, ROBOT, segment_s=3.0)),
+        ("sweep.setting", lambda: bq.FitOptions(segmet_s=3.0)),
+    ],
+)
+def test_a_wrong_call_is_a_message(code, call):
+    assert code_of(call) == code
+
+
+def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():
+    with pytest.raises(Misuse) as error:
+        bq.compare("runs/0001.mcap")
+    assert error.value.diagnostic.fix == 'run = bq.read_run("runs/0001.mcap")'
+
+
+def test_correct_calls_are_not_changed():
+    assert isinstance(bq.simulate(ROBOT, [[0.5, 0.0, 0.0]], seed=np.int64(1)), Run)
+    assert list(inspect.signature(bq.repeat).parameters)[:3] == ["vehicle_file", "route", "laps"]
+    assert bq.repeat.__doc__
+
+
+@pytest.mark.parametrize("call", EXAMPLES)
+def test_an_advised_call_matches_its_function(call):
+    """The call is evaluated with a function that only binds the arguments."""
+    name = call.partition("(")[0]
+    function = eval(name, {"bq": bq})
+    values = {"robot": ROBOT, "route": ROUTE, "run": RUN, "path": ROUTE, "u": 1, "fit": 1, "MyController": 1}
+    signature = inspect.signature(function)
+    assert eval(
+        f"bind{call.removeprefix(name)}",
+        {"bq": bq, "bind": signature.bind, "first": 1, "second": 1, **values},
+    )
+
+
+def test_every_function_of_the_front_door_checks_its_call():
+    functions = [name for name in bq.__all__ if inspect.isfunction(getattr(bq, name))]
+    advised = {call.removeprefix("bq.").partition("(")[0] for call in EXAMPLES}
+    assert set(functions) <= advised
+
+
+def test_an_unknown_name_of_the_package_is_answered_with_a_similar_one():
+    with pytest.raises(AttributeError, match="repeat"):
+        bq.repeet  # noqa: B018
