@@ -186,6 +186,19 @@ def test_the_search_index_of_each_language_contains_its_words(site):
 
 
 @needs_sphinx
+def test_the_theme_of_a_spanish_page_is_in_spanish(site):
+    from docs.site.build import THEME_TEXTS, theme_in
+
+    page = (site / "es/robot.html").read_text(encoding="utf-8")
+    assert theme_in(page, "es") == page
+    assert ">Siguiente<" in page
+    assert "Toggle" not in page
+    assert ">Next<" in (site / "robot.html").read_text(encoding="utf-8")
+    assert theme_in('<a title="Home"> Next </a>', "es") == '<a title="Inicio"> Siguiente </a>'
+    assert len(THEME_TEXTS["es"]) == len(set(THEME_TEXTS["es"].values()))
+
+
+@needs_sphinx
 def test_equations_are_written_as_mathml():
     from docs.site.mathematics import mathml
 

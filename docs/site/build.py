@@ -1,6 +1,7 @@
 """Build the site: collect the pages of each language, and convert them with Sphinx, without a network."""
 
 import os
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -10,6 +11,28 @@ from docs.site.pages import ROOT, Edition
 
 HERE = Path(__file__).parent
 NAMES = {"en": "English", "es": "Español"}
+THEME_TEXTS = {  # texts of the theme, which exists only in English
+    "es": {
+        "Auto light/dark, in dark mode": "Automático, ahora oscuro",
+        "Auto light/dark, in light mode": "Automático, ahora claro",
+        "Back to top": "Volver arriba",
+        "Contents": "Contenido",
+        "Dark mode": "Modo oscuro",
+        "Expand": "Desplegar",
+        "Home": "Inicio",
+        "Light mode": "Modo claro",
+        "Link to this heading": "Enlace a este título",
+        "Made with": "Hecho con",
+        "Menu": "Menú",
+        "Next": "Siguiente",
+        "On this page": "En esta página",
+        "Previous": "Anterior",
+        "Skip to content": "Ir al contenido",
+        "Toggle Light / Dark / Auto color theme": "Cambiar el tema: claro, oscuro o automático",
+        "Toggle site navigation sidebar": "Mostrar u ocultar el índice del sitio",
+        "Toggle table of contents sidebar": "Mostrar u ocultar el contenido de la página",
+    }
+}
 
 
 def build(out: Path) -> bool:
@@ -27,6 +50,8 @@ def build(out: Path) -> bool:
                 _sphinx(build_folder / "es", build_folder / "site" / "es", "es"),
             ]
         )
+        for page in (build_folder / "site" / "es").rglob("*.html"):
+            page.write_text(theme_in(page.read_text(encoding="utf-8"), "es"), encoding="utf-8")
         if fine:
             shutil.rmtree(out, ignore_errors=True)
             shutil.copytree(
@@ -51,6 +76,17 @@ def _sphinx(source: Path, out: Path, language: str) -> bool:
         app.connect("html-page-context", _languages)
         app.build(force_all=True)
     return app.statuscode == 0 and not app._warncount
+
+
+def theme_in(page: str, language: str) -> str:
+    """Return the HTML of a page with the texts of the theme in another language.
+
+    >>> theme_in("<span>Next</span>", "es")
+    '<span>Siguiente</span>'
+    """
+    texts = THEME_TEXTS[language]
+    english = "|".join(map(re.escape, sorted(texts, key=len, reverse=True)))
+    return re.sub(rf'(?<=[>"])(\s*)({english})(?=\s*[<"])', lambda match: match[1] + texts[match[2]], page)
 
 
 def settings(language: str) -> dict[str, Any]:
