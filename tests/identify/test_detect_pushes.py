@@ -1,13 +1,11 @@
-"""Sensitivity columns of model terms compared with vehicles that are really pushed, and parts of a run with masked
-columns.
-"""
+"""Sensitivity columns of model terms compared with vehicles that are really pushed."""
 
 import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify import fit as module
-from baqueano.identify.diagnostics.score_test import fit_residuals, score_test
+from baqueano.identify.diagnostics.score_test import fit_residuals, score_test, score_test_parts
 from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 from baqueano.identify.parameters.free import substitute
 from baqueano.simulate import simulate
@@ -63,6 +61,28 @@ def test_the_sensitivity_column_equals_the_response_to_a_small_push(end, code, a
         change = columns[0][at : at + slope.size].reshape(slope.shape)
         at += slope.size
         np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))
+
+
+def test_testing_part_of_a_run_equals_testing_a_masked_column(end):
+    problem, theta = end.task.problem, end.search.solution.theta
+    identifiable = np.concatenate(
+        [
+            end.identifiability.mask,
+            np.ones(problem.size - len(end.identifiability.mask), bool),
+        ]
+    )
+    residuals = fit_residuals(problem, theta, identifiable)
+    rng, n = np.random.default_rng(0), len(residuals.run)
+    masks = [np.arange(n) < 0.3 * n, residuals.run == 1, rng.random(n) < 0.5]
+    assert residuals.nuisances  # biases
+    for mask, answers in zip(masks, score_test_parts(residuals, masks), strict=True):
+        present = np.repeat(mask, len(residuals.clipped_residuals) // n)
+        for part, whole in zip(answers, score_test(residuals, residuals.d * present), strict=True):
+            np.testing.assert_allclose(part.size, whole.size, rtol=1e-6)
+            np.testing.assert_allclose([part.z, part.freedom], [whole.z, whole.freedom], rtol=1e-6)
+            np.testing.assert_allclose(
+                part.shift, whole.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(whole.shift))
+            )
 
 
 def test_the_score_test_ignores_a_diverged_probe(end):

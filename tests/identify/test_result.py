@@ -74,6 +74,8 @@ def test_the_file_receives_values_provenance_and_covariance(fit, case):
     assert file.parameter_cov is not None
     assert len(file.parameter_cov.names) == 12
     assert file.value("sensors.imu.gyro_bias") == pytest.approx(fit.run_entries[0, 2], abs=1e-4)
+    fields = dict.fromkeys(name.partition("[")[0] for name in (*fit.names, *fit.run_entry_names[:3]))
+    assert list(file.provenance) == list(fields)  # in this order in every process
 
 
 @pytest.mark.parametrize(

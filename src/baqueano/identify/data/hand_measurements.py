@@ -52,7 +52,7 @@ class HandMeasurement(NamedTuple):
 
 
 class HandKind(NamedTuple):
-    """What a kind of hand measurement shows of a pose, and how accurately."""
+    """A kind of hand measurement: the function of the pose that it measures, and its accuracy."""
 
     size: int
     std: float

@@ -56,12 +56,12 @@ class FitRecord(NamedTuple):
     def part(self, rows: slice) -> "FitRecord":
         """Return the record with these rows only."""
         sensors = {
-            name: Measurements(*(None if column is None else column[rows] for column in readings))
-            for name, readings in self.sensors.items()
+            name: Measurements(z[rows], has[rows], None if fraction is None else fraction[rows])
+            for name, (z, has, fraction) in self.sensors.items()
         }
         return self._replace(t_s=self.t_s[rows], dt_s=self.dt_s[rows], u=self.u[rows], sensors=sensors)
 
-    def masked(self, mask: np.ndarray) -> "FitRecord":
+    def with_mask(self, mask: np.ndarray) -> "FitRecord":
         """Return the record with the measurements of the rows of `mask` (N,) only."""
         sensors = {
             name: readings._replace(has=readings.has * mask[:, None])

@@ -85,7 +85,7 @@ def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[Fit
         begin = int(np.searchsorted(ends, ends[first] - lead_s))
         begin = max(min(begin, int(first) - 1), 0)
         lead = int(first) - begin
-        segment = record.part(slice(begin, int(last))).masked(np.arange(int(last) - begin) >= lead)
+        segment = record.part(slice(begin, int(last))).with_mask(np.arange(int(last) - begin) >= lead)
         segments.append(segment._replace(lead=lead))
     return segments
 

@@ -9,8 +9,8 @@ swapped, turned by a quarter or a half turn, or one axis inverted. The gains ada
     G_y = l_x G_ψ,   G_x = −l_y G_ψ      effect of an IMU at (l_x, l_y) if the command turns the vehicle     (3)
 
 A turned mount cannot be detected if the vehicle can have any force along x and y; a mirrored one can, because ν_x ω
-points to the left in a left turn. If mounts have the same residuals, the signs of the gains decide. A command of the
-fit that pushes backward, sideways or five times as hard is more probably a wrong column of the log than a wrong file.
+points to the left in a left turn. If mounts have the same residuals, the signs of the gains decide. The file can be
+wrong. But if a command of the fit pushes backward, sideways or five times as hard, a wrong log is more probable.
 """
 
 from collections.abc import Sequence

@@ -26,6 +26,7 @@ from baqueano.identify.diagnostics.score_test import (
     ScoreTest,
     fit_residuals,
     score_test,
+    score_test_parts,
 )
 from baqueano.identify.diagnostics.unmodelled_terms import (
     FittedMotion,
@@ -156,10 +157,11 @@ def _missing_terms(
 
 def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_SignificantResult]:
     results: list[_SignificantResult] = []
-    channel_count = len(fit.residuals.clipped_residuals) // len(fit.residuals.run)
-    for part, mask in _part_masks(fit.residuals, motion):
-        effects = fit.residuals.d * np.repeat(mask, channel_count)  # each parameter, in this part only
-        for k, test in enumerate(score_test(fit.residuals, effects)):
+    parts = list(_part_masks(fit.residuals, motion))
+    for (part, _), tests in zip(
+        parts, score_test_parts(fit.residuals, [mask for _, mask in parts]), strict=True
+    ):
+        for k, test in enumerate(tests):
             if abs(test.size) > MIN_RELATIVE_DIFFERENCE * abs(fit.theta[k]) and fit.is_significant(test):
                 message = note(
                     "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=test.size, part=part,

@@ -14,6 +14,7 @@ docs/derivations/robust_covariance.md gives the reasons. Sources: Rao 1948; Andr
 means as in the analysis of simulations.
 """
 
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -63,6 +64,15 @@ class ScoreTest(NamedTuple):
     z: float  # (4)
     freedom: float  # degrees of freedom of z
     shift: np.ndarray  # (k,) Δθ (3)
+
+
+class _ScoreSums(NamedTuple):
+    """Sums over the rows for K columns D, for (1) to (3)."""
+
+    energy: np.ndarray  # (K,) D w D
+    total: np.ndarray  # (K,) D ψ
+    cross: np.ndarray  # (K, k) D w dᵀ
+    nuisances: list[np.ndarray]  # (K, q) D w dᵀ with each nuisance
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
@@ -156,27 +166,93 @@ def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
 
 def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
     """Return the test of each effect, a column of D (K, N m): the change of the prediction in standard deviations. A
-    column that diverged is treated as 0. (4) is computed only if the effect can be significant."""
-    energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))  # D w D, and D w (dᵀ, ψ)
+    column that diverged is treated as 0."""
+    sums = _sums(fit, D)
+    is_infinite = ~np.isfinite(sums.energy)
+    for sums_of_effect in (sums.energy, sums.total, sums.cross, *sums.nuisances) if is_infinite.any() else ():
+        sums_of_effect[is_infinite] = 0.0
+    return _score_tests(fit, sums, lambda k: D[k])
+
+
+def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
+    """Return the sums for the columns D (K, N m)."""
+    energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
         for rows in cache_slices(D.shape[1], products.size):
             columns = D.T[rows]
             energy += fit.w[rows] @ (columns * columns)
             products += fit.weighted[:, rows] @ columns
-        nuisance_sums = [_product(D[:, own.columns], own.weighted.T) for own in fit.nuisances]
-    is_infinite = ~np.isfinite(energy)
-    for sums in (energy, products.T, *nuisance_sums):
-        sums[is_infinite] = 0.0
-    ties = products[:-1].T @ fit.inverse
-    power = energy - np.einsum("ki,ki->k", products[:-1].T, ties)
-    total = products[-1] - ties @ fit.score
+        return _ScoreSums(
+            energy,
+            products[-1],
+            products[:-1].T,
+            [_product(D[:, own.columns], own.weighted.T) for own in fit.nuisances],
+        )
+
+
+def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
+    """Return, for each mask (N,), the tests if each of the k entries differs in its rows, with D = 1_part d."""
+    k, n = len(fit.d), len(fit.run)
+    m, part_masks = len(fit.clipped_residuals) // n, np.array(masks)
+    rows = fit.weighted[:-1].T.reshape(n, m, k)
+    code = 2 ** np.arange(len(part_masks)) @ part_masks
+    pattern = (np.cumsum(np.bincount(code) > 0) - 1)[code]
+    A = _sums_by_part(rows, rows, pattern, part_masks)  # w is 0 or 1
+    scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
+    nuisance_sums = [
+        _sums_by_part(
+            rows[slopes.rows],
+            slopes.weighted.T.reshape(-1, m, len(slopes.d)),
+            pattern[slopes.rows],
+            part_masks[:, slopes.rows],
+        )
+        for slopes in fit.nuisances
+    ]
+    sums = _ScoreSums(
+        np.einsum("pkk->pk", A).ravel(),
+        _product(part_masks.astype(float), scores).ravel(),
+        A.reshape(-1, k),
+        [products.reshape(len(part_masks) * k, -1) for products in nuisance_sums],
+    )
+
+    def column(at: np.ndarray) -> np.ndarray:
+        return fit.d[at % k] * np.repeat(part_masks[at // k], m, axis=1)
+
+    tests = _score_tests(fit, sums, column)
+    return [tests[i : i + k] for i in range(0, len(tests), k)]
+
+
+def _sums_by_part(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
+    """Return Σ xᵀ y (P, k, q) of the rows x (n, m, k), y (n, m, q) of each part (P, n). Rows with the same number in
+    `pattern` (n,) are in the same parts, so that each row is multiplied once."""
+    order = np.argsort(
+        pattern.astype(np.min_scalar_type(pattern.max())), kind="stable"
+    )  # a small type sorts faster
+    edges = np.flatnonzero(np.diff(pattern[order], prepend=-1, append=-1))
+    k, q = x.shape[2], y.shape[2]
+    x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
+    sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
+    for total, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
+        np.matmul(x[a:b].T, y[a:b], out=total)
+    return (part_masks[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
+
+
+def _score_tests(
+    fit: FitResiduals, sums: _ScoreSums, column: Callable[[np.ndarray], np.ndarray]
+) -> list[ScoreTest]:
+    """Return the test of each effect. (1) to (3) are computed from the `sums`; (4) is added if the effect can be
+    significant. `column` returns D for the given indices."""
+    ties = sums.cross @ fit.inverse
+    power = sums.energy - np.einsum("ki,ki->k", sums.cross, ties)
+    total = sums.total - ties @ fit.score
     nuisance_ties = []
-    for nuisance, sums in zip(fit.nuisances, nuisance_sums, strict=True):
-        nuisance_ties.append(sums @ nuisance.inverse)
-        power -= np.einsum("ki,ki->k", sums, nuisance_ties[-1])
+    for nuisance, nuisance_sums in zip(fit.nuisances, sums.nuisances, strict=True):
+        nuisance_ties.append(nuisance_sums @ nuisance.inverse)
+        power -= np.einsum("ki,ki->k", nuisance_sums, nuisance_ties[-1])
         total = total - nuisance_ties[-1] @ _product(nuisance.d, fit.clipped_residuals[nuisance.columns])
-    # otherwise θ explains the effect, or it does not change a measurement
-    is_shown = power > MIN_OWN_FRACTION * np.maximum(energy, 1e-300)
+    is_shown = power > MIN_OWN_FRACTION * np.maximum(
+        sums.energy, 1e-300
+    )  # otherwise θ explains the effect, or it does not change a measurement
     size = np.where(is_shown, total / np.where(is_shown, power, 1.0), 0.0)
     candidates = np.flatnonzero(
         is_shown & (np.abs(total) > PROMISING_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))
@@ -185,11 +261,11 @@ def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
     out = [ScoreTest(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
     for first in range(0, len(candidates), EFFECTS_AT_ONCE):
         indices = candidates[first : first + EFFECTS_AT_ONCE]
-        own_part = D[indices]
-        _subtract(own_part, ties[indices], fit.d)
+        D = column(indices)
+        _subtract(D, ties[indices], fit.d)
         for nuisance, tie in zip(fit.nuisances, nuisance_ties, strict=True):
-            _subtract(own_part[:, nuisance.columns], tie[indices], nuisance.d)
-        for k, (z, freedom) in zip(indices, _jackknife(fit, own_part), strict=True):
+            _subtract(D[:, nuisance.columns], tie[indices], nuisance.d)
+        for k, (z, freedom) in zip(indices, _jackknife(fit, D), strict=True):
             out[k] = out[k]._replace(z=z, freedom=freedom)
     return out
 

@@ -192,6 +192,7 @@ def _force_columns(
     channels = [driven_channels(blocks.model, record.u) for record in problem.records]
     largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
     kernel, scale = fitted.push, np.where(largest > 0.0, largest, 1.0)
+    candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
 
     def rows_of(k: int) -> np.ndarray:
         record, nu = problem.records[k], fitted.motions[k].nu
@@ -202,7 +203,7 @@ def _force_columns(
         return motion_rows(record, problem.weights[k], *phi)
 
     def derivatives(k: int, rows: np.ndarray) -> np.ndarray:
-        return np.asarray(kernel.sensitivities(rows, np.zeros(kernel.parameters), fitted.starts[k])[1])
+        return np.asarray(kernel.sensitivities(rows, np.zeros(len(candidates)), fitted.starts[k])[1])
 
     work_rows = sum(map(len, channels)) if problem.scan.backend == "c" else 0
     if len(channels) == 1:
@@ -210,7 +211,6 @@ def _force_columns(
     else:
         segments = parallel_map(lambda k: derivatives(k, rows_of(k)), range(len(channels)), rows=work_rows)
         all_columns = partial(np.concatenate, segments)
-    candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
     shown = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
 
     def columns() -> TermColumns:

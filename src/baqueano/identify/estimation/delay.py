@@ -47,12 +47,12 @@ def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]
     if DELAY_PATH not in shared_names:
         return task, best_search(task, begin)
 
-    def counted(*arguments: Tree, **options: Tree) -> Solution:
+    def count_evaluations(*arguments: Tree, **options: Tree) -> Solution:
         solution = task.minimise(*arguments, **options)
         counts.append(solution.evaluations)
         return solution
 
-    i, counting_task = shared_names.index(DELAY_PATH), task._replace(minimise=counted)
+    i, counting_task = shared_names.index(DELAY_PATH), task._replace(minimise=count_evaluations)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
     # if the first search is not sound, the second one also uses other starts
     for first in (partial(search, rough=True), best_search):

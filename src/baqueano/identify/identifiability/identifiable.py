@@ -247,8 +247,8 @@ def finished_fit(
     message: Diagnostic | None,
     findings: tuple[Diagnostic, ...],
 ) -> FinishedFit:
-    """Return the state of the fit after the search `end` of a task, with the parameters that the data do not determine
-    fixed at their start. The bounds of `task` can be narrower than the bounds of the parameters."""
+    """Return the state of the fit after the search `end` of a task. Parameters that the data do not determine are fixed
+    at their start. The bounds of `task` can be narrower than the bounds of the parameters."""
     end, identifiability, info = fix_unidentifiable(task, end, parameters.free)
     task = task._replace(low=parameters.low, high=parameters.high, problem=end.problem)
     return FinishedFit(

@@ -86,7 +86,7 @@ def allan_deviation(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) 
     """Return the Allan deviation of a signal y (N,), sampled `rate_hz` times per second.
 
     Averages are over `n` (K,) samples, by default octaves.  (1) Raise UsageError for fewer than MIN_ALLAN_SAMPLES
-    samples, a sample that is not finite, a rate of 0 or below, or averages over more than half of the samples.
+    samples, a sample that is not finite, or a rate of 0 or below. Raise it also for averages over more than half.
 
     >>> white = np.random.default_rng(0).normal(0.0, 0.1, 10_000)  # 0.1 at 100 Hz: 0.01 per √Hz
     >>> coefficients(allan_deviation(white, 100.0)).value.round(3)

@@ -169,7 +169,7 @@ def _after_unknown_commands(record: FitRecord, delay_s: float) -> FitRecord:
     ends = np.cumsum(record.dt_s)
     if not np.any(record.u[0]) or ends[-1] < 2.0 * delay_s:
         return record
-    return record.masked(ends > delay_s * (1.0 + 1e-9))
+    return record.with_mask(ends > delay_s * (1.0 + 1e-9))
 
 
 def _check_bounds(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:

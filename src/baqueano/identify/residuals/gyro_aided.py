@@ -119,7 +119,7 @@ def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_fr
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
     unknown_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
     unknown_s += SETTLING_LAGS * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
-    return record.masked(np.cumsum(record.dt_s) > unknown_s)
+    return record.with_mask(np.cumsum(record.dt_s) > unknown_s)
 
 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:

@@ -104,7 +104,9 @@ class HeldOutFolds:
         )
         fitted_blocks = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
         self.blocks = [*fitted_blocks, *block_numbers]
-        fitted = [r.masked(np.full(len(r.dt_s), not held_out_count or r.run < fitted_runs)) for r in records]
+        fitted = [
+            r.with_mask(np.full(len(r.dt_s), not held_out_count or r.run < fitted_runs)) for r in records
+        ]
         self.all_data = Residuals(blocks, shape, fitted, backend)
         self.shared = np.arange(self.all_data.size) < len(shape.shared)
         self.starts = np.arange(self.all_data.size) >= self.all_data.layout.first_start
@@ -113,7 +115,7 @@ class HeldOutFolds:
             self.still[self.all_data.layout.start_slice(k)] = begins_at_rest[record.run]
         self.folds = []
         if held_out_count:
-            held_out_records = [r.masked(np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
+            held_out_records = [r.with_mask(np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
             self.folds.append(Fold(self.all_data, Residuals(blocks, shape, held_out_records, backend)))
             return
         for k in range(min(FOLDS, self.count)):
@@ -124,8 +126,8 @@ class HeldOutFolds:
                 if self.whole_runs
                 else [_widen(o, r.dt_s) for o, r in zip(is_held_out, records, strict=True)]
             )
-            train = [r.masked(~n) for r, n in zip(records, is_excluded, strict=True)]
-            held_out_records = [r.masked(o) for r, o in zip(records, is_held_out, strict=True)]
+            train = [r.with_mask(~n) for r, n in zip(records, is_excluded, strict=True)]
+            held_out_records = [r.with_mask(o) for r, o in zip(records, is_held_out, strict=True)]
             self.folds.append(
                 Fold(
                     Residuals(blocks, shape, train, backend),
