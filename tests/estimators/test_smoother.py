@@ -6,9 +6,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from baqueano.estimators import Ekf, Unscented
+from baqueano.estimators import AugmentedEkf, Ekf, Unscented
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
-from baqueano.estimators.smoother import can_be_smoothed, smooth
+from baqueano.estimators.smoother import (
+    ForwardPass,
+    RowErrors,
+    can_be_smoothed,
+    run_forward,
+    smooth,
+    smooth_backward,
+)
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Estimate, Motion, Slot, Tick, sensor_slots
@@ -89,11 +96,48 @@ def batch(ticks, start, cov):
 def test_the_smoother_equals_the_least_squares_solution_over_the_whole_run():
     ticks, start = drive(40, 61), np.zeros(N)
     block = Linear(start, P0)
-    mean, cov = smooth(block, block.init(), ticks, "python")
+    mean, cov, _ = smooth(block, block.init(), ticks, "python")
     x, P = batch(ticks, start, P0)
     np.testing.assert_allclose(mean, x, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(cov, P, rtol=0.0, atol=1e-9)
     assert np.array_equal(cov, np.swapaxes(cov, 1, 2))
+
+
+def pass_with_error(sources, E, n, rows=6):
+    """Return the filter's pass over a linear vehicle whose truth is 0: one source of error acts, with its deviation."""
+    rng = np.random.default_rng(65)
+    G, H, q = np.eye(n) + 0.2 * rng.normal(size=(n, n)), rng.normal(size=(2, n)), np.array([0.3, 0.7])
+    P, e, columns = np.eye(n), sources[0], []
+    for k in range(rows):
+        predicted = G @ P @ G.T + 0.02 * np.eye(n)
+        c = correct(predicted, np.zeros(2), H, q, E, lambda c, e, s, k=k: float(c == 0 or k % 3 == 0) * 0.8)
+        e, y = G @ e + np.sqrt(0.02) * sources[1][k], []
+        for j, w in enumerate(c.weight):
+            noise = np.sqrt(q[j] + c.s[j] * (1.0 / w - 1.0)) if w else 0.0
+            y.append(H[j] @ e + noise * sources[2][k, j])
+            e = e - E[j] * c.gain[j] * y[j]
+        P = c.cov
+        columns.append((-e, P, (G, c.H, c.gain, E, np.array(y), c.weight / c.s, np.eye(6, n))))
+    mean, cov, errors = zip(*columns, strict=True)
+    errors = RowErrors(*(np.array(column) for column in zip(*errors, strict=True)))
+    return ForwardPass(np.array(mean), np.array(cov), None, errors)
+
+
+def test_the_covariance_is_right_for_gains_that_correct_some_states_only():
+    """The smoothed errors of all sources, each alone, add up to the covariance that the smoother states."""
+    n, rows, mask = 4, 6, np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 0.0, 1.0, 0.0]])
+    unit = 1e-3 * np.eye(n + rows * (n + 2))  # so small that no heading is wrapped
+    total, cov, unsmoothed = 0.0, None, None
+    for source in unit:
+        start, walk, noise = np.split(source, [n, n + rows * n])
+        forward = pass_with_error((start, walk.reshape(rows, n), noise.reshape(rows, 2)), mask, n)
+        mean, cov = smooth_backward(forward)
+        total, unsmoothed = total + 1e6 * mean[:, :, None] * mean[:, None, :], forward.cov
+    np.testing.assert_allclose(cov, total, rtol=0.0, atol=1e-12)
+    gain = np.diagonal(unsmoothed - cov, axis1=1, axis2=2)
+    assert np.all(gain >= 0.0)
+    assert np.max(gain[:, 1]) == 0.0  # no measurement corrects this state
+    assert np.min(gain[:-1, [0, 2, 3]]) > 1e-3
 
 
 def test_states_with_zero_variance_retain_zero_variance():
@@ -102,7 +146,7 @@ def test_states_with_zero_variance_retain_zero_variance():
     certain[0, 0] = certain[3, 3] = 0.0
     ticks = drive(30, 62)
     block = Linear(np.zeros(N), certain)
-    mean, cov = smooth(block, block.init(), ticks, "python")
+    mean, cov, _ = smooth(block, block.init(), ticks, "python")
     x, P = batch(ticks, np.zeros(N), certain + 1e-12 * np.diag([1.0, 0, 0, 1.0, 0, 0]))
     np.testing.assert_allclose(mean, x, atol=1e-6)
     np.testing.assert_allclose(cov, P, atol=1e-6)
@@ -148,8 +192,8 @@ def test_a_camera_reading_at_the_end_corrects_the_earlier_path_across_pi(kind):
     start, n = np.array([1.0, 2.0, 2.5]), 300
     truth, ticks = circle(n, 63, start)
     block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
-    mean, cov = smooth(block, block.init(eta=start), ticks, "python")
-    unsmoothed, _ = smooth(block, block.init(eta=start), blind(ticks), "python")
+    mean, cov, _ = smooth(block, block.init(eta=start), ticks, "python")
+    unsmoothed = smooth(block, block.init(eta=start), blind(ticks), "python")[0]
 
     def rms(x):
         return np.sqrt(np.mean(wrap(x[:, 2] - truth[:, 2]) ** 2)), np.sqrt(
@@ -166,6 +210,22 @@ def test_a_camera_reading_at_the_end_corrects_the_earlier_path_across_pi(kind):
     assert 0.3 < np.mean(nees) / 6.0 < 2.0
 
 
+def test_in_the_default_filter_a_camera_corrects_the_earlier_path_and_a_gyro_no_earlier_speed():
+    start = np.array([1.0, 2.0, 2.5])
+    _, ticks = circle(30, 66, start)
+    for use in (("imu", "pose"), ("imu",)):
+        block = AugmentedEkf(SMALL, SENSORS, use=use)
+        forward = run_forward(block, block.init(eta=start), ticks, "python")
+        mean, cov = smooth_backward(forward)
+        ratio = np.diagonal(cov - forward.cov, axis1=1, axis2=2) / np.diagonal(forward.cov, axis1=1, axis2=2)
+        assert np.max(ratio) < 1e-9
+        if "pose" in use:
+            assert np.max(ratio[-5:-1, :3]) < -0.01
+        else:
+            assert np.array_equal(mean[:, [0, 1, 3]], forward.mean[:, [0, 1, 3]])
+            assert not np.array_equal(mean[:, 5], forward.mean[:, 5])
+
+
 def blind(ticks):
     pose = ticks.sensors.pose
     return ticks._replace(sensors=ticks.sensors._replace(pose=pose._replace(has=0.0 * pose.has)))
@@ -174,8 +234,8 @@ def blind(ticks):
 def test_shifting_and_rotating_the_map_moves_the_smoothed_estimate_equally():
     _, ticks = circle(60, 64, np.zeros(3))
     block, start = Ekf(SMALL, SENSORS, NOISE), np.array([3.0, -2.0, 2.9])
-    original, _ = smooth(block, block.init(), ticks, "python")
-    moved_estimate, _ = smooth(block, block.init(eta=start), ticks, "python")
+    original, *_ = smooth(block, block.init(), ticks, "python")
+    moved_estimate, *_ = smooth(block, block.init(eta=start), ticks, "python")
     moved_poses = np.array([compose(start, eta) for eta in original[:, :3]])
     np.testing.assert_allclose(moved_estimate[:, :2], moved_poses[:, :2], atol=1e-9)
     np.testing.assert_allclose(wrap(moved_estimate[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-9)
@@ -185,7 +245,7 @@ def test_only_a_kalman_filter_can_be_smoothed():
     file = load("small")
     quiet = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(0.0, np.zeros(3))))
     smoothable = {}
-    for kind in ("ekf", "unscented", "dead_reckoning", "complementary"):
+    for kind in ("augmented_ekf", "ekf", "unscented", "dead_reckoning", "complementary"):
         block = file.estimator(kind=kind)
         smoothable[kind] = can_be_smoothed(block, block.init(), quiet)
-    assert smoothable == {"ekf": True, "unscented": True, "dead_reckoning": False, "complementary": False}
+    assert [kind for kind, can in smoothable.items() if can] == ["augmented_ekf", "ekf", "unscented"]

@@ -24,8 +24,8 @@ DEFAULTS: dict[str, object] = {
     "reads": "",  # the part of a real vehicle that it reads: imu, wheels, odometer, encoders, mark; default: none
     "mistakes": None,  # z → corrections (k, m) of z for each possible mistake of a tag; default: no mistakes
     # of an estimator
-    "has_kalman_gains": True,
     "row": None,  # the step of one row, if `step` has a loop over time
+    "row_errors": None,  # the same with RowErrors (smoother.py), if the gains are not Kalman's
     "stacks_innovations": False,  # True if the innovations are those of the sensors in `use`, one after the other
     # of a guide
     "laps": None,  # number of laps

@@ -16,7 +16,7 @@ Sources: Jazwinski 1970, section 8.4; Schmidt 1966 for κ; Skog et al. 2010 for 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from baqueano.estimators.pauses import branch, filter_row, row_effort, rows_befo
 from baqueano.estimators.readings.inconsistency import update_inconsistency
 from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
 from baqueano.estimators.readings.sensor_numbers import check_use
+from baqueano.estimators.smoother import RowErrors, row_errors_of
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
@@ -96,8 +97,6 @@ class AugmentedEkf:
     (6, 6)
     """
 
-    has_kalman_gains: ClassVar[bool] = False  # a channel corrects only the states of augmented/state.py (2)
-
     vehicle: DynamicVehicle
     sensors: SensorBlocks
     rate_hz: float = parameter("Hz", "ticks per second", low=1e-3, default=100.0)
@@ -135,28 +134,10 @@ class AugmentedEkf:
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> AugmentedBelief:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
-        states = layout(self)
-        mean, no_innovations = (
-            np.concatenate([eta, nu, np.zeros(states.size - 6)]),
-            np.zeros(len(states.moving_mask)),
-        )
-        no_inconsistency, pose_memory = (
-            np.zeros((2, 2)),
-            empty_memory(states.pose_groups, len(no_innovations)),
-        )
-        drivetrain = self.vehicle.drivetrain.init()
-        return AugmentedBelief(
-            -1,
-            mean,
-            np.diag(start_std(self) ** 2),
-            np.zeros(2),
-            nu,
-            no_innovations,
-            no_inconsistency,
-            pose_memory,
-            0.0,
-            drivetrain,
-        )
+        states, cov = layout(self), np.diag(start_std(self) ** 2)
+        mean, no_innovations = np.concatenate([eta, nu, np.zeros(states.size - 6)]), np.zeros(states.channels)
+        memory = no_innovations, np.zeros((2, 2)), empty_memory(states.pose_groups, states.channels), 0.0
+        return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, self.vehicle.drivetrain.init())
 
     def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
@@ -168,9 +149,14 @@ class AugmentedEkf:
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """Return the belief and the estimate after a row of any duration; they are finite and positive definite."""
+        return self.row_errors(belief, tick)[:2]
+
+    def row_errors(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate, RowErrors]:
+        """Return the belief and the estimate after a row, and the change of the errors of the state."""
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
-        x = predict_row(self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row)
+        predicted = predict_row(self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row)
+        x = Gaussian(predicted.mean, predicted.cov)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # for a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
@@ -196,34 +182,20 @@ class AugmentedEkf:
         x = x._replace(cov=x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)]))
         last_innovations, pose_memory = innovations[:2]
         mean_disturbance = mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], row.dt_s)
+        memory = last_innovations, update.inconsistency, pose_memory, quiet_s
         next_belief = AugmentedBelief(
-            tick.t_ns,
-            x.mean,
-            x.cov,
-            mean_disturbance,
-            model_nu,
-            last_innovations,
-            update.inconsistency,
-            pose_memory,
-            quiet_s,
-            drivetrain,
+            tick.t_ns, x.mean, x.cov, mean_disturbance, model_nu, *memory, drivetrain
         )
         next_belief = tree_where(row.is_new, next_belief, belief)
-        pose_and_velocity, nu_cov = (
-            _pose_and_velocity(next_belief.mean),
-            update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain),
-        )
-        output_jacobian = jacobian(_pose_and_velocity)(next_belief.mean)
-        cov = mirror_upper(output_jacobian @ next_belief.cov @ output_jacobian.T) + block_diagonal(
-            [np.zeros((3, 3)), nu_cov]
-        )
-        return next_belief, Estimate(
-            tick.t_ns,
-            pose_and_velocity[:3],
-            pose_and_velocity[3:],
-            cov,
-            *(innovations[3:] if len(innovations.latest) else ()),
-        )
+        eta_nu, J = _pose_and_velocity(next_belief.mean), jacobian(_pose_and_velocity)(next_belief.mean)
+        nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
+        cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
+        reported = innovations[3:6] if len(innovations.latest) else ()
+        D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
+        G = np.where(row.is_new, D[:, None] * predicted.G, np.eye(len(D)))
+        E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)
+        errors = row_errors_of(innovations.update, G, E, J, row.is_new)
+        return next_belief, Estimate(tick.t_ns, eta_nu[:3], eta_nu[3:], cov, *reported), errors
 
     @property
     def process_noise_cov(self) -> np.ndarray:
@@ -237,11 +209,16 @@ class AugmentedEkf:
 
 def _rest_state(x: Gaussian) -> Gaussian:
     """Return the state with ν = 0 and d = 0, each with the standard deviation AT_REST_STD."""
-    kept_mask, rest_variance = np.ones(len(x.mean)), np.zeros(len(x.mean))
-    kept_mask[3:SCALE_INDEX], rest_variance[3:SCALE_INDEX] = 0.0, AT_REST_STD**2
+    kept_mask, rest_variance = _moving_states(len(x.mean)), np.zeros(len(x.mean))
+    rest_variance[3:SCALE_INDEX] = AT_REST_STD**2
     return Gaussian(
         x.mean * kept_mask, x.cov * kept_mask[:, None] * kept_mask[None, :] + np.diag(rest_variance)
     )
+
+
+def _moving_states(n: int) -> np.ndarray:
+    """Return a mask (n,): 0 for ν and d, which are 0 at rest; 1 for the other states."""
+    return np.concatenate([np.ones(3), np.zeros(SCALE_INDEX - 3), np.ones(n - SCALE_INDEX)])
 
 
 def _pose_and_velocity(x: np.ndarray) -> np.ndarray:

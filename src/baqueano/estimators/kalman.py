@@ -35,6 +35,14 @@ class Gaussian(NamedTuple):
     cov: np.ndarray  # (n, n)
 
 
+class StatePrediction(NamedTuple):
+    """The state after a motion, and the derivative of the motion."""
+
+    mean: np.ndarray  # (n,)
+    cov: np.ndarray  # (n, n)
+    G: np.ndarray  # (n, n)
+
+
 class Correction(NamedTuple):
     """The change of mean and covariance by a measurement, and the normalised innovations."""
 
@@ -42,16 +50,19 @@ class Correction(NamedTuple):
     cov: np.ndarray  # (n, n) afterwards
     e: np.ndarray  # (m,) whitened innovations: independent standard normals if the filter is consistent
     s: np.ndarray  # (m,) their variances before they were divided
+    weight: np.ndarray  # (m,) w
+    gain: np.ndarray  # (m, n) w P H_cᵀ/s, before E
+    H: np.ndarray  # (m, n) L⁻¹ ∂h/∂x̄
 
 
 def predict(
     x: Gaussian,
     g: Callable[[np.ndarray], np.ndarray],
     R: np.ndarray | Callable[[np.ndarray, np.ndarray], np.ndarray],
-) -> Gaussian:
+) -> StatePrediction:
     """Return the state after `g`, with the process noise covariance R (n, n), or R(x̄, G).  (1)"""
     mean, G = g(x.mean), jacobian(g)(x.mean)
-    return Gaussian(mean, mirror_upper(G @ x.cov @ G.T + (R(mean, G) if callable(R) else R)))
+    return StatePrediction(mean, mirror_upper(G @ x.cov @ G.T + (R(mean, G) if callable(R) else R)), G)
 
 
 def correct(
@@ -70,22 +81,23 @@ def correct(
     """
     y, H, q = independent(y, H, Q)
     E = None if estimated is None else np.broadcast_to(estimated, H.shape)
-    P, move, e, s = cov, np.zeros(cov.shape[0]), [], []
+    P, move, e, s, weights, gains = cov, np.zeros(cov.shape[0]), [], [], [], []
     for c in range(H.shape[0]):
         PH = P @ H[c]
         cross = H[c] @ PH
         s.append(cross + q[c])
         remainder = y[c] - H[c] @ move
         e.append(remainder / np.sqrt(s[c]))
-        w = 1.0 if weight is None else weight(c, e[c], s[c])
-        K = PH * (w / s[c])
-        K = K if E is None else E[c] * K
+        weights.append(1.0 if weight is None else weight(c, e[c], s[c]))
+        w = weights[c]
+        gains.append(PH * (w / s[c]))
+        K = gains[c] if E is None else E[c] * gains[c]
         move = move + K * remainder
         D = P - K[:, None] * PH[None, :]
         noise = q[c] * K if weight is None else PH * (1.0 - cross * (w / s[c]))  # (q_c + s (1/w − 1)) K
         noise = noise if weight is None or E is None else E[c] * noise
         P = mirror_upper(D + (noise - D @ H[c])[:, None] * K[None, :])
-    return Correction(move, P, np.array(e), np.array(s))
+    return Correction(move, P, np.array(e), np.array(s), np.array(weights), np.stack(gains), H)
 
 
 def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

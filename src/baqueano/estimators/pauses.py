@@ -73,9 +73,14 @@ def limit_covariance(cov: np.ndarray) -> np.ndarray:
 
     The limit is MAX_POSE_VARIANCE. Rounding of a larger variance would make the other entries inaccurate.
     """
+    D = limiting_factors(cov)
+    return np.where(np.min(D) < 1.0, cov * np.outer(D, D), cov)
+
+
+def limiting_factors(cov: np.ndarray) -> np.ndarray:
+    """Return the factors (n,) by which `limit_covariance` multiplies the standard deviations."""
     is_too_large = np.diag(cov)[:3] > MAX_POSE_VARIANCE
-    D = np.concatenate([np.where(is_too_large, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
-    return np.where(np.sum(np.where(is_too_large, 1.0, 0.0)) > 0.0, cov * np.outer(D, D), cov)
+    return np.concatenate([np.where(is_too_large, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
 
 
 def rows_of_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:

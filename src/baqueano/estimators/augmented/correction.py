@@ -18,7 +18,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.motion import disturbance_acceleration
 from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
-from baqueano.estimators.kalman import Gaussian, boxplus, correct
+from baqueano.estimators.kalman import Correction, Gaussian, boxplus, correct
 from baqueano.estimators.readings.place_gate import (
     TURN_STD,
     PoseChannels,
@@ -50,6 +50,8 @@ class Innovations(NamedTuple):
     y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
     S: np.ndarray  # (m, m)
     weight: np.ndarray  # (m,) weights; NaN for a channel without a measurement
+    update: Correction
+    growth_factors: np.ndarray  # (n,) D of place_gate.py, before the update
 
 
 def correct_tick(
@@ -67,11 +69,11 @@ def correct_tick(
     `previous` contains the innovations (m,) and the PoseMemory of the previous row. `nu_dot` (3,) is the acceleration
     of a kinematic model, and None for a dynamic model. `at_rest` selects the states that each channel may correct.
     """
-    states, (last_innovations, place_doubt) = layout(estimator), previous
+    states, (last_innovations, place_doubt), n = layout(estimator), previous, len(x.mean)
     if not len(states.moving_mask):
-        return x, Innovations(
-            last_innovations, place_doubt, 0.0, last_innovations, np.zeros((0, 0)), last_innovations
-        )
+        none, no_rows = last_innovations, np.zeros((0, n))
+        update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
+        return x, Innovations(none, place_doubt, 0.0, none, np.zeros((0, 0)), none, update, np.ones(n))
     innovations, jacobians, noise, arrivals, corrections = [], [], [], [], []
     for name, rows in zip(states.names, states.entries, strict=True):
         sensor, slot, indices = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
@@ -91,6 +93,7 @@ def correct_tick(
     Q, H_of_present = block_diagonal(noise), H * has[:, None]
     channels = PoseChannels(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, corrections)
     decision = gate_decision(states.pose_groups, channels, place_doubt, dt_s, estimator.gate_sigma)
+    D = np.ones(n)
     if states.pose_groups:
         D = growth_factors(
             decision.growth_factor, np.sqrt(np.diag(x.cov)), _max_std(estimator), states.pose_error_mask
@@ -114,7 +117,7 @@ def correct_tick(
     S = mirror_upper(H @ x.cov @ H.T + Q)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(has > 0.0, values, np.nan) for values in (y, w))
-    return x, Innovations(latest_innovations, decision.memory, rejected_count, y, S, w)
+    return x, Innovations(latest_innovations, decision.memory, rejected_count, y, S, w, update, D)
 
 
 def predict_measurement(

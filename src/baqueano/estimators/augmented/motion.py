@@ -25,8 +25,8 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout
 from baqueano.estimators.covariance import block_diagonal
-from baqueano.estimators.kalman import Gaussian, predict
-from baqueano.estimators.pauses import FilterRow, limit_covariance, unmoved_cov
+from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
+from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
 from baqueano.vehicles.effort import Effort
@@ -41,8 +41,8 @@ MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one be
 
 def predict_row(
     estimator: "AugmentedEkf", x: Gaussian, mean_disturbance: np.ndarray, effort: Effort, row: FilterRow
-) -> Gaussian:
-    """Return the mean (n,) and covariance (n, n) of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
+) -> StatePrediction:
+    """Return mean, covariance and G of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
     n = len(x.mean)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
@@ -59,7 +59,8 @@ def predict_row(
     motion = predict(
         x, lambda mean: advance_mean(estimator, mean, mean_disturbance, effort, row.moved_s, x.cov[2, 2]), R
     )
-    return Gaussian(motion.mean, limit_covariance(motion.cov))
+    D = limiting_factors(motion.cov)
+    return StatePrediction(motion.mean, limit_covariance(motion.cov), D[:, None] * motion.G)
 
 
 def advance_mean(

@@ -68,6 +68,11 @@ class Layout(NamedTuple):
         return mask
 
     @property
+    def channels(self) -> int:
+        """Return the number m of channels."""
+        return len(self.moving_mask)
+
+    @property
     def size(self) -> int:
         """Return the number n of states."""
         return BIAS_INDEX + len(self.biases)
