@@ -121,7 +121,7 @@ def test_a_smoothed_replay_has_a_smaller_error(project, tmp_path):
     first = project("replay", "1", "--estimator", "ekf", "--json").reply["rows"][1]
     assert replay_row["speed_error_m_s"] < first["speed_error_m_s"]
     replayed_run = read_run(tmp_path / "runs" / f"{replay_row['run']}.mcap")
-    assert replayed_run.metadata["smoothed"] == "Rauch-Tung-Striebel"
+    assert replayed_run.events[0].diagnostic.code == "smooth.smoothed"
     assert len(replayed_run.estimate.t_ns) == len(replayed_run.t_ns)
 
 
@@ -129,7 +129,7 @@ def test_an_estimator_that_is_not_a_kalman_filter_cannot_be_smoothed(project, tm
     end = project("replay", "1", "--smooth", "--estimator", "dead_reckoning")
     assert end.code == 2
     assert (end.reason.code, end.reason.figures["who"]) == ("smooth.not-kalman", "DeadReckoning")
-    assert "--estimator ekf" in end.paragraph
+    assert "--estimator augmented_ekf" in end.paragraph
     assert not list((tmp_path / "runs").glob("0003*"))
 
 

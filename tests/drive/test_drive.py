@@ -10,7 +10,7 @@ from baqueano.compare.laps import laps_of
 from baqueano.controllers import Pd
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import StopReason
-from baqueano.drive import experiment, repeat, replay, smooth_run, stop_reason_of, teach
+from baqueano.drive import experiment, repeat, replay, stop_reason_of, teach
 from baqueano.drive.observers import Progress
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Ekf
@@ -218,7 +218,7 @@ def test_a_replayed_drive_without_a_route_has_no_laps():
     ekf = robot.estimator("ekf")
     replayed_run = replay(turning, estimator=ekf)
     assert np.array_equal(replayed_run.reference.done, turning.reference.done)
-    for run in (replayed_run, smooth_run(replayed_run, robot, ekf, np.zeros(3))):
+    for run in (replayed_run, replay(turning, estimator=ekf, smooth=True)):
         assert run.guide_reference is None
         assert not laps_of(run)
 

@@ -2,7 +2,6 @@
 
 from baqueano.drive.first_drive import FirstDrive, estimate_first_drive, first_drive, with_rough_gains
 from baqueano.drive.session import drive, stop_reason_of
-from baqueano.drive.smoothing import smooth_run
 from baqueano.drive.tasks import TeachResult, experiment, repeat, replay, route_of, teach
 
 __all__ = ["FirstDrive", "TeachResult", "drive", "experiment", "first_drive", "repeat", "replay", "teach"]

@@ -1,26 +1,33 @@
 """Smooth the estimates of a replayed run. Each estimate then also uses the later measurements."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from baqueano.contracts.blocks import Estimator
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, note
 from baqueano.drive.session import initial_pose_for
 from baqueano.errors import UsageError
 from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.estimators.smoother import can_be_smoothed, smooth
-from baqueano.runs import EstimateLog, Run
+from baqueano.messages import in_english
+from baqueano.runs import EstimateLog, Event, Run, write_run
 from baqueano.signals import Slot, Tick, sensor_slots, silent
 from baqueano.symbolic import TraceError
 from baqueano.vehicle_file.file import VehicleFile
 
 
 def smooth_run(
-    run: Run, vehicle_file: VehicleFile, estimator: Estimator, start: np.ndarray, backend: str = "auto"
+    run: Run,
+    vehicle_file: VehicleFile,
+    estimator: Estimator,
+    start: np.ndarray,
+    backend: str = "auto",
+    path: Path | str | None = None,
 ) -> Run:
-    """Return the run with the smoothed estimates of `estimator` over its ticks.
+    """Return the run with the smoothed estimates of `estimator` over its ticks; write it to `path` if given.
 
     `start` is the pose (3,), or pose and velocity (6,). Raise UsageError for an estimator that is not a Kalman filter
     or cannot be compiled.
@@ -36,12 +43,18 @@ def smooth_run(
         raise UsageError(fault("smooth.not-kalman", who=block_name))
     rows, tick_rows = rows_of_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
-        mean, cov = smooth(estimator, belief, rows, backend)
+        estimate = smooth(estimator, belief, rows, backend)[2]
     except TraceError as error:
         raise UsageError(fault("smooth.not-compiled", who=block_name, cause=error.diagnostic)) from error
-    log = EstimateLog(run.t_ns, mean[tick_rows, :3], mean[tick_rows, 3:6], cov[tick_rows, :6, :6])
-    metadata = run.metadata | {"smoothed": "Rauch-Tung-Striebel"}
-    return replace(run, estimate=log, reference=run.guide_reference, metadata=metadata)
+    log = EstimateLog(run.t_ns, *(column[tick_rows] for column in estimate[1:4]))
+    message = note("smooth.smoothed", who=block_name)
+    event = Event(int(run.t_ns[0]), "info", "estimator", in_english(message), message)
+    run = replace(run, estimate=log, reference=run.guide_reference, events=(event, *run.events))
+    if path is None:
+        return run
+    run = replace(run, name=Path(path).stem)
+    write_run(run, Path(path))
+    return run
 
 
 def _ticks(run: Run, sizes: dict[str, int]) -> Tick:

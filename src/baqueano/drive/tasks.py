@@ -17,6 +17,7 @@ from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import Conditions, drive
+from baqueano.drive.smoothing import smooth_run
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
@@ -75,12 +76,8 @@ def experiment(
     if u.shape[1] != vehicle_file.vehicle.commands or not len(u) or not np.all(np.isfinite(u)):
         commands, names = vehicle_file.vehicle.commands, vehicle_file.command.names
         raise UsageError(fault("drive.signal-shape", found=str(u.shape), commands=commands, names=names))
-    blocks = Blocks(
-        vehicle_file.estimator(estimator),
-        Idle(len(u) / vehicle_file.rate_hz),
-        Schedule.at_rate(u, vehicle_file.rate_hz),
-        vehicle_file.supervisor(),
-    )
+    schedule, idle = Schedule.at_rate(u, vehicle_file.rate_hz), Idle(len(u) / vehicle_file.rate_hz)
+    blocks = Blocks(vehicle_file.estimator(estimator), idle, schedule, vehicle_file.supervisor())
     return drive(blocks, vehicle_file, "experiment", **options)
 
 
@@ -259,9 +256,8 @@ def repeat(
     care, options = Precautions.split_options(options)
     options = {"eta": route.eta[0], "backend": "auto"} | options
     if care.check:
-        is_measured = not vehicle_file.is_guess or (
-            vehicle_file.path is None and options.get("world") is None
-        )
+        is_simulated = vehicle_file.path is None and options.get("world") is None
+        is_measured = not vehicle_file.is_guess or is_simulated
         conditions = {"measured": is_measured, "anyway": care.anyway, "backend": options["backend"]}
         warnings_of(route, vehicle_file, care.room, **conditions)
     blocks = Blocks(
@@ -270,9 +266,8 @@ def repeat(
         vehicle_file.controller(controller),
         vehicle_file.supervisor(),
     )
-    full_guide = care.wrap_guide(
-        blocks.guide, route, vehicle_file, Conditions(eta=options["eta"]).start, blocks.estimator
-    )
+    start = Conditions(eta=options["eta"]).start
+    full_guide = care.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
     options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
 
@@ -281,7 +276,7 @@ def repeat(
 def replay(
     run: Run, vehicle_file: VehicleFile | None = None, blocks: Blocks | None = None, *,
     estimator: OwnBlock | None = None, guide: OwnBlock | None = None, controller: OwnBlock | None = None,
-    allow_blocks: bool = False, **options: Any,
+    allow_blocks: bool = False, smooth: bool = False, **options: Any,
 ) -> Run:  # fmt: skip
     """Pass the ticks of a run through blocks again; no vehicle moves.
 
@@ -300,6 +295,8 @@ def replay(
         A block in place of the file's, as in `repeat`.
     allow_blocks : bool
         True to execute the user's blocks that the run names.
+    smooth : bool
+        True to estimate each instant from the whole run, later measurements included.
     **options : object
         Keywords of `drive`.
 
@@ -313,7 +310,7 @@ def replay(
     ValueError
         For a run without ticks.
     UsageError
-        For a run without a vehicle file.
+        For a run without a vehicle file, or an estimator that cannot be smoothed.
 
     Examples
     --------
@@ -324,11 +321,14 @@ def replay(
     True
     """
     vehicle_file = recorded_vehicle_file(run, allow_blocks) if vehicle_file is None else vehicle_file
-    world = ReplayedWorld(run, vehicle_file.sensors)
+    world, path = ReplayedWorld(run, vehicle_file.sensors), options.pop("path", None) if smooth else None
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     with permit_blocks(allow_blocks):
         blocks = blocks or replay_blocks(run, vehicle_file, estimator, guide, controller)
-    return drive(blocks, vehicle_file, "replay", world=world, tick_times_ns=world.times, **options)
+    replayed = drive(blocks, vehicle_file, "replay", world=world, tick_times_ns=world.times, **options)
+    if not smooth:
+        return replayed
+    return smooth_run(replayed, vehicle_file, blocks.estimator, options["eta"], options["backend"], path)
 
 
 def recorded_vehicle_file(run: Run, allow_blocks: bool = False) -> VehicleFile:

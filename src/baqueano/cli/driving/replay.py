@@ -38,14 +38,10 @@ def command(
     run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, smooth: bool,
     backend: str, folder: str, out: Path | None, report: ReportFiles, shown: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    from dataclasses import replace
-
     from baqueano.compare import compare
-    from baqueano.drive import replay, smooth_run, stop_reason_of
+    from baqueano.drive import replay, stop_reason_of
     from baqueano.drive.observers import Progress
     from baqueano.drive.tasks import recorded_vehicle_file
-    from baqueano.runs import write_run
-    from baqueano.runs.initial_pose import initial_pose
     from baqueano.vehicle_file import override
 
     recorded_run = options.find_runs((run,), folder)[0]
@@ -65,16 +61,11 @@ def command(
             recorded_run,
             vehicle_file,
             estimator=replay_estimator,
-            path=None if smooth else path,
+            path=path,
+            smooth=smooth,
             observers=(Progress(progress),),
             backend=replay_backend,
         )
-    if smooth:
-        replayed = replace(
-            smooth_run(replayed, vehicle_file, replay_estimator, initial_pose(recorded_run), backend),
-            name=path.stem,
-        )
-        write_run(replayed, path)
     print_message(note("cli.run", path=path))
     several = [recorded_run, replayed] if recorded_run.estimate is not None else [replayed]
     comparison = compare(several, alignment=align)

@@ -73,7 +73,10 @@ TEMPLATES: dict[str, str] = {
     "mission.file-name": "a block in the file {name}: expected a plain name that ends in .py.",
     "smooth.not-kalman": (
         "{who} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, …) and "
-        "cov, innovations, and Kalman gains. Remove --smooth, or replay with ekf: --estimator ekf"
+        "cov, and innovations. Remove --smooth, or replay with augmented_ekf: --estimator augmented_ekf"
+    ),
+    "smooth.smoothed": (
+        "the estimates are smoothed: the filter {who} also used the measurements after each instant."
     ),
     "smooth.not-compiled": "{who} cannot be compiled, so it cannot be smoothed: {cause}",
     "drive.usual-noise": (
