@@ -73,6 +73,7 @@ class StopReason(StrEnum):
     PROGRAM_ENDED = "driver.program-ended"
     HOLDER_SILENT = "operator.silent"
     STOPPED_BY = "operator.stopped"  # with the words of the person who stopped it
+    STOPPED_ON_PAGE = "operator.stopped-on-page"
     STOPPED_FROM_LAPTOP = "operator.stopped-from-laptop"
     STOPPED_BY_COMMAND = "operator.stopped-by-command"
     UNO_LATCHED = "uno.stop-latched"

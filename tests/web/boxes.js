@@ -1,11 +1,8 @@
 // Returns what a person would see as wrong on the page: cut or overlapping texts, things beyond the edge, faint texts.
 (() => {
   const wrong = [], name = (node) => `${node.tagName.toLowerCase()}${node.id ? `#${node.id}` : ""}.${node.className?.baseVal ?? node.className} “${(node.textContent || "").trim().slice(0, 40)}”`;
-  const visible = (node) => {
-    if (!node.checkVisibility({ opacityProperty: true, visibilityProperty: true })) return false;
-    const box = node.getBoundingClientRect();
-    return box.width > 0 && box.height > 0;
-  };
+  const shown = (node) => node.checkVisibility({ opacityProperty: true, visibilityProperty: true }), covers = (box) => box.width > 0 && box.height > 0;
+  const visible = (node) => shown(node) && covers(node.getBoundingClientRect());
   const scroller = (node) => {
     for (let one = node.parentElement; one; one = one.parentElement) {
       const style = getComputedStyle(one);
@@ -13,13 +10,13 @@
     }
     return null;
   };
-  const leaves = [...document.querySelectorAll("body *")].filter((node) => visible(node) && !node.closest("svg, dialog:not([open]), option, select") &&
+  const leaves = [...document.querySelectorAll("body *")].filter((node) => shown(node) && !node.closest("svg, dialog:not([open]), option, select") &&
     [...node.childNodes].some((child) => child.nodeType === 3 && child.data.trim()));
   const texts = leaves.map((node) => {
     const range = document.createRange();
     range.selectNodeContents(node);
     return { node, box: range.getBoundingClientRect(), lines: [...range.getClientRects()] };
-  });
+  }).filter(({ box }) => covers(box)); // a text can leave an element of no width
   // cut: the text is wider or higher than the nearest box that clips it
   for (const { node, box } of texts) {
     for (let one = node; one && one !== document.documentElement; one = one.parentElement) {

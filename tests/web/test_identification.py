@@ -152,8 +152,11 @@ def test_after_8_s_a_fit_begins_each_second_or_without_a_compiler_each_15_s(
 class Viewer:
     language = "en"
 
+    def __init__(self):
+        self.words = []
+
     def send(self, word):
-        pass
+        self.words.append(word)
 
 
 def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
@@ -181,6 +184,7 @@ def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
         await identifying._asking
         assert waits == [1.0] * 5
         assert sent == [1] * 5
+        assert [word["busy"] for word in visitor.words] == [True, *[False] * 5]  # before the first answer
         await identifying.close()
 
     run_page(job)
@@ -245,7 +249,8 @@ def test_a_page_shows_identification_while_answering_other_requests(tmp_path, dr
                 )
             async with browser(server, "es") as visitor, browser(server) as second:
                 await visitor.send("identify", on=True)
-                first = await visitor.next("identify")
+                assert (await visitor.next("identify"))["parameters"] == []
+                first = await visitor.next("identify", where=lambda word: word["parameters"])
                 assert first["parameters"][0]["label"] == "resistencia al avanzar"
                 answer = await visitor.next("identify", where=lambda word: word["fit"] is not None)
                 assert answer["t"] == 10.0

@@ -138,7 +138,7 @@ def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
                 await stopper.send("stop")
                 await until(lambda: link.requests("stop"))
                 reason = link.requests("stop")[0]["why"]
-                assert (reason.code, reason.figures["words"]) == (StopReason.STOPPED_BY, "eva")
+                assert (reason.code, reason.figures["name"]) == (StopReason.STOPPED_ON_PAGE, "eva")
                 link.state("STOPPED", why=reason)
                 for visitor in (driver, stopper, viewer):
                     assert (

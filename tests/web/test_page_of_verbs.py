@@ -151,8 +151,8 @@ def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
         run_page(job)
         assert exit_code_of(verb) == 5
     reason = stop_reason_of(read_run(tmp_path / "run.mcap"))
-    assert reason.code == StopReason.STOPPED_BY
-    assert reason.figures["words"] == "eva"
+    assert reason.code == StopReason.STOPPED_ON_PAGE
+    assert reason.figures["name"] == "eva"
 
 
 def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
@@ -281,7 +281,7 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_command(tmp_path):
             run_page(job)
             assert exit_code_of(verb) == 5
         watcher.close()
-    assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_BY
+    assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_ON_PAGE
 
 
 def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):

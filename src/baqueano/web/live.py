@@ -146,7 +146,7 @@ class Live:
     def _stop(self, visitor: Visitor, message: "JsonObject") -> None:
         """Stop the vehicle at once. The browser needs the role STOP, but not the right to drive."""
         self._require_role(visitor, Role.STOP)
-        self._link.send("stop", why=stop(StopReason.STOPPED_BY, words=visitor.name))
+        self._link.send("stop", why=stop(StopReason.STOPPED_ON_PAGE, name=visitor.name))
 
     def _beat(self, visitor: Visitor, message: "JsonObject") -> None:
         u = message["u"]

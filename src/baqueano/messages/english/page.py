@@ -61,6 +61,7 @@ TEMPLATES: dict[str, str] = {
     "web.title-paused": "PAUSED",
     "web.stopped": "Stopped: {cause}. Clear the stop to continue",
     "web.disarmed": "Not ready: {cause}",
+    "web.identifying": "The drive is being identified",
     "web.ready": "The vehicle is at rest. Teach a route, repeat one, or drive manually",
     "web.begins": "The drive begins",
     "web.lap-of": "Lap {lap} of {laps}",

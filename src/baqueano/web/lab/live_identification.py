@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import BaqueanoError
 from baqueano.messages import text
 from baqueano.messages.language import translate, use_language
@@ -126,12 +126,17 @@ class LiveIdentification:
         while self._frames and len(rows) < ROWS_PER_REQUEST:
             flat = self._frames.popleft().tolist()
             rows += [flat[k : k + width] for k in range(0, len(flat), width)]
+        if rows and self._reply is None:  # the first answer can take a compilation
+            self._forward(drive, {"parameters": [], "why": note("web.identifying").to_json(), "busy": True})
         try:
             reply, _ = await self._lab.request(
                 "identify", vehicle=self.vehicle, drive=drive, names=self._names, rows=rows
             )
         except BaqueanoError as error:
             reply = {"parameters": [], "why": error.diagnostic.to_json(), "busy": False}
+        self._forward(drive, reply)
+
+    def _forward(self, drive: int, reply: "JsonObject") -> None:
         if drive == self._drive:
             self._reply = reply
             for visitor in self._looking:

@@ -111,11 +111,12 @@ export class Blocks {
 
   draw() {
     const { page } = this;
-    if (!page.shown?.record.length || !this.boxes) return;
+    if (!this.boxes) return;
+    this.#wire();
+    if (!page.shown?.record.length) return;
     const { record } = page.shown, i = page.recorded ? record.row(page.screens.replay.now_s) : record.last, to = Math.max(record.t[i], record.start + 1e-3);
     for (const one of [...this.strips, ...this.sparks]) one.draw(to - SPAN, to, i);
     write(this.late, `${num(record.value("late_ms", i))} ms`);
-    this.#wire();
   }
 
   #wire() {
@@ -126,7 +127,7 @@ export class Blocks {
   }
 }
 
-/** A wire is straight where two boxes share a row or a column, else it goes along the row of the first. */
+/** Straight where two boxes share a row or a column, else along the row of the first. */
 function path(a, b) {
   const near = (p, q) => Math.abs(p - q) < 6, right = b.x > a.x, down = b.y > a.y, middle = (a.l + b.r) / 2;
   const across = [right ? a.r : a.l, a.y], into = [b.x, down ? b.t : b.b];

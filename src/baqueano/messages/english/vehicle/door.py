@@ -7,6 +7,7 @@ TEMPLATES: dict[str, str] = {
         "no message from the operator for {silent_ms:.0f} ms: the browser, ssh, Wi-Fi or the terminal was lost"
     ),
     S.STOPPED_BY: "{words}",
+    S.STOPPED_ON_PAGE: "{name} pressed STOP on the page",
     S.STOPPED_FROM_LAPTOP: "stopped from the laptop",
     S.STOPPED_BY_COMMAND: "stopped with baqueano robot stop",
     "door.own-mission": "Your last mission is still running. Wait for its end, or stop it.",
