@@ -140,6 +140,8 @@ def test_each_wire_of_the_diagram_joins_its_blocks_and_shows_its_signals(tab, li
         for name, mark, text in zip(names, marks, shown, strict=True):
             check_trace(mark, scale, x, name, 10.0)
             assert float(text.replace("−", "-")) == pytest.approx(x[name][-1], rel=0.006, abs=6e-4)
+    tab.js(f"{PAGE}.record.length = 0")  # as before the first drive
+    assert len(painted(tab, "document.querySelector('.wires')")) == 2 * len(WIRES)
 
 
 def test_a_click_on_a_block_of_the_diagram_shows_the_block_and_the_time_of_its_step(tab, live):
