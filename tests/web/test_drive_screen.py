@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import PAGE, check_trace, only, painted, still_page
+from tests.web.screens import PAGE, check_trace, only, open_page, painted, still_page
 from tests.web.scripted import RADIUS
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
@@ -137,3 +137,21 @@ def test_the_filter_consistency_is_stated_in_words(tab, live, language):
     tab.js(f"{PAGE}.record.length = 150")
     painted(tab, "document.querySelector('.honesty canvas')")
     assert HONESTY[language]["unknown"] in tab.js(f"{card}.textContent")
+
+
+LONG = """(async () => {
+  const { Record, trailsOf } = await import("/static/record.js"), n = 60000, names = ["t", "eta.x", "eta.y"];
+  const record = new Record(names.map((name) => ({ name })), 0, false);
+  record.add(Float32Array.from({ length: 3 * n }, (_, k) => { const t = Math.floor(k / 3) / 100; return [t, 0.25 * t, Math.sin(t)][k % 3]; }), n);
+  const { points } = trailsOf(record, { footprint: { width_m: 0.14 } }).path.update(), steps = points.slice(1).map(([x], k) => x - points[k][0]);
+  return [points.length, points[0][2], points.at(-1)[2], Math.max(...steps)];
+})()"""
+
+
+def test_a_path_of_ten_minutes_has_few_points_of_which_none_is_far_from_the_next(tab, live):
+    open_page(tab, live)
+    number, first, last, step_m = tab.js(LONG)
+    assert 1000 <= number <= 2000
+    assert first == 0
+    assert last > 59_900
+    assert step_m < 0.3

@@ -76,7 +76,7 @@ def _drive_sentences(state: "JsonObject", feed: "Feed", lap: int | None, laps: o
     if state.get("mission") in ("repeat", "teach") and math.isfinite(cross):
         parts.append(note("web.from-route", cm=100.0 * abs(cross)))
     elif math.isfinite(speed := feed.value("nu.u")):
-        parts.append(note("web.speed", speed_m_s=speed))
+        parts.append(note("web.speed", speed_m_s=round(speed, 2) + 0.0))  # not -0.0
     mean, count = feed.mean("nis", NIS_WINDOW_S)
     if count >= MIN_NIS_COUNT:
         half_band = HALF_BAND / math.sqrt(count)

@@ -30,7 +30,7 @@ TEMPLATES: dict[str, str] = {
         "hand."
     ),
     "web.lap-used": "{file} already contains the scale from {run}. Teach another lap.",
-    "web.recorded": "The recording ({kind}) lasts {seconds:.1f} s and has {events} events.",
+    "web.recorded": "The recording ({kind:word}) lasts {seconds:.1f} s and has {events} events.",
     "web.unknown-word": 'The request "{word}" is unknown here.',
     "web.role": "This address does not allow that. Ask for another one where the page was started.",
     "web.lease-taken": "{name} drives. Ask for control, or wait until it is free.",

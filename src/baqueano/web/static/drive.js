@@ -97,7 +97,7 @@ export class Drive {
   }
 }
 
-/** Draw what Drive and Replay show alike: with a ghost beside it neither corridor nor truth. */
+/** Draw what Drive and Replay share: beside a ghost neither corridor nor truth. */
 export function drawMap(screen, route, { record, about: { vehicle }, estimate, path, truth }, i, row, ghost = null) {
   const [cross, u, v] = record.values(i, "cross", "nu.u", "nu.v"), [within, unit] = length(record.across(i)[0]);
   put(screen, { away: length(Math.abs(cross)), within: [unit ? `± ${within}` : within, unit], speed: num(Math.hypot(u, v), 2) });
@@ -122,7 +122,7 @@ export function honestyCard(record) {
     const [c, w, h] = begin(canvas), points = [], time = axis(0, w, from, to);
     if (!c) return;
     for (let x = 0; x <= w; x += 2) points.push([x, time(x) < record.start || time(x) > record.end ? null : honesty(record, record.row(time(x)))?.mean ?? null]);
-    const half = Math.min(1.2 * Math.max(0.25, ...points.map(([, mean]) => Math.abs((mean ?? 1) - 1))), 1); // at most 0 to 2 times what it should be
+    const half = Math.min(1.2 * Math.max(0.25, ...points.map(([, mean]) => Math.abs((mean ?? 1) - 1))), 1); // at most 0 to 2
     const Y = axis(1 - half, 1 + half, h - 2, 2), { low, high } = now ?? { low: 0.9, high: 1.1 }, top = Y(Math.min(high, 2)), bottom = Math.max(Y(Math.max(low, 0)), top + 2);
     area(c, [[0, top], [w, top], [w, bottom], [0, bottom]], "band");
     line(c, points.map(([x, mean]) => mean !== null && [x, Y(clamp(mean, 0, 2))]), { above: "alarm", below: "sim" }[kind] ?? "model", 1.8);

@@ -71,7 +71,7 @@ export class Link {
   }
 }
 
-/** Take the token out of the address, so that it is never sent in a request, nor shown. */
+/** Take the token out of the address, so that it is never sent nor shown. */
 function tokenOf({ hash, pathname, search }) {
   const token = new URLSearchParams(hash.slice(1)).get("token");
   if (token) {

@@ -303,5 +303,5 @@ async function begin() {
   requestAnimationFrame(draw);
 }
 
-globalThis.baqueano = { page, costs }; // for the browser's console, and the tests
+globalThis.baqueano = { page, costs }; // for the console and the tests
 begin();

@@ -149,11 +149,11 @@ export class Map2D {
   #corridor(c, { trail, row }) {
     const p = trail.points, end = trail.until(row);
     c.beginPath();
-    for (let k = 2; k - 2 < end - 1; k += 2) { // a quadrangle for two steps: half as many, and as smooth
+    for (let k = 2; k - 2 < end - 1; k += 2) { // two steps: half as many, and as smooth
       const a = p[k - 2], b = p[min(k, end - 1)];
       if (apart(a, b, trail)) continue;
       const [left, right, leftNext, rightNext] = [a, b].flatMap(([x, y, , nx, ny]) => [[x + nx, y + ny], [x - nx, y - ny]]);
-      this.#triangle(c, left, leftNext, rightNext); // sides cross in tight turns: all triangles turn one way, so that none cuts a hole
+      this.#triangle(c, left, leftNext, rightNext); // one way, so that none cuts a hole where sides cross
       this.#triangle(c, left, rightNext, right);
     }
     fill(c, "corridor");

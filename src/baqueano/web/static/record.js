@@ -89,26 +89,29 @@ export class Record {
   row(seconds) { const { t } = this; return max(first(this.length, (i) => t[i] > seconds) - 1, 0); }
 }
 
+const MOST = 2000; // points of a trail
+
 /** The places of a record, thinned to steps that can be seen; each knows its row. */
 class Trail {
   /** `of`: eta or truth; `corridor`: with the 95 % corridor. */
   constructor(record, { footprint }, of, corridor = false) {
-    Object.assign(this, { record, of, corridor, step_m: footprint.width_m / 18 });
+    Object.assign(this, { record, of, corridor, least_m: footprint.width_m / 18 });
   }
 
   update() {
-    const { record, of, step_m, corridor } = this, X = record.column(`${of}.x`), Y = record.column(`${of}.y`), rows = X && Y ? record.length : 0;
+    const { record, of, corridor } = this, X = record.column(`${of}.x`), Y = record.column(`${of}.y`), rows = X && Y ? record.length : 0;
     if (this.version !== record.version) {
-      Object.assign(this, { points: [], box: [Infinity, Infinity, -Infinity, -Infinity], done: 0, version: record.version }); // points: x, y, row, half width as a vector
+      Object.assign(this, { points: [], box: [Infinity, Infinity, -Infinity, -Infinity], done: 0, step_m: this.least_m, version: record.version }); // points: x, y, row, half width as a vector
     }
     let [lastX, lastY] = this.points.at(-1) ?? [NaN, NaN];
     for (let i = this.done; i < rows; i++) {
       const x = X[i], y = Y[i];
-      if (!Number.isFinite(x + y) || (x - lastX) ** 2 + (y - lastY) ** 2 < step_m * step_m) continue;
+      if (!Number.isFinite(x + y) || (x - lastX) ** 2 + (y - lastY) ** 2 < this.step_m ** 2) continue;
       const [half, nx, ny] = corridor ? record.across(i) : [0, 0, 0], side = [nx * half || 0, ny * half || 0], [wide, high] = side.map(Math.abs);
       this.points.push([x, y, i, ...side]);
       this.box = union(this.box, [x - wide, y - high, x + wide, y + high]);
       [lastX, lastY] = [x, y];
+      if (this.points.length > MOST) { this.points = this.points.filter((_, k) => k % 2 < 1); this.step_m *= 2; }
     }
     this.done = rows;
     return this;

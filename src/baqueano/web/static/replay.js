@@ -52,7 +52,7 @@ export class Replay {
     drag(scrub, ({ offsetX }) => this.seekPart((offsetX - 2) / (scrub.clientWidth - 4)));
     this.other.onchange = () => again(this.other.value);
     this.runs();
-    const { id } = run.about.run, list = (kinds) => { // the filters through which the same data may go
+    const { id } = run.about.run, list = (kinds) => { // filters for the same data
       this.kinds = { id, kinds };
       show(this.through, kinds.length > 0);
       fill(this.filter, [["", t("replay.no-filter")], ...kinds], ghost?.about.filter ?? "", (kind) => again(null, kind));

@@ -95,7 +95,7 @@ function trace(c, time, v, first, last, X, Y) {
   if (column === column) flush();
 }
 
-/** Return the edges ± 1.96 standard deviations about zero, in pieces: where nothing was predicted there is none. */
+/** Return the edges ± 1.96 σ about zero, in pieces where something was predicted. */
 function band(time, sd, first, last, X, Y, w) {
   const pieces = [], every = Math.max(1, Math.floor((last - first) / w));
   let upper = null, lower;
