@@ -3,17 +3,13 @@
 import asyncio
 import math
 import struct
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
-from baqueano.messages import text
-from baqueano.messages.language import use_language
 from baqueano.web.feed import HEAD_LAYOUT, Feed
 from baqueano.web.guard import Role
-from baqueano.web.sentence import state_message
 from tests.web.fake_vehicle import COLUMNS, VEHICLE, live_page, until
 from tests.web.page_client import WAIT_S, browser, run_page
 
@@ -284,18 +280,6 @@ def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
             )
 
     run_page(job)
-
-
-def test_a_vehicle_at_rest_has_no_negative_speed():
-    feed = SimpleNamespace(value=lambda name: -0.001, mean=lambda name, window_s: (math.nan, 0))
-    state = state_message({"state": "MANUAL", "mission": "drive"}, feed, None, [])
-    assert "0.00 m/s" in state["sentence"]
-    assert "-" not in state["sentence"]
-
-
-def test_the_kind_of_a_recording_is_in_the_language_of_the_reader():
-    with use_language("es"):
-        assert "(experimento)" in text(note("web.recorded", kind="experiment", seconds=1.0, events=0))
 
 
 def test_the_reason_of_a_stop_is_reported_once(tmp_path):
