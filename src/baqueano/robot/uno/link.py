@@ -139,7 +139,7 @@ class Uno:
 
     def stop(self) -> None:
         """Send a stop, which the Uno obeys in any state and latches. Any thread can call it."""
-        self._armed, self._stop_sent = False, True
+        self._stop_sent, self._armed = True, False  # in this order: another thread may call `drive`
         self._send(Stop())
 
     def clear_stop(self) -> None:
