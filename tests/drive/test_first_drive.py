@@ -257,7 +257,9 @@ def test_a_pulse_is_significant_for_a_sensor_without_noise():
     slots, estimator, pulses = sensor_slots(("imu",)), Inertial(), PulsePlanner(np.array([[1.0]]))
     belief, state, v = estimator.init(), pulses.init(), 0.0
     for k in range(300):
-        tick = Tick((k + 1) * 10**7, np.array([float(k >= 200)]), slots(Slot(1.0, np.array([k >= 200, 0, 0]))))
+        tick = Tick(
+            (k + 1) * 10**7, np.array([float(k >= 200)]), slots(Slot(1.0, np.array([k >= 200, 0, 0])))
+        )
         belief, estimate = estimator.step(belief, tick)
         state, _, _ = pulses.advance(state, estimate)
         v = max(v, state.significance)

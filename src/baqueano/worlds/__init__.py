@@ -12,7 +12,16 @@ if TYPE_CHECKING:
     from baqueano.worlds.replayed import ReplayedWorld
     from baqueano.worlds.simulated import SimulatedWorld, world_init, world_step
 
-__all__ = ["Fault", "FaultyWorld", "Ledger", "ReplayedWorld", "Robot", "SimulatedWorld", "World", "fault_ledger"]
+__all__ = [
+    "Fault",
+    "FaultyWorld",
+    "Ledger",
+    "ReplayedWorld",
+    "Robot",
+    "SimulatedWorld",
+    "World",
+    "fault_ledger",
+]
 
 __getattr__ = on_demand(
     __name__,
