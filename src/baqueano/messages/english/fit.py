@@ -38,7 +38,7 @@ TEMPLATES: dict[str, str] = {
         "The runs are too short, or the motion is too small: drive longer, with larger commands"
     ),
     "fit.weak": "{names}: poorly identified",
-    "fit.unseen": "{count} parameters are not identifiable; they are listed below",
+    "fit.unseen": "parameters that are not identifiable: {count}; they are listed below",
     "fit.duty-step": (
         "the run shows that duties come in steps of 1/{steps}: duty_step was added to [model.drivetrain]"
     ),
