@@ -218,12 +218,12 @@ def test_blocks_receive_rate_delay_and_limits_from_the_file():
     assert car.controller().limit.tolist() == [1.0, 1.0]
 
 
-def test_an_estimator_uses_the_sensors_of_velocity_that_the_file_has():
-    """A robot with encoders, with and without an IMU, and with a camera."""
+def test_an_estimator_of_a_vehicle_without_an_imu_uses_its_sensors_of_velocity():
+    """A robot with encoders and a camera, with and without an IMU."""
     head = load("small").text.partition("[sensors.imu]")[0]
     imu, wheels, camera = (f'[sensors.{kind}]\nkind = "{kind}"\n' for kind in ("imu", "wheels", "pose"))
-    assert parse(head + wheels, "robot").estimator().use == ("wheels",)
-    assert parse(head + imu + wheels + camera, "robot").estimator().use == ("imu", "wheels")
+    assert parse(head + wheels + camera, "robot").estimator().use == ("wheels",)
+    assert parse(head + imu + wheels + camera, "robot").estimator().use == ("imu",)
 
 
 def test_the_documentation_lists_every_key_with_its_meaning():

@@ -179,9 +179,9 @@ def role_table(
     values = arguments(report, path, keys, table)
     values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
     if "use" in keys and "use" not in values and keys["use"].default == ("imu",):
-        sensors = given["sensors"]  # of those in the file, the sensors of velocity
+        sensors = given["sensors"]
         names = tuple(n for n in sensors._fields if velocity_rows(getattr(sensors, n)))
-        values["use"] = names or sensors._fields
+        values["use"] = ("imu",) if "imu" in sensors._fields else names or sensors._fields
     missing_names = missing_keys(keys, values)
     values |= {k: v for k, v in given.items() if k in argument_names(block_class)}
     return RoleTable(block_class, values, [k for k in missing_names if k not in table])

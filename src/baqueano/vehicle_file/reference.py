@@ -78,7 +78,6 @@ DEFAULTS_FROM_FILE = {  # keys whose default is elsewhere in the file
     ("sensors.NAME", "track_m"): N_("the value in [geometry]"),
     ("model.friction", "track_m"): N_("the value in [geometry], else 0"),
     ("estimator", "rate_hz"): N_("the rate of the file"),
-    ("estimator", "use"): N_("the sensors of velocity in the file"),
     ("controller", "limit"): N_("the limit in [command]"),
     ("controller", "rate_hz"): N_("the rate of the file"),
     ("supervisor", "limit"): N_("the limit in [command]"),
