@@ -1,6 +1,7 @@
 """A typing error ends with exit code 2 and one paragraph with the expected input and a remedy."""
 
 import json
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -8,7 +9,7 @@ from importlib import import_module
 import pytest
 
 from baqueano import __version__
-from baqueano.cli import SUBCOMMANDS
+from baqueano.cli import SUBCOMMANDS, main
 from baqueano.diagnostics import fault
 
 
@@ -233,3 +234,14 @@ def test_a_negative_answer_with_json_prints_only_the_answer(baqueano, tmp_path):
     end = baqueano("blocks", "check", "mine.py:Mine", "--role", "guide", "--json")
     assert end.code == 1
     assert json.loads(end.out)["verdict"] == "REFUSED"
+
+
+@pytest.mark.parametrize(("given", "expected"), [(None, "1"), ("4", "4")])
+def test_the_command_line_computes_small_matrices_without_threads(given, expected, monkeypatch):
+    """The threads of OpenBLAS took two thirds of the processor time of `tune`; a value of the user stays."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", given or "")
+    if given is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert os.environ["OPENBLAS_NUM_THREADS"] == expected
