@@ -1,9 +1,11 @@
 """`baqueano study controllers`: compare all controllers with the same simulated robots, routes, noise and tuning.
 
 Robots of the second simulator (truth/) with the tolerances of real parts are identified from commands and IMU only,
-as in `study driving`. The gains of each controller were tuned once, on the model of the garage's vehicle, from the
-same number of starts. A controller that cannot be compiled, such as mpc, has its default gains. Each controller
-drives each route of each robot from rest, with the same noise. There are three evaluations:
+as in `study driving`. The gains of each controller are tuned once, on the identified model of another robot, from the
+same number of starts. The second row is the paper's PD, tuned over draws of that fit and of its delay: the ratios refer
+to it. This law never corrects an error beside the route, so it is tuned on the route, the others from beside it. A
+controller that cannot be compiled, such as mpc, has its default gains. Each controller drives each route of each robot
+from rest, with the same noise. There are three evaluations:
 
     pose         pose and velocity are known; the distance of the robot from its path
     estimate     commands and IMU only; the distance by the robot's estimate
@@ -15,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from baqueano.study.controllers import drawing as drawing  # it adds `.plot()` and the card
-from baqueano.study.controllers.drives import Contestant, contestant, drive_robot
+from baqueano.study.controllers.drives import contestants_of, drive_robot
 from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.sweep.result import SweepResult
 from baqueano.sweep.workers import run_in_processes
@@ -35,19 +37,16 @@ def controllers(
     ("file.py:Class" or a class). The gains of each controller are tuned by `starts` descents. `advance` is called
     with the number of robots that have just finished.
     """
-    contestants: list[Contestant] = []
-    for kind in (*kinds, *user_blocks):
-        contestants.append(contestant(kind, starts, backend))
-    work = partial(drive_robot, contestants=tuple(contestants), backend=backend)
+    contestants = contestants_of((*kinds, *user_blocks), starts, backend)
+    reference = next((rival.label for rival in contestants[1:] if rival.kind == "pd"), contestants[0].label)
+    work = partial(drive_robot, contestants=contestants, backend=backend)
     drives_of_robots = run_in_processes(work, range(first, first + seeds), processes, advance)
     robots = sorted(drives_of_robots, key=lambda robot: robot.seed)
     drives = [robot for robot in robots if robot.drives]
     results = {
-        figure: SweepResult(
-            tuple(d for robot in drives for d in robot.drives[figure]), 0, contestants[0].label
-        )
+        figure: SweepResult(tuple(d for robot in drives for d in robot.drives[figure]), 0, reference)
         for figure in EVALUATIONS
     }
     return Controllers(
-        results, tuple(contestants), len(robots), tuple(robot.seed for robot in robots if not robot.drives)
+        results, contestants, len(robots), tuple(robot.seed for robot in robots if not robot.drives)
     )

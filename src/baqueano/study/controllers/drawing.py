@@ -42,8 +42,8 @@ def _card(result: Controllers) -> Card:
 def by_view(result: Controllers, kind: str = "errors") -> "Figure":
     """Draw a panel for each evaluation, with a row for each controller.
 
-    "errors": median and 95 % quantile of the distance from the path. "ratios": ratio to the first controller, with its
-    95 % interval.
+    "errors": median and 95 % quantile of the distance from the path. "ratios": ratio to the reference, with its 95 %
+    interval.
     """
     rows, names = (
         result.rows(),
@@ -65,10 +65,6 @@ def by_view(result: Controllers, kind: str = "errors") -> "Figure":
         axis.set_xlim(left=0.0)
         if kind == "ratios":
             axis.axvline(1.0, color=MEASURED, lw=1)
-    label = (
-        _("ratio to {first}", first=result.contestants[0].label)
-        if kind == "ratios"
-        else _("median to 95 % [mm]")
-    )
+    label = _("ratio to {first}", first=result.reference) if kind == "ratios" else _("median to 95 % [mm]")
     axes[-1, 0].set_xlabel(label)
     return figure

@@ -1,5 +1,7 @@
 """Identify each robot of `study controllers`, and drive it by each controller along each route."""
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,15 +20,19 @@ from baqueano.study.truth import draw_robots
 from baqueano.sweep.figures import drive_figures
 from baqueano.sweep.result import SweepCell, SweepDrive
 from baqueano.tune import tune
+from baqueano.tune.objective import ASIDE_M
 from baqueano.tune.search_space import with_gains
-from baqueano.vehicle_file import VehicleFile, load
+from baqueano.vehicle_file import VehicleFile
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import Controller, OwnBlock
     from baqueano.guides.route import Route
+    from baqueano.identify import Fit
     from baqueano.runs import Run
 
 SPEED_M_S = 0.2
+TUNING_SEED = 10_000  # of the robot on whose model all gains are tuned
+DRAW_COUNT = 24  # vehicles from the covariance of its fit
 SHAPES = {
     "sinuous": lambda: sinuous_circle(0.6, 0.06, 5, SPEED_M_S),
     "rectangle": lambda: rectangle(1.2, 0.8, 0.2, SPEED_M_S),
@@ -55,12 +61,29 @@ class DrivenRobot(NamedTuple):
     drives: dict[str, list[SweepDrive]]
 
 
-def contestant(kind: "OwnBlock", start_count: int, backend: str) -> Contestant:
-    """Return a controller with gains tuned on the garage's vehicle, or with default gains if it cannot be compiled."""
+def contestants_of(kinds: "Sequence[OwnBlock]", start_count: int, backend: str) -> tuple[Contestant, ...]:
+    """Return each controller with its gains, and after the paper's PD the same PD tuned over draws of the fit.
+
+    They are tuned on the identified model of a robot that does not drive in the study. A controller that is not a
+    kind, or cannot be compiled, has its default gains.
+    """
+    fits = (_identified(seed) for seed in itertools.count(TUNING_SEED))
+    vehicle_file = next(fit.vehicle_file for fit in fits if fit.verdict != Verdict.REFUSED)
+    out = []
+    for kind in kinds:
+        out.append(_contestant(kind, vehicle_file, start_count, backend))
+        if kind == "pd":
+            out.append(_contestant(kind, vehicle_file, start_count, backend, DRAW_COUNT))
+    return tuple(out)
+
+
+def _contestant(
+    kind: "OwnBlock", vehicle_file: VehicleFile, start_count: int, backend: str, draws: int = 0
+) -> Contestant:
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
         return Contestant(label, kind, {}, ())
-    vehicle_file = load("small").with_values({"controller.kind": kind})
+    vehicle_file = vehicle_file.with_values({"controller.kind": kind})
     if kind != "pd" and attribute(vehicle_file.controller(), "as_written"):
         return Contestant(label, kind, {}, ())
     route = SHAPES["sinuous"]()
@@ -70,17 +93,23 @@ def contestant(kind: "OwnBlock", start_count: int, backend: str) -> Contestant:
         starts=start_count,
         polish=False,
         duration_s=float(route.t_s[-1]) / 2.0,
+        aside_m=0.0 if kind == "pd" else ASIDE_M,  # this law never corrects an error beside the route
+        draws=draws,
         backend=backend,
     )
-    return Contestant(
-        label, kind, tune_result.values, tuple(gain.name for gain in tune_result.gains if gain.bound_side)
+    at_bound = tuple(gain.name for gain in tune_result.gains if gain.bound_side)
+    return Contestant(f"{label}, draws" if draws else label, kind, tune_result.values, at_bound)
+
+
+def _identified(seed: int) -> "Fit":
+    return identify(
+        simulate_experiments(draw_robots(1, seed), range(seed, seed + 1))[0], initial_file(), FREE
     )
 
 
 def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
     """Return the drives of one robot by all controllers."""
-    robot, seeds = draw_robots(1, seed), range(seed, seed + 1)
-    fit = identify(simulate_experiments(robot, seeds)[0], initial_file(), FREE)
+    robot, fit = draw_robots(1, seed), _identified(seed)
     if fit.verdict == Verdict.REFUSED:
         return DrivenRobot(seed, {})
     vehicle_file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
