@@ -192,7 +192,7 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line. An error ends it with one paragraph on stderr and an exit code."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads wait for each other longer than they compute
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for small matrices, its threads mostly wait
     from baqueano.cli.terminal import replace_unprintable_letters
 
     replace_unprintable_letters(sys.stdout, sys.stderr)
