@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.blocks import resolve
 from baqueano.contracts.optional import attribute
 from baqueano.diagnostics import Verdict
 from baqueano.drive import repeat, stop_reason_of
@@ -67,6 +68,9 @@ def contestants_of(kinds: "Sequence[OwnBlock]", start_count: int, backend: str) 
     They are tuned on the identified model of a robot that does not drive in the study. A controller that is not a
     kind, or cannot be compiled, has its default gains.
     """
+    for kind in kinds:
+        if isinstance(kind, str):
+            resolve("controller", kind)  # an unknown kind is refused before minutes of tuning
     fits = (_identified(seed) for seed in itertools.count(TUNING_SEED))
     vehicle_file = next(fit.vehicle_file for fit in fits if fit.verdict != Verdict.REFUSED)
     out = []
