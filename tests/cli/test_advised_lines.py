@@ -90,6 +90,13 @@ def test_each_advised_command_line_can_be_parsed(place, readings):
     raise AssertionError(f"{place}: baqueano {' '.join(map(str, readings[0]))}: {wrong[0]!r}")
 
 
+def test_an_advised_line_does_not_contain_a_placeholder():
+    """Exceptions are the address of a robot, and a recording that only the user knows."""
+    unknown = {"HOST", "RECORDING", "RECORDING.csv", "FILE", "MAP.toml"}
+    words = {word for _, readings in LINES for line in readings for word in line}
+    assert {word for word in words if re.fullmatch(r"[A-Z]{2,}(\.[a-z]+)?", str(word))} <= unknown
+
+
 def test_the_source_quotes_every_argument_of_an_advised_line():
     unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(SUBCOMMANDS)}) [^\"]*\{{")
     offenders = [
@@ -122,6 +129,18 @@ def test_the_replay_line_printed_by_compare_works(baqueano):
     line = baqueano("compare", "tiny.mcap").err.strip().splitlines()[-1].partition("to make one: ")[2]
     assert line == "baqueano replay tiny.mcap"
     assert baqueano(*shlex.split(line)[1:]).code == 0
+
+
+def test_the_advised_lesson_of_a_missing_route_names_the_vehicle_of_the_user(baqueano):
+    end = baqueano("repeat", "nowhere", "--vehicle", "small")
+    assert (end.code, end.fix) == (3, "baqueano teach nowhere --vehicle small")
+    assert baqueano("repeat", "nowhere").fix == "baqueano teach nowhere"
+
+
+def test_a_part_of_a_run_that_ends_before_its_start_is_refused_with_both_times_in_order(baqueano):
+    end = baqueano("runs", "cut", "last", "--from", "5", "--to", "2")
+    assert end.reason.code == "cli.cut-order"
+    assert end.fix == "baqueano runs cut last --from 2 --to 5"
 
 
 def test_a_key_of_another_quantity_is_not_proposed(baqueano):

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from baqueano.contracts.result import wrap_sentences
 from baqueano.diagnostics import Severity, note
 from baqueano.identify import identify
 from baqueano.identify.result.fit_result import row_remarks, verdict_lines
@@ -105,7 +106,9 @@ def test_the_verdict_of_a_short_run_fits_a_screen(case_run, case):
     assert fit.verdict != "USABLE"
     lines = verdict_lines(fit)
     assert len(lines) <= MOST
-    assert fit.table().endswith("\n".join(lines))
+    wrapped_lines = wrap_sentences(lines)
+    assert fit.table().endswith("\n".join(wrapped_lines))
+    assert all(len(line) <= 80 or "baqueano " in line for line in wrapped_lines)
     assert (
         len(fit.reasons) + len(fit.unobservable) + len(fit.always_unobservable) + len(fit.notes)
         >= len(lines) - 2

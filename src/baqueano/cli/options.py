@@ -254,22 +254,31 @@ def find_route(name: str) -> "Route":
 
     path = route_path(name)
     if not path.is_file():
-        stored_names = sorted(route_file.stem for route_file in ROUTES.glob("*.csv"))
-        stored_routes = (
-            note("cli.routes", stored=", ".join(stored_names)) if stored_names else note("cli.no-routes")
-        )
+        stored_names = stored_routes()
+        others = note("cli.routes", stored=", ".join(stored_names)) if stored_names else note("cli.no-routes")
         raise FileError(
             fault(
                 "cli.route-absent",
-                baqueano_command("teach", name),
+                baqueano_command("teach", name, *_vehicle_argument()),
                 found=name,
                 missing=path,
-                there=stored_routes,
+                there=others,
             )
         )
     if b"\0" in path.read_bytes()[:1000]:
         raise FileError(fault("cli.route-not-text", baqueano_command("teach", path.stem), path=path))
     return read_route(path)
+
+
+def stored_routes() -> list[str]:
+    """Return the names of the routes in the folder `routes`."""
+    return sorted(route_file.stem for route_file in ROUTES.glob("*.csv"))
+
+
+def _vehicle_argument() -> tuple[str, ...]:
+    """Return the option --vehicle of the present command, if the user gave it."""
+    vehicle = click.get_current_context().params.get("vehicle")
+    return ("--vehicle", str(vehicle)) if vehicle else ()
 
 
 def route_path(name: str) -> Path:

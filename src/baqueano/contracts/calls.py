@@ -11,16 +11,17 @@ from dataclasses import is_dataclass
 from functools import wraps
 from numbers import Integral, Real
 from pathlib import PurePath
-from typing import Any, NamedTuple, NoReturn, TypeVar, cast
+from typing import NamedTuple, NoReturn, TypeVar, cast
 
 import numpy as np
 
 from baqueano.contracts.blocks import Guide
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import Misuse
 from baqueano.messages.language import N_
 
-F = TypeVar("F", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., Tree])
 
 
 class ArgumentKind(NamedTuple):
@@ -47,7 +48,7 @@ def _has_class(name: str) -> Callable[[object], bool]:
     return accepts
 
 
-def _is_array(value: Any) -> bool:
+def _is_array(value: Tree) -> bool:
     try:
         return not isinstance(value, str) and np.asarray(value, dtype=float) is not None
     except (TypeError, ValueError):
@@ -88,7 +89,7 @@ def checked_call(example: str) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         if isinstance(function, type):
-            owner: Any = function
+            owner: Tree = function
             owner.__init__ = decorate(owner.__init__)
             return owner
         signature = inspect.signature(function)
@@ -99,7 +100,7 @@ def checked_call(example: str) -> Callable[[F], F]:
         }
 
         @wraps(function)
-        def call(*args: Any, **options: Any) -> Any:
+        def call(*args: Tree, **options: Tree) -> Tree:
             try:
                 values = signature.bind(*args, **options).arguments
             except TypeError:
@@ -146,7 +147,7 @@ def _call_name(example: str) -> str:
 
 
 def _refuse_arguments(
-    signature: inspect.Signature, example: str, args: tuple[Any, ...], options: Mapping[str, Any]
+    signature: inspect.Signature, example: str, args: tuple[object, ...], options: Mapping[str, Tree]
 ) -> NoReturn:
     """Raise Misuse for a call that does not match the signature."""
     parameters = signature.parameters
@@ -171,7 +172,7 @@ def _refuse_arguments(
 
 
 def _refuse_kind(
-    kinds: Mapping[str, tuple[ArgumentKind, ...]], wrong: list[str], values: Mapping[str, Any], example: str
+    kinds: Mapping[str, tuple[ArgumentKind, ...]], wrong: list[str], values: Mapping[str, Tree], example: str
 ) -> NoReturn:
     """Raise Misuse for arguments of another kind, or in another order."""
     name, call = wrong[0], _call_name(example)
@@ -182,10 +183,10 @@ def _refuse_kind(
         raise Misuse(fault("call.order", example, call=call))
     reader = next((kind.reader for kind in kinds[name] if kind.reader), "")
     is_text = isinstance(value, str)
-    found = f'"{value}"' if is_text else _short_repr(value)
-    fix = reader.format(found, name=name) if is_text and reader else example
+    value_text = f'"{value}"' if is_text else _short_repr(value)
+    fix = reader.format(value_text, name=name) if is_text and reader else example
     expected = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
-    raise Misuse(fault("call.kind", fix, call=call, name=name, found=found, expected=expected.name))
+    raise Misuse(fault("call.kind", fix, call=call, name=name, found=value_text, expected=expected.name))
 
 
 def _short_repr(value: object) -> str:

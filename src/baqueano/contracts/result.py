@@ -4,7 +4,9 @@ A class that derives from `Result` has `table()`, the complete result as text, a
 The code that draws is in `report`, a layer above all results, and is imported at its first use.
 """
 
-from collections.abc import Sequence
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 MAX_LINES, MAX_LETTERS = 12, 110  # lines, and characters of a line, of a short print
+MAX_SENTENCE = 80  # characters of a line of sentences below a table
 
 
 class Tabular(Protocol):
@@ -99,6 +102,22 @@ def shorten(
     if len(rows) > row_count:
         rows = [*rows[: row_count - 1], text(note("front.more", lines=len(rows) - row_count + 1))]
     return in_lines(map(_shorten_line, [*head, *rows, *tail]))
+
+
+def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]:
+    """Return sentences in lines of at most `width` letters. A command stays in one line, so that it can be copied.
+
+    >>> wrap_sentences(["- the floor disturbs the vehicle. Type: baqueano identify last"], 30)
+    ['- the floor disturbs the', '  vehicle. Type:', '  baqueano identify last']
+    """
+    whole = [re.sub(r"baqueano .*", lambda command: command[0].replace(" ", "\0"), line) for line in lines]
+    return [
+        part.replace("\0", " ")
+        for line in whole
+        for part in textwrap.wrap(
+            line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+    ]
 
 
 def _shorten_line(line: str) -> str:

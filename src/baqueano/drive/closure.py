@@ -252,7 +252,7 @@ def _require_return(run_name: str, gyro: str, residual: np.ndarray, V: np.ndarra
     if not chi2 <= MAX_RESIDUAL_CHI2:
         gaps = {"gap_m": float(np.hypot(*residual[:2])), "turn_deg": np.degrees(wrap(residual[2]))}
         figures = {"name": run_name, "gyro": gyro, "chi2": chi2, "most": MAX_RESIDUAL_CHI2}
-        fix = baqueano_command("teach", "ROUTE", "--driver", "keys", "--closed", "--update")
+        fix = baqueano_command("teach", "lab", "--driver", "keys", "--closed", "--update")
         raise AnswerNo(fault("marks.lap-open", fix, **gaps, **figures))
 
 

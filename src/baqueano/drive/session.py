@@ -234,7 +234,7 @@ def _prepare(
     if sensors is not None:
         sensors.begin(*(settings.start[k : k + 3] for k in range(0, len(settings.start), 3)))
     noise_notes = (
-        [note("drive.usual-noise", Severity.WARNING, sensors=names)]
+        [note("drive.usual-noise", Severity.WARNING, "baqueano identify last --update", sensors=names)]
         if (names := vehicle_file.sensors_without_noise)
         else []
     )

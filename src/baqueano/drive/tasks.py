@@ -256,18 +256,15 @@ def repeat(
     care, options = Precautions.split_options(options)
     options = {"eta": route.eta[0], "backend": "auto"} | options
     if care.check:
-        is_simulated = vehicle_file.path is None and options.get("world") is None
-        is_measured = not vehicle_file.is_guess or is_simulated
+        is_of_garage = vehicle_file.path is None and options.get("world") is None
+        is_measured = is_of_garage or not vehicle_file.is_guess
         conditions = {"measured": is_measured, "anyway": care.anyway, "backend": options["backend"]}
         warnings_of(route, vehicle_file, care.room, **conditions)
-    blocks = Blocks(
-        vehicle_file.estimator(estimator),
-        with_laps(vehicle_file.guide(route, guide), laps),
-        vehicle_file.controller(controller),
-        vehicle_file.supervisor(),
+    leader, follower = with_laps(vehicle_file.guide(route, guide), laps), vehicle_file.controller(controller)
+    blocks = Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
+    full_guide = care.wrap_guide(
+        blocks.guide, route, vehicle_file, Conditions(eta=options["eta"]).start, blocks.estimator
     )
-    start = Conditions(eta=options["eta"]).start
-    full_guide = care.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
     options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
 
@@ -371,9 +368,9 @@ def _controller_with_gains(vehicle_file: VehicleFile) -> Controller | None:
     try:
         return vehicle_file.controller()
     except FileError as error:
-        if error.diagnostic.code != "vehicle.lacks-found-by":
-            raise
-        return None
+        if error.diagnostic.code == "vehicle.lacks-found-by":
+            return None
+        raise
 
 
 def route_of(run: Run, closed: bool | None = False) -> Route:

@@ -235,7 +235,7 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """Return the fit with notes on the scales that no run can show, and on its range of motion."""
     sensor = getattr(fit.blocks.sensors, imu)
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
-    calibration_command = "baqueano runs calibrate RUN --update"
+    calibration_command = "baqueano runs calibrate last --update"
     scale_notes = (
         note(
             "identifiability.gyro-scale",

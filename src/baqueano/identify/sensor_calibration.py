@@ -21,6 +21,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, huber_regression, student_quantile
 from baqueano.identify.result.calibration import GRID_S, MAX_OFFSET_S, CalibratedNumber, Calibration
 from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
@@ -132,7 +133,12 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
         raise UsageError(
             fault(
                 "truth.no-heading",
-                "baqueano identify RUN --use imu --use truth --clock truth --free +sensors.truth.lever_arm_m",
+                baqueano_command(
+                    "identify",
+                    run.name,
+                    *("--use", "imu", "--use", "truth", "--clock", "truth"),
+                    *("--free", "+sensors.truth.lever_arm_m"),
+                ),
                 run=run.name,
             )
         )

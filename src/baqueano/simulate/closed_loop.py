@@ -207,7 +207,8 @@ def check_compilable(**blocks: Tree) -> None:
     """Raise UsageError, with a command to use instead, if the step of a block must not be compiled."""
     for role, block in blocks.items():
         if optional.attribute(block, "as_written"):
-            command = baqueano_command("repeat", "ROUTE", *(f"--{role}", "KIND"))
+            line = f"--{role}", f"file.py:{type(block).__name__}"
+            command = baqueano_command("repeat", "lab", *line)
             raise UsageError(fault("simulate.as-written", command, role=role, block=type(block).__name__))
 
 

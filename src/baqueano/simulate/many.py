@@ -290,7 +290,9 @@ def draw_parameters(
         [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
     )
     if fit is None or not model_indices:
-        raise UsageError(fault("simulate.no-covariance", name=vehicle_file.name))
+        raise UsageError(
+            fault("simulate.no-covariance", "baqueano identify last --update", name=vehicle_file.name)
+        )
     if not vehicles or vehicles < 1:
         raise UsageError(fault("simulate.vehicles", vehicles=vehicles))
     paths = tuple(fit.names[k] for k in model_indices)

@@ -33,7 +33,7 @@ from baqueano.vehicles.rk4 import row_rate_hz
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-FINDING_COMMANDS = {"controller": "baqueano tune --update", "estimator": "baqueano identify RUN --update"}
+FINDING_COMMANDS = {"controller": "baqueano tune --update", "estimator": "baqueano identify last --update"}
 
 DEFAULT_KINDS = {
     "estimator": "augmented_ekf",

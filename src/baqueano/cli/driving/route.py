@@ -96,7 +96,8 @@ def check(
         report.write(lambda: page_of_route(result), reproducible=True)
     for finding in result.findings:
         if finding.severity == Severity.ERROR:
-            raise AnswerNo(finding)
+            details = {"route": route, "cause": finding}
+            raise AnswerNo(fault("cli.route-refused", finding.fix, **details) if finding.fix else finding)
 
 
 @command.command("draw", help=f"Store a shape as route NAME: {', '.join(SHAPES)}.")

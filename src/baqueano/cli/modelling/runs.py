@@ -71,6 +71,9 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     if from_s == 0.0 and to_s is None:
         fix = baqueano_command("runs", "cut", run, "--from", "2", "--to", "30")
         raise UsageError(fault("cli.cut-nothing", fix))
+    if to_s is not None and to_s <= from_s:
+        fix = baqueano_command("runs", "cut", run, "--from", f"{to_s:g}", "--to", f"{from_s:g}")
+        raise UsageError(fault("cli.cut-order", fix, from_s=from_s, to_s=to_s))
     whole_run = options.find_runs((run,), folder)[0]
     cut_run = whole_run.cut(from_s, float("inf") if to_s is None else to_s)
     if not len(cut_run.t_ns):
@@ -78,13 +81,8 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
         raise UsageError(
             fault("cli.cut-after-end", **span) if to_s is None else fault("cli.cut-empty", to_s=to_s, **span)
         )
-    print_result(
-        note(
-            "cli.cut",
-            path=write_run(cut_run, options.run_path(out, folder, f"{whole_run.name}-cut")),
-            duration_s=cut_run.duration_s,
-        )
-    )
+    path = write_run(cut_run, options.run_path(out, folder, f"{whole_run.name}-cut"))
+    print_result(note("cli.cut", path=path, duration_s=cut_run.duration_s))
 
 
 @command.command("recover", help="Save the complete part of a run that was cut or damaged.")

@@ -5,6 +5,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_answer, print_message, show_activity
 from baqueano.diagnostics import note
+from baqueano.messages.printable import baqueano_command
 
 
 @click.command(
@@ -125,7 +126,12 @@ def command(
         )
     print_answer(result, as_json)
     options.save_update(result.updated_file(), update)
-    if routes[0] in SHAPES:
+    if routes[0] in SHAPES and (stored_names := options.stored_routes()):
         print_message(
-            note("cli.tuned", fix="baqueano tune --route NAME", route=routes[0], speed_m_s=speed_m_s)
+            note(
+                "cli.tuned",
+                fix=baqueano_command("tune", "--route", stored_names[0]),
+                route=routes[0],
+                speed_m_s=speed_m_s,
+            )
         )

@@ -235,10 +235,8 @@ def measure_noise(
             ekf, check = accept_or_refit(ekf, make_filter, held_out, backend)
         in_motion |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
-        no_process, rate = np.zeros((0, 0)), fit.file.rate_hz
-        return Noise(
-            in_motion, at_rest, no_process, rate, "innovations", tuple(notes), units, fields, speed, check
-        )
+        beside = np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units
+        return Noise(in_motion, at_rest, *beside, fields, speed, check)
     runs_with_truth = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import Result, shorten
+from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import QUANTILE_95
@@ -254,7 +254,13 @@ class Fit(Result):
                 f"{without_model_prefix(row['name']):{width}}  {number(value):>12.5g} ± {sd:>10}  "
                 f"{shown_unit(row['unit'])}" + (f"  ({remarks})" if remarks else "")
             )
-        lines += ["", *self._per_run_lines(), *self._channel_lines(), "", *verdict_lines(self, reported)]
+        lines += [
+            "",
+            *self._per_run_lines(),
+            *self._channel_lines(),
+            "",
+            *wrap_sentences(verdict_lines(self, reported)),
+        ]
         return "\n".join(lines)
 
     def run_by_run(self) -> list["TableRow"]:
@@ -381,16 +387,11 @@ def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     line counts the omitted messages. If `reported`, it states that a report contains them."""
     lists = (fit.reasons, fit.unobservable, fit.always_unobservable + fit.notes)
     reasons, unobservable, notes = (group_sentences(most_severe_first(messages)) for messages in lists)
-    if len(reasons) == 1:
-        lines = [f"{_(fit.verdict)}: {reasons[0]}"]
-    else:
-        lines = [f"{_(fit.verdict)}: {text(VERDICT_MEANINGS.get(fit.verdict))}"]
-        lines += [f"- {line}" for line in reasons[:MAX_REASONS]]
+    main_text = reasons.pop() if len(reasons) == 1 else text(VERDICT_MEANINGS.get(fit.verdict))
+    lines = [f"{_(fit.verdict)}: {main_text}", *(f"- {line}" for line in reasons[:MAX_REASONS])]
     lines += [f"- {line}" for line in (*unobservable[:MAX_UNOBSERVABLE], *notes[:MAX_NOTES])]
-    omitted_count = sum(
-        max(0, len(lines_of) - n)
-        for lines_of, n in ((reasons, MAX_REASONS), (unobservable, MAX_UNOBSERVABLE), (notes, MAX_NOTES))
-    )
+    limits = (reasons, MAX_REASONS), (unobservable, MAX_UNOBSERVABLE), (notes, MAX_NOTES)
+    omitted_count = sum(max(0, len(sentences) - n) for sentences, n in limits)
     if not omitted_count:
         return lines
     return [*lines, text(note("verdict.more-in-report" if reported else "verdict.more", more=omitted_count))]

@@ -48,6 +48,8 @@ TEMPLATES: dict[str, str] = {
     "cli.not-followed": "The vehicle did not follow the {shape} at {speed_m_s:g} m/s: {cause}. Drive slower: {fix}",
     "cli.case-unknown": "--case {found} does not exist. {near}.",
     "cli.detectors-failed": "the detectors failed: {reasons}",
+    "cli.route-refused": "Route {route} may not be driven, for the reasons above. Type: {fix}",
+    "cli.cut-order": "The start --from {from_s:g} is not before the end --to {to_s:g}. Type: {fix}",
     "cli.cut-after-end": (
         "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {from_s:g} s to the end."
     ),
@@ -230,7 +232,7 @@ TEMPLATES: dict[str, str] = {
     "cli.cut": "{path}: {duration_s:.2f} s",
     "cli.imported": "{count} runs: {first} to {last}, {duration_s:.0f} s",
     "cli.drafted": "{path} contains a draft of the map. Replace each ? by a unit, then type: {fix}",
-    "cli.next-fit": "next: {fix}   (baqueano new NAME creates a vehicle file to begin with)",
+    "cli.next-fit": "next: {fix}   (baqueano new mylab creates a vehicle file to begin with)",
     "cli.mount-written": "the result was written into {path}; next: {fix}, which uses it",
     "cli.averaging": "computing the Allan deviation for all averaging times",
     "cli.comparing": "comparing with the camera",

@@ -26,7 +26,6 @@ VIEWER_SCHEMAS = frozenset({"geometry_msgs/msg/PoseStamped"})  # the run has the
 NO_MESSAGES = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
 MAX_TOPICS = 1000  # most topics of a run
 EVENT_BYTES = 256  # bytes of memory of an event, in addition to its text
-IMPORT_COMMAND = "baqueano runs import MAP.toml FILE"
 FOREIGN_SIGNATURES = {  # first bytes → kind of file
     b"#ROSBAG": "ros-1",
     b"SQLite format 3": "sqlite",
@@ -112,10 +111,14 @@ def read_bytes(path: Path) -> bytes:
         if format_name is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
             raise FileError(fault("runs.cut-at-once", path=path, size=len(data)))
         format_name = format_name or ("bytes" if b"\0" in data[:1000] else "text")
-        fix = "" if format_name in ("zip", "bytes") else IMPORT_COMMAND
+        fix = "" if format_name in ("zip", "bytes") else _draft_command(path)
         first_bytes, expected = repr(data[:8]), repr(MAGIC)
         raise FileError(fault(f"runs.is-{format_name}", fix, path=path, found=first_bytes, expected=expected))
     return data
+
+
+def _draft_command(path: Path) -> str:
+    return baqueano_command("runs", "import", path, "--draft", "MAP.toml")
 
 
 class _RunAssembly:
@@ -128,9 +131,9 @@ class _RunAssembly:
         self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
         for key, channel in sorted(contents.channels.items()):
             self.topics.setdefault(channel.topic, []).append((channel, key))
-        if len(contents.channels) > MAX_TOPICS:
+        if (count := len(contents.channels)) > MAX_TOPICS:
             raise FileError(
-                fault("runs.topics", IMPORT_COMMAND, path=path, count=len(contents.channels), most=MAX_TOPICS)
+                fault("runs.topics", _draft_command(path), path=path, count=count, most=MAX_TOPICS)
             )
 
     def run(self) -> Run:
@@ -160,12 +163,7 @@ class _RunAssembly:
             cause = _join_causes(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA_NAME) is None and self.topics:
                 raise FileError(
-                    fault(
-                        "runs.not-ours",
-                        baqueano_command("runs", "import", "MAP.toml", self.path),
-                        path=self.path,
-                        held=topics,
-                    )
+                    fault("runs.not-ours", _draft_command(self.path), path=self.path, held=topics)
                 )
             raise FileError(
                 fault(
@@ -338,7 +336,7 @@ class _RunAssembly:
         return FileError(
             fault(
                 "runs.foreign-topic",
-                baqueano_command("runs", "import", "MAP.toml", self.path),
+                _draft_command(self.path),
                 path=self.path,
                 topic=topic,
                 error=cause,

@@ -186,15 +186,8 @@ def import_runs(
         else:
             runs.append(_import_part(m, recording, vehicle_text))
     if not runs and source:
-        raise FileError(
-            fault(
-                "import.too-short",
-                table=source.table.label,
-                rows=len(source.t_ns),
-                parts=len(failures),
-                least=MIN_TICKS,
-            )
-        )
+        figures = {"table": source.table.label, "rows": len(source.t_ns), "parts": len(failures)}
+        raise FileError(fault("import.too-short", **figures, least=MIN_TICKS))
     if failures:
         reason = note("recording.short-parts", count=len(failures), least=MIN_TICKS, names=failures[:5])
         first = runs[0]

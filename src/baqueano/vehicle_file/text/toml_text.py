@@ -48,7 +48,7 @@ def decode(content: bytes, name: str) -> str:
         line = content[: error.start].count(b"\n") + 1
         raise FileError(fault("toml.not-utf-8", file=name, line=line, byte=content[error.start])) from error
     if not text.strip():
-        raise FileError(fault("toml.empty", "baqueano new NAME", file=name))
+        raise FileError(fault("toml.empty", "baqueano new mylab", file=name))
     return text
 
 

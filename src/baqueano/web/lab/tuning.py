@@ -119,7 +119,7 @@ class TuningWorker:
 
         vehicle_file, _, laps = self._laps(request)
         if vehicle_file.path is None:
-            raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=vehicle_file.name))
+            raise UsageError(fault("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name))
         block = laps.space.with_gains(_values(request["gains"], laps))
         values = file_values(block, laps.space.names, request.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)

@@ -81,7 +81,7 @@ TEMPLATES: dict[str, str] = {
     "smooth.not-compiled": "{who} cannot be compiled, so it cannot be smoothed: {cause}",
     "drive.usual-noise": (
         "the vehicle file does not contain the noise of {sensors}, so the estimator uses a typical value. "
-        "To measure it, type: baqueano identify RUN --update"
+        "To measure it, type: {fix}"
     ),
     "drive.signal-shape": (
         "the signal has shape {found}: expected finite numbers (N, {commands}), one column for each of {names}."

@@ -14,7 +14,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "simulate.no-covariance": (
         "{name}: no parameter has a covariance yet, so vehicles cannot be drawn. Fit the model: "
-        "baqueano identify RUNS --update, or state what varies: vary = {{path: values}}."
+        "{fix}, or state what varies: vary = {{path: values}}."
     ),
     "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
     "simulate.signal-shape": (
