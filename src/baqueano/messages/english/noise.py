@@ -5,7 +5,10 @@ INCONSISTENT_NOISE_TEXT = (
     "from all runs (NIS {again})"
 )
 HELD_OUT = "To test whether accelerometers improve it, hold out a run with a camera or an odometer: {fix}"
-ERROR_RATIO_TEXT = "its error is {ratio:.2f} × the error without them ({low:.2f} to {high:.2f}), measured by {by:word} of {runs}."
+ERROR_RATIO_TEXT = (
+    "its error is {ratio:.2f} × the error without them ({low:.2f} to {high:.2f}), measured by {by:word} "
+    "of {runs}."
+)
 LAP = "A lap cannot be predicted"
 CHANGE_TEXT = (
     "{before:.4g} ± {before_sd:.1g} → {after:.4g} ± {after_sd:.1g}{unit} ({percent:+.0f} %, {z:.1f} standard "
