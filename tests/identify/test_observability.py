@@ -11,7 +11,7 @@ from baqueano.vehicle_file import load
 
 
 def unseen_names(fit):
-    return {row["name"].removeprefix("model.") for row in fit.rows() if row["observable"] == "no"}
+    return {row["name"].removeprefix("model.") for row in fit.rows() if row["identifiable"] == "no"}
 
 
 def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_remedy(case, off):
@@ -96,7 +96,7 @@ def test_one_channel_far_from_the_model_is_refused_by_name():
 def test_a_poorly_identified_parameter_remains_in_the_fit_with_a_warning(case):
     u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
-    weak = [name for name, w in zip(fit.names, fit.weak, strict=True) if w]
+    weak = [name for name, w in zip(fit.names, fit.poorly_identified, strict=True) if w]
     assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen_names(fit))}
     assert fit.verdict == "WARN"
 

@@ -86,7 +86,7 @@ def test_tilt_and_bias_together_are_reported_as_unobservable(small):
     _, fit = fitted(small, TILT, 1)
     assert fit.verdict == "WARN"
     tilts = [k for k, name in enumerate(fit.names) if "tilt" in name and np.isfinite(fit.estimate[k])]
-    assert all(fit.weak[k] for k in tilts)
+    assert all(fit.poorly_identified[k] for k in tilts)
     assert len(tilts) < 2
     assert any("a known bias: fix accel_bias" in line for line in texts(fit.unobservable))
 

@@ -25,7 +25,7 @@ def test_rows_are_flat_and_serialisable_to_json(fit):
     rows = fit.rows()
     assert json.loads(json.dumps(rows)) == rows
     assert [row["name"] for row in rows] == list(fit.names)
-    assert set(rows[0]) == {"name", "estimate", "sd", "unit", "start", "bound", "observable"}
+    assert set(rows[0]) == {"name", "estimate", "sd", "unit", "start", "bound", "identifiable"}
 
 
 def test_table_has_estimate_deviation_unit_and_verdict(fit):

@@ -15,9 +15,9 @@ MOST = 15  # lines in addition to the tables of parameters and channels
 
 
 def row(
-    estimate: float | None, sd: float | None, bound: str | None = None, observable: str = "yes"
+    estimate: float | None, sd: float | None, bound: str | None = None, identifiable: str = "yes"
 ) -> dict[str, Any]:
-    return {"estimate": estimate, "sd": sd, "bound": bound, "observable": observable}
+    return {"estimate": estimate, "sd": sd, "bound": bound, "identifiable": identifiable}
 
 
 @pytest.mark.parametrize(
@@ -29,7 +29,7 @@ def row(
         (row(1.0, 0.26), "roughly, ± 51 %"),
         (row(1.0, 0.25), ""),
         (row(0.0, 0.1, "low"), "at its low bound, may be 0"),
-        (row(3.0, 1.0, None, "weak"), "poorly identified, roughly, ± 65 %"),
+        (row(3.0, 1.0, None, "poorly"), "poorly identified, roughly, ± 65 %"),
         (row(3.0, None), "its error is unknown"),
         (row(None, None, None, "no"), "not identifiable"),
     ],

@@ -46,7 +46,7 @@ def test_latex_uses_the_symbols_of_the_paper_and_significant_digits():
     text = latex_text(ROWS, "Fit of 50 % & more", KNOWN["planar"])
     assert r"$d_{l,x}$ & $7.0012$ & $0.0098$ & N s/m \\" in text
     assert r"$T_{33}$ & $29.9900$ & $0.0042$" in text
-    assert r"$T_{22}$ & \multicolumn{2}{c}{not observable} & N \\" in text
+    assert r"$T_{22}$ & \multicolumn{2}{c}{not identifiable} & N \\" in text
     assert r"$s_{\omega}$ & $1$ & --" in text
     assert r"% $s_{\omega}$: sensors.imu.gyro_scale" in text
     assert r"\caption{Fit of 50 \% \& more}" in text

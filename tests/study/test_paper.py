@@ -70,7 +70,7 @@ def test_all_standard_errors_except_d_cy_are_below_one_percent(study):
 
 def test_the_table_shows_both_errors_and_unobservable_parameters(study):
     table = study.table()
-    assert table.count("not observable") == 3
+    assert table.count("not identifiable") == 3
     assert "-7.30 %" in table  # d_lx of the paper
     assert table.endswith("verdict: USABLE")
 

@@ -83,7 +83,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
         estimate=np.concatenate([fit.estimate, std]),
         sd=np.sqrt(np.diagonal(cov)),
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
-        weak=np.concatenate([fit.weak, np.zeros(len(paths), bool)]),
+        poorly_identified=np.concatenate([fit.poorly_identified, np.zeros(len(paths), bool)]),
         cov=cov,
         notes=(second.choice.reason, _sensors(second), *fit.notes),
     )

@@ -46,7 +46,7 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
     ]
     for row in rows:
         value, std = row["estimate"], row["sd"]
-        cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else with_error(value, std)
+        cells = (r"\multicolumn{2}{c}{not identifiable}",) if value is None else with_error(value, std)
         lines.append(f"    {symbol(row['name'], blocks)} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
     comments = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
     return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *comments, ""])

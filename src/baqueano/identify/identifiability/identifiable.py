@@ -9,9 +9,9 @@ with C v ≈ 0 does not change any measurement. Then one of its parameters is fi
 or tape can measure. Of two starts, the start with less information is fixed. Parameters with an error above
 `BLIND_RATIO` s_i, or half the span of their bounds, are also fixed. A scale is fixed if its error is above
 `SCALE_STD`, the error in its data sheet. A parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL`
-of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It can be confused with parameters that have `MEMBER_LOADING` of the
-largest entry in the direction v_j of C with most of this variance. An effect that no run can show is
-reported once.
+of (2) is poorly identified. Its variance is Σ_j v_ij²/λ_j. It can be confused with parameters that have
+`MEMBER_LOADING` of the largest entry in the direction v_j of C with most of this variance. An effect that no run can
+show is reported once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,10 +47,10 @@ MEMBER_LOADING = 0.3  # part of the largest entry of a direction, above which a 
 
 
 class Identifiability(NamedTuple):
-    """Identifiable, weak, collinear and correlated entries of θ."""
+    """Identifiable, poorly identified, collinear and correlated entries of θ."""
 
     mask: np.ndarray  # (p,) bool: entries of θ that the data determine
-    weak: np.ndarray  # (p,) bool: identifiable, but with a large error
+    poorly_identified: np.ndarray  # (p,) bool: identifiable, but with a large error
     collinear: dict[int, tuple[int, ...]]  # a fixed entry → the entries that it is collinear with
     correlated: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or fixed entry → the entries with which it is confused
 

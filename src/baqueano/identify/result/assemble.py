@@ -92,7 +92,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
         bound=evidence.bound,
-        weak=evidence.weak,
+        poorly_identified=evidence.poorly_identified,
         cov=shared_cov,
         run_entry_names=run_entry_names,
         run_entries=run_values,
@@ -160,7 +160,7 @@ def _evidence(
         tuple(parameter.path for parameter in end.requested),
         _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
-        _in_order(end, end.identifiability.weak[:s], False).astype(bool),
+        _in_order(end, end.identifiability.poorly_identified[:s], False).astype(bool),
         len(end.frozen),
         unobservable_terms,
         _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation),
@@ -171,7 +171,7 @@ def _evidence(
         tuple(
             weak_reason(parameter, end.confused_with(end.identifiability.correlated, i))
             for i, parameter in enumerate(end.free)
-            if end.identifiability.weak[i]
+            if end.identifiability.poorly_identified[i]
         ),
         _most_moving(end),
         has_one_mean(end.task.problem),

@@ -62,7 +62,7 @@ class Fit(Result):
         Estimates, and their standard errors; NaN if the parameter was not identifiable.
     bound : ndarray (p,)
         −1 at the low bound, 1 at the high one, 0 inside.
-    weak : ndarray of bool (p,)
+    poorly_identified : ndarray of bool (p,)
         Poorly identified.
     cov : ndarray (p, p)
         Covariance of the estimates; NaN if not identifiable.
@@ -115,7 +115,7 @@ class Fit(Result):
     estimate: np.ndarray
     sd: np.ndarray
     bound: np.ndarray
-    weak: np.ndarray
+    poorly_identified: np.ndarray
     cov: np.ndarray
     run_entry_names: tuple[str, ...]
     run_entries: np.ndarray
@@ -212,7 +212,11 @@ class Fit(Result):
                     "unit": self.units[k],
                     "start": float(self.start[k]),
                     "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if is_identified else None,
-                    "observable": "no" if not is_identified else "weak" if self.weak[k] else "yes",
+                    "identifiable": "no"
+                    if not is_identified
+                    else "poorly"
+                    if self.poorly_identified[k]
+                    else "yes",
                 }
             )
         return out
@@ -372,7 +376,7 @@ def row_remarks(row: dict[str, Any]) -> str:
     if value is None:
         return _("not identifiable")
     texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
-    texts_ += [_("poorly identified")] if row["observable"] == "weak" else []
+    texts_ += [_("poorly identified")] if row["identifiable"] == "poorly" else []
     if sd is None:
         texts_.append(_("its error is unknown"))
     elif abs(value) < QUANTILE_95 * sd:

@@ -68,7 +68,7 @@ class Evidence(NamedTuple):
     names: tuple[str, ...]  # (p,)
     estimate: np.ndarray  # (p,)
     bound: np.ndarray  # (p,)
-    weak: np.ndarray  # (p,)
+    poorly_identified: np.ndarray  # (p,)
     frozen: int  # parameters whose command never moved
     unobservable: tuple[Diagnostic, ...]
     channels: Any  # ChannelFit, run by run, the channels in one order
@@ -145,7 +145,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
 
 def _identifiability(e: Evidence) -> list[Diagnostic]:
     """Return a finding if too few of the parameters are identified."""
-    free_count, weak_count = len(e.names) - e.frozen, int(np.sum(e.weak))
+    free_count, weak_count = len(e.names) - e.frozen, int(np.sum(e.poorly_identified))
     missing_count = free_count - int(np.sum(np.isfinite(e.estimate)))
     if free_count and missing_count == free_count:
         return [note("fit.nothing-seen", ERROR, asked=free_count)]
@@ -160,8 +160,8 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
 def _warnings(e: Evidence) -> list[Diagnostic]:
     warnings = _findings_of(e, WARNING)
     warnings += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
-    if e.weak.any():
-        names = ", ".join(without_model_prefix(e.names[k]) for k in np.flatnonzero(e.weak))
+    if e.poorly_identified.any():
+        names = ", ".join(without_model_prefix(e.names[k]) for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.weak", WARNING, names=names))
         warnings += e.weak_reasons
     warnings += unlike_runs(by_channel(e.channels, e.one_mean), hardly=False)

@@ -24,10 +24,10 @@ COLUMNS = (
     N_("duration s"), N_("error"), N_("estimate"), N_("explained"), N_("figure"), N_("first gap s"), N_("from"),
     N_("gain"), N_("gaps"), N_("high"), N_("in the file"), N_("independent samples"), N_("is"), N_("kind"),
     N_("largest"), N_("level"), N_("longest step s"), N_("low"), N_("name"), N_("nan rows"), N_("note"),
-    N_("number"), N_("observable"), N_("on own runs"), N_("parameter"), N_("rate [Hz]"), N_("rate hz"), N_("refused"),
+    N_("number"), N_("identifiable"), N_("on own runs"), N_("parameter"), N_("rate [Hz]"), N_("rate hz"), N_("refused"),
     N_("role"), N_("room"), N_("run"), N_("size"), N_("source"), N_("speed"), N_("start"), N_("text"),
     N_("time [s]"), N_("times"), N_("to"), N_("topic"), N_("truth"), N_("unit"), N_("value"), N_("verdict"), N_("what"),
-    N_("weak"), N_("yes"), N_("no"), N_("notes"), N_("duration"), N_("vehicle"),
+    N_("poorly"), N_("yes"), N_("no"), N_("notes"), N_("duration"), N_("vehicle"),
 )  # fmt: skip
 GROUPS = N_("group dialout"), N_("group i2c"), N_("group gpio")
 RESETS = (

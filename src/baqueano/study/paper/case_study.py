@@ -79,7 +79,7 @@ class CaseStudy:
     seeds: tuple[int, ...]
 
     def rows(self) -> list["TableRow"]:
-        """Return name, truth, paper, estimate and sd in the paper's signs; a value is None if it is not observable."""
+        """Return name, truth, paper, estimate and sd in the paper's signs; None if it is not identifiable."""
         return [
             {"name": name, "truth": truth, "paper": PRINTED_VALUES[name], "estimate": estimate, "sd": sd}
             for name, truth, estimate, sd in self._values(self.fits[0])
@@ -133,7 +133,7 @@ class CaseStudy:
         for row in self.rows():
             truth, estimate = row["truth"], row["estimate"]
             value = (
-                f"{_('not observable'):>22}"
+                f"{_('not identifiable'):>22}"
                 if estimate is None
                 else f"{number(estimate):12.5g} {number(row['sd']):9.2g}"
             )

@@ -14,7 +14,7 @@ from baqueano.study.paper.dynamic_vs_kinematic import ModelEvaluation, rows
 from baqueano.vehicle_file import load
 
 SHOWN_S = 30.0
-SIGNS = N_("Signs as in the paper. A dash means not observable: u_y is always zero.")
+SIGNS = N_("Signs as in the paper. A dash means not identifiable: u_y is always zero.")
 SENSORS = N_("The paper's fig. acceleracion_simulacion: measured in blue, the dynamic model in green.")
 MODELS = N_("One step ahead (square roots of R), and as the EKF's model on a run that neither fit used.")
 CLOSED = N_(

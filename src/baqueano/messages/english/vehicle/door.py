@@ -81,7 +81,7 @@ TEMPLATES: dict[str, str] = {
     "door.gain-refused": (
         "{name} = {found}: the controller does not accept this value, so the vehicle drives on with {before}: {error}"
     ),
-    "door.runs-already": "{path}: a service runs already on this vehicle. Type: {fix}",
+    "door.runs-already": "{path}: a service is already running on this vehicle. Type: {fix}",
     "ssh.host": (
         'HOST "{host}": expected the ssh name of a vehicle, which is one word that begins with a letter or '
         "a digit, such as pilot@rover.local"

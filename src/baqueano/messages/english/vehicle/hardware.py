@@ -67,7 +67,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "imu.setting": "IMU {name} = {value}: expected one of {words}.",
     "service.no-run-there": "a run cannot be written into {folder}: {error}. Type: {fix}",
-    "service.hundred-runs": "{folder} already contains a hundred runs of this second.",
+    "service.hundred-runs": "{folder} already contains a hundred runs that began in this second.",
     "card.cards": (
         "{cards} cards with a partition bootfs are mounted here. Write Raspberry Pi OS Lite (64-bit) on "
         "one card, and plug it in again. Then name the folder of its small partition: baqueano robot card "
