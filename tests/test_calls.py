@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import baqueano as bq
-from baqueano.errors import Misuse
+from baqueano.errors import FileError, Misuse
 from baqueano.runs.run import Run
 
 ROBOT = bq.load("small")
@@ -55,6 +55,35 @@ def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():
     with pytest.raises(Misuse) as error:
         bq.compare("runs/0001.mcap")
     assert error.value.diagnostic.fix == 'run = bq.read_run("runs/0001.mcap")'
+
+
+def test_a_result_in_place_of_its_part_is_answered_with_the_part():
+    taught = bq.teach(ROBOT, [(0.1, (0.4, 0.0, 0.0)), (0.2, (0.4, 0.0, 0.2))])
+    with pytest.raises(Misuse) as error:
+        bq.repeat(ROBOT, taught)
+    assert error.value.diagnostic.fix == "bq.repeat(robot, result.route)"
+
+
+def test_an_unknown_kind_of_a_call_does_not_name_the_vehicle_file():
+    with pytest.raises(FileError) as error:
+        bq.replay(RUN, ROBOT, estimator="ekff")
+    assert error.value.diagnostic.code == "block.unknown"
+
+
+def test_a_class_that_lacks_a_value_is_answered_with_an_object_of_it():
+    class Mine:
+        def __init__(self, gain):
+            self.gain = gain
+
+        def init(self):
+            return None
+
+        def step(self, state, reference, estimate):
+            return state, None
+
+    with pytest.raises(FileError) as error:
+        bq.repeat(ROBOT, ROUTE, controller=Mine)
+    assert error.value.diagnostic.fix == "controller=Mine(gain=1.0)"
 
 
 def test_correct_calls_are_not_changed():

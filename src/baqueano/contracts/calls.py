@@ -185,6 +185,9 @@ def _refuse_kind(
     is_text = isinstance(value, str)
     value_text = f'"{value}"' if is_text else _short_repr(value)
     fix = reader.format(value_text, name=name) if is_text and reader else example
+    part = getattr(value, name, None)  # such as the route of the result of `teach`
+    if part is not None and any(kind.accepts(part) for kind in kinds[name]):
+        fix = re.sub(rf"\b{name}\b", f"result.{name}", example)
     expected = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
     raise Misuse(fault("call.kind", fix, call=call, name=name, found=value_text, expected=expected.name))
 

@@ -267,5 +267,7 @@ def _named_class(
     try:
         return resolve_kind(role, name, context.folder)
     except FileError as error:
+        if is_typed:  # the name is not in the file
+            raise
         report.add_problem((*path, "kind"), "vehicle.kind", kind=name, cause=error.diagnostic)
         return None

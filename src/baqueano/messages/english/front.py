@@ -43,7 +43,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "front.no-page": (
         "A report needs a run, a fit, a comparison, a forecast, a sweep, sensors at rest, or parameters over "
-        "several runs. Found: {found}."
+        "several runs. Found: {found}. For several runs, type: bq.report(bq.compare(runs))"
     ),
     "front.format-unknown": "Figures cannot be written as {found}. {near}.",
     "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
