@@ -145,6 +145,12 @@ def test_show_lists_topics_and_the_notes_of_the_reader(run):
     assert listing.table().endswith(sentence_of(note("run.vehicle-file-lost")))
 
 
+def test_show_rounds_the_start_of_a_run(run):
+    start = "0.0001351260208695354 -3.551184036010849e-06 0.0"
+    shown_text = show(replace(run, metadata=run.metadata | {"start": start})).table()
+    assert "start 0.0001351 -3.551e-06 0" in shown_text
+
+
 def test_show_aligns_its_columns_under_a_long_name(make_run):
     run = make_run()
     long = {"temperature_of_the_gearbox": next(iter(run.sensors.values()))}

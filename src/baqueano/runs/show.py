@@ -3,6 +3,7 @@
 rate = (N − 1) / (t_N − t_1),   a gap is a step longer than 1.8 times the median step                  (1)
 """
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -26,8 +27,13 @@ MAX_SHOWN_EVENTS = 20
 SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
     "recovered_from": N_("recovered from"), "map": N_("map"), "commands": N_("commands"), "files": N_("files"),
-    "signal": N_("signal"), "route": N_("route"), "note": N_("note"), "created": N_("created"),
+    "signal": N_("signal"), "route": N_("route"), "start": N_("start"), "note": N_("note"), "created": N_("created"),
 }  # fmt: skip
+
+
+def _start(value: str) -> str:
+    """Return the first pose of a run with four digits; the metadata contain all digits."""
+    return re.sub(r"-?\d+\.\d+(e-?\d+)?", lambda digits: f"{number(float(digits[0])):.4g}", value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +70,7 @@ class ShownRun:
         """Return the topics, then the events and the notes on the file, as text."""
         run, lines = self.run, []
         counts = " ".join(
-            f"{_(SHOWN_KEYS.get(key, key))} {_(value)};"
+            f"{_(SHOWN_KEYS.get(key, key))} {_start(value) if key == 'start' else _(value)};"
             for key, value in run.metadata.items()
             if "\n" not in value and value
         )
