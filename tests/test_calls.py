@@ -34,6 +34,7 @@ def code_of(call) -> str:
         ("call.kind", lambda: bq.replay("0001.mcap")),
         ("call.kind", lambda: bq.compare([RUN, ROBOT])),
         ("call.kind", lambda: bq.load(3)),
+        ("call.kind", lambda: bq.experiment(ROBOT, np.zeros((2, 3)), truth="small")),
         ("call.kind", lambda: bq.experiment(ROBOT, "random_steps")),
         ("call.kind", lambda: bq.identify(RUN, ROBOT, free="model.mass_kg")),
         ("call.kind", lambda: bq.FitOptions(segment_s="3")),

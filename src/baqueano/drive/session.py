@@ -19,7 +19,7 @@ from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, diagnostics_of_blocks
-from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
+from baqueano.errors import Misuse, SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
 from baqueano.monitor import SensorMonitor
 from baqueano.runs import Run, RunWriter, read_run
@@ -54,6 +54,14 @@ class Conditions:
     shake: Sequence[FaultLike] | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.truth, str):
+            figures = {
+                "call": "drive",
+                "name": "truth",
+                "found": f'"{self.truth}"',
+                "expected": "a vehicle file",
+            }
+            raise Misuse(fault("call.kind", f'truth=bq.load("{self.truth}")', **figures))
         is_number = isinstance(self.duration_s, int | float | np.number)
         if self.duration_s is not None and not (is_number and 0.0 < self.duration_s < np.inf):
             raise UsageError(fault("drive.duration", found=repr(self.duration_s)))

@@ -36,7 +36,7 @@ TEMPLATES: dict[str, str] = {
         "In {folder} there are {files} and {more} more. Give the path of one of these files instead."
     ),
     "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
-    "cli.block-role": "--role {found} does not exist. {near}.",
+    "cli.block-role": "{arg[role]:{found}} does not exist. {near}.",
     "cli.block-without-class": "Write a block as file.py:Class. {holds}.",
     "cli.block-unknown": (
         'Block "{found}" does not exist. {near}. Write one of your own as file.py:Class. To list '
