@@ -204,6 +204,7 @@ class Fit(Result):
         out = []
         for k, name in enumerate(self.names):
             is_identified = bool(np.isfinite(self.estimate[k]))
+            state = "poorly" if self.poorly_identified[k] else "yes"
             out.append(
                 {
                     "name": name,
@@ -212,11 +213,7 @@ class Fit(Result):
                     "unit": self.units[k],
                     "start": float(self.start[k]),
                     "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if is_identified else None,
-                    "identifiable": "no"
-                    if not is_identified
-                    else "poorly"
-                    if self.poorly_identified[k]
-                    else "yes",
+                    "identifiable": state if is_identified else "no",
                 }
             )
         return out
