@@ -257,14 +257,12 @@ def repeat(
     options = {"eta": route.eta[0], "backend": "auto"} | options
     if care.check:
         is_of_garage = vehicle_file.path is None and options.get("world") is None
-        is_measured = is_of_garage or not vehicle_file.is_guess
-        conditions = {"measured": is_measured, "anyway": care.anyway, "backend": options["backend"]}
-        warnings_of(route, vehicle_file, care.room, **conditions)
+        conditions = {"measured": is_of_garage or not vehicle_file.is_guess, "backend": options["backend"]}
+        warnings_of(route, vehicle_file, care.room, anyway=care.anyway, **conditions)
     leader, follower = with_laps(vehicle_file.guide(route, guide), laps), vehicle_file.controller(controller)
     blocks = Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
-    full_guide = care.wrap_guide(
-        blocks.guide, route, vehicle_file, Conditions(eta=options["eta"]).start, blocks.estimator
-    )
+    start = Conditions(eta=options["eta"]).start
+    full_guide = care.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
     options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
 

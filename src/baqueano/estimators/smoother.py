@@ -10,10 +10,10 @@ lets y_c correct the same states at every earlier row. States with the same E fo
     λ_g ← Gᵀ λ_g,   Λ_gh ← Gᵀ Λ_gh G                                                                       (3)
     x_s,i = x_i ⊞ P_i λ_g,   (P_s)_ij = P_ij − P_i Λ_gh P_jᵀ,   g, h: the groups of the states i, j        (4)
 
-docs/derivations/kalman.md derives them: P_s is the covariance of x_s for any E, and no variance grows. With E = 1 they
-are the smoother of Bryson and Frazier 1963, whose result is that of Rauch, Tung and Striebel 1965. A filter with Kalman's
-gains needs no method `row_errors`: its belief has `mean` (n,), starting with η, ν, and `cov` (n, n). Then a step with
-silent sensors gives G, and (5) of `kalman_row_errors` gives H and K̂.
+docs/derivations/kalman.md derives them: P_s is the covariance of x_s for any E, and no variance grows. With E = 1
+they are the smoother of Bryson and Frazier 1963, whose result is that of Rauch, Tung and Striebel 1965. A filter with
+Kalman's gains needs no method `row_errors`: its belief has `mean` (n,), starting with η, ν, and `cov` (n, n). Then a
+step with silent sensors gives G, and (5) of `kalman_row_errors` gives H and K̂.
 """
 
 from typing import NamedTuple
