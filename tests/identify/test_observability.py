@@ -147,3 +147,16 @@ def test_full_commands_do_not_separate_dead_zone_from_gain(small):
         for reason in collinear
         for figure in reason.figures["apart"].figures.values()
     )
+
+
+def test_a_wrong_dry_friction_that_cannot_be_separated_does_not_bias_the_gain():
+    """A car that only drives forward: the start of dry friction is larger than friction and dead zone together."""
+    car, rng = load("car"), np.random.default_rng(0)
+    u = np.c_[np.repeat(rng.uniform(0.15, 0.5, 15), 50), np.zeros(750)]
+    run = simulate(car, u, 1)
+    names = "throttle_gain", "linear_drag", "coulomb_m_s2", "drivetrain.dead_zone_forward[0]"
+    start = car.with_values({"model.coulomb_m_s2": 1.0})
+    fit = identify(run, start, [f"model.{name}" for name in names], use=("odometer",))
+    error = [fit.value(f"model.{name}") - car.value(f"model.{name}") for name in names[:3]]
+    assert np.all(np.abs(error) < 3.5 * fit.sd[:3])
+    assert np.isnan(fit.value(f"model.{names[3]}"))

@@ -143,12 +143,18 @@ def fix_unidentifiable(
     task: Task, end: Search, free: Sequence[FreeParameter]
 ) -> tuple[Search, Identifiability, Information]:
     """Repeat the search until all unidentifiable entries of θ are fixed at their start. Return the search, the
-    identifiability, and the information. `free` are the first entries of θ."""
+    identifiability, and the information. `free` are the first entries of θ.
+
+    If the start of a fixed entry drives another entry to its bound, from which it cannot be separated, the other
+    entry is fixed in its place. Otherwise the rest of the error would bias the other parameters.
+    """
     problem = end.problem
     is_uncut = len(problem.layout.runs) == max(problem.layout.runs) + 1
     # the starts of segments are nuisance parameters
     count = problem.size if is_uncut else problem.layout.first_start
-    is_fixed, collinear = np.zeros(count, bool), {}
+    is_fixed, collinear, partners = np.zeros(count, bool), {}, {}
+    released: int | None = None  # an entry that was fixed first, and the result with it
+    first_result: tuple[Search, Identifiability, Information] | None = None
     while True:
         problem, theta = end.problem, end.solution.theta
         info = information(problem, theta)
@@ -167,12 +173,38 @@ def fix_unidentifiable(
             info, signal_energy(problem, theta), theta[:count], free, is_fixed, span
         )
         collinear |= identifiability.collinear
+        partners |= identifiability.correlated | identifiability.collinear
+        if first_result is not None and not identifiability.mask[released]:
+            return first_result
         if np.array_equal(~identifiability.mask, is_fixed):
-            return end, identifiability._replace(collinear=collinear), info
-        is_fixed = ~identifiability.mask
+            result = end, identifiability._replace(collinear=collinear), info
+            pair = None if first_result else _pair_with_bound(task, theta, is_fixed, partners, free)
+            if pair is None:
+                return result
+            first_result, (released, at_bound) = result, pair
+            is_fixed[[released, at_bound]] = False, True
+        else:
+            is_fixed = ~identifiability.mask
         is_held_fixed = np.concatenate([is_fixed, np.zeros(problem.size - count, bool)])
         second_search = search(task, np.where(is_held_fixed, task.start, theta), is_held_fixed, end)
         end = second_search._replace(evaluations=end.evaluations + second_search.evaluations)
+
+
+def _pair_with_bound(
+    task: Task, theta: np.ndarray, is_fixed: np.ndarray, partners: Mapping[int, Sequence[int]],
+    free: Sequence[FreeParameter],
+) -> tuple[int, int] | None:  # fmt: skip
+    """Return a fixed entry of θ and one of its `partners` that is at a bound, or None. Both belong to `free`.
+
+    The bounds of a delay are those of its grid, so a delay does not count.
+    """
+    is_at_bound = (theta <= task.low) | (theta >= task.high)
+    for i in np.flatnonzero(is_fixed[: len(free)]).tolist():
+        for j in partners.get(i, ()):
+            is_candidate = j < len(free) and not is_fixed[j] and is_at_bound[j]
+            if is_candidate and task.low[j] < task.start[j] < task.high[j] and free[j].path != DELAY_PATH:
+                return i, j
+    return None
 
 
 def signal_energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
