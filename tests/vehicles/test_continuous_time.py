@@ -173,6 +173,7 @@ def car_dot(nu, effort):
     """Return the derivatives of a car whose origin is 7 cm ahead of its rear axle, under throttle and servo."""
     v_dot = 4.0 * effort[0] - (2.0 + 0.5 * np.abs(nu[2])) * nu[0]
     r_dot = (nu[0] * np.tan(0.4 * effort[1]) / 0.15 - nu[2]) / 0.06
+    r_dot += nu[2] * nu[0] * v_dot / (nu[0] ** 2 + 0.01)
     return np.array([v_dot, 0.07 * r_dot, r_dot])
 
 

@@ -133,6 +133,16 @@ def test_a_car_drives_a_circle_of_radius_wheelbase_over_tan_delta():
     assert half[1] == pytest.approx(2.0 * radius, abs=1e-7)
 
 
+def test_a_braking_car_with_a_constant_steering_angle_stays_on_its_circle():
+    car = Car(wheelbase_m=0.2, throttle_gain=4.0, steering_gain=0.3, linear_drag=4.0, yaw_lag_s=0.1)
+    curvature = np.tan(0.3) / 0.2
+    state = car.init(nu=np.array([2.0, 0.0, 2.0 * curvature]))
+    for _ in range(30):  # 0.3 s without throttle
+        state, _ = car.step(state, np.array([0.0, 1.0]), 0.01, np.zeros(3))
+    assert state.nu[0] == pytest.approx(2.0 * np.exp(-1.2), rel=1e-3)
+    assert state.nu[2] / state.nu[0] == pytest.approx(curvature, rel=1e-2)
+
+
 def test_the_middle_of_a_car_moves_sideways_at_b_omega():
     car = Car(wheelbase_m=0.2, throttle_gain=4.0, steering_gain=0.3, rear_axle_m=0.1)
     state = car.init(nu=np.array([0.5, 7.0, 2.0]))  # a sideways speed that the rear axle does not allow

@@ -2,14 +2,16 @@
 
     v̇ = k_t u_t − d_l v − d_m w v − d_c |v| v − d_k(t) t − k |ν_ψ| v,   t = tanh(v / v_k)                  (1)
     d_k(t) = d_k + d_f (1 + t)/2 + d_b (1 − t)/2           d_f, d_b: extra friction forward, backward
-    δ = k_s u_s + δ₀,   ν̇_ψ = (v tan δ / L − ν_ψ) / λ                                                     (2)
+    δ = k_s u_s + δ₀,   κ = ν_ψ/v,   κ̇ = (tan δ / L − κ) / λ                                              (2)
+    ν̇_ψ = (v tan δ / L − ν_ψ) / λ + ν_ψ v v̇ / (v² + ε²)              the same for ν_ψ, regular at v = 0   (2')
     ν = (v, b ν_ψ, ν_ψ)                                                                                   (3)
     η̇ = J(ψ) ν                                                                                            (4)
     w = |u_t| / g + z min(|u_t| / 0.01, 1),   z the dead zone of its direction, g the gain of the channel (5)
 
-η, ν: pose and velocity of the body's origin, b ahead of the rear axle; v: speed, ν_ψ: yaw rate, λ: its lag, u_t, u_s:
-effort of throttle and servo, δ: steering angle, L: wheelbase, d_m: damping of a driven motor, w: its duty. Terms are
-per kilogram, because the mass cannot be identified from commands and IMU (errata 9). Keep k_s · limit well below π/2.
+η, ν: pose and velocity of the body's origin, b ahead of the rear axle; v: speed, ν_ψ: yaw rate, κ: curvature, λ: its
+lag, u_t, u_s: effort of throttle and servo, δ: steering angle, L: wheelbase, d_m: damping of a driven motor, w: its
+duty. A steered car that brakes stays on its circle, so the lag is in κ. Terms are per kilogram, because the mass
+cannot be identified from commands and IMU (errata 9). Keep k_s · limit well below π/2.
 Derivation: docs/derivations/vehicles.md.
 """
 
@@ -31,6 +33,7 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, end_of_tick
 
 MIN_DRIVEN_EFFORT = 0.01  # effort above which a motor is driven during the whole tick
+MIN_STEERED_SPEED_M_S = 0.1  # ε of (2'): slower, ν_ψ does not determine κ
 MIN_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest one, down to a lag of 9 ms
 
 
@@ -46,7 +49,8 @@ class Car:
 
     Notes
     -----
-    Equations (1)-(5) of the module: a bicycle with a lag in yaw. docs/derivations/vehicles.md derives the terms.
+    Equations (1)-(5) of the module: a bicycle with a lag of its steering.
+    docs/derivations/vehicles.md derives the terms.
 
     Examples
     --------
@@ -161,6 +165,7 @@ class Car:
         v_dot = self.throttle_gain * effort[0] - drag * v - dry_friction
         delta = self.steering_gain * effort[1] + self.steering_offset_rad
         r_dot = (v * np.tan(delta) / self.wheelbase_m - r) / self.yaw_lag_s
+        r_dot = r_dot + r * v * v_dot / (v * v + MIN_STEERED_SPEED_M_S**2)  # (2')
         return np.array([v_dot, self.rear_axle_m * r_dot, r_dot])
 
     def advance(
