@@ -180,6 +180,14 @@ def test_possible_vehicles_have_the_measured_total_friction(small):
     np.testing.assert_allclose(theta @ force, 0.6, atol=0.05)
 
 
+def test_a_parameter_that_a_fit_did_not_determine_is_uncertain_by_a_half(small):
+    fitted = small.with_values({}, parameter_cov=ParameterCov(("model.friction.linear[1]",), np.eye(1)))
+    draws = possible_vehicles(fitted, vehicle_count=200)
+    column = draws.paths.index("model.friction.linear[0]")
+    drag = draws.theta[:, column]
+    assert np.std(np.log(drag[1:] / drag[0])) == pytest.approx(0.5, rel=0.15)
+
+
 def test_the_body_radius_covers_the_whole_vehicle():
     assert body_radius(load("small")) == 0.07
     assert body_radius(load("car")) == pytest.approx(np.hypot(0.22, 0.107) / 2.0)

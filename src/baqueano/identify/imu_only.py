@@ -9,9 +9,8 @@ zero of a car's gyro, which acts like a small steering offset. The error bars co
 changes the best delay. So both are searched in turn until they are constant (at most MAX_ROUNDS times). A fit that
 starts from its own result then stays there.
 
-Results: `baqueano study without-encoders` for a real car, benchmarks/coverage_without_encoders.py for simulated cars,
-whose viscous drag is 2 % too high. The method does not help a vehicle with two wheels. A recording at 10 Hz whose a_y
-scatters by 2 m/s² is not sufficient.
+Results: `baqueano study without-encoders` for a real car, benchmarks/coverage_without_encoders.py for simulated cars.
+The method does not help a vehicle with two wheels. A recording at 10 Hz whose a_y scatters by 2 m/s² is not sufficient.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -109,10 +108,18 @@ def fit_imu_only(
         info=_with_all_errors(end, scales, zero_rad_s),
         search=end.search._replace(sigma=robust_sigma(residuals, end.task.problem.has, floor)),
     )
-    # the jackknife already contains effects that the model lacks
-    errors = fit_of(end._replace(score_test=False))
-    fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
-    return _with_notes(fit, imu, scales)
+    return _with_notes(_with_largest_errors(fit_of(end), fit_of(end._replace(score_test=False))), imu, scales)
+
+
+def _with_largest_errors(fit: Fit, jackknife_fit: Fit) -> Fit:
+    """Return the fit with the errors of the jackknife, or those of effects that the model lacks if they are larger.
+
+    The jackknife contains such effects, unless all parts of the run have them.
+    """
+    var = np.diagonal(jackknife_fit.cov)
+    missing = np.maximum(np.diagonal(fit.cov) - 2.0 * var, 0.0)
+    cov = jackknife_fit.cov + np.diag(np.nan_to_num(missing))
+    return replace(fit, cov=cov, sd=np.sqrt(np.diagonal(cov)))
 
 
 def _search_yaw_rate_and_delay(task: Task) -> tuple[Task, Search]:

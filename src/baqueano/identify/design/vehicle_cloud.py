@@ -1,6 +1,6 @@
 """Draw the vehicles that a plan considers possible, and simulate them together with the same commands.
 
-    θ_l = θ̂ exp(s n_l)              a parameter without a fit, s = 0.2 by default                         (1)
+    θ_l = θ̂ exp(s n_l)     without a fit s = 0.2 by default; not determined by a fit: MAX_RELATIVE_STD     (1)
     θ_l = θ̂ + P^½ n_l               parameters of the last fit, P their covariance                        (2)
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
     P ← P − P_·W (P_WW + S)⁻¹ P_W·   W: entries with too large an error,   θ_l ← θ_l + P_·B P_BB⁻¹ (b − θ_lB)  (4)
@@ -72,7 +72,9 @@ def possible_vehicles(
     mean = np.array([value(blocks, p) for p in paths])
     half_draws = random_stream(seed, "possible_vehicles").standard_normal((vehicle_count // 2, len(paths)))
     unit_draws = np.concatenate([np.zeros((1, len(paths))), half_draws, -half_draws])
-    theta = mean * np.exp(relative_std * unit_draws)
+    # a fit that does not determine a parameter leaves it as uncertain as a parameter with the largest error
+    guess_std = relative_std if fit is None else max(relative_std, MAX_RELATIVE_STD)
+    theta = mean * np.exp(guess_std * unit_draws)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     low, high = np.array([parameter_bounds(system, p) for p in paths]).T
     if fit is not None and names:
