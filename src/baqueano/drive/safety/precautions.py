@@ -12,7 +12,7 @@ from baqueano.diagnostics import fault
 from baqueano.drive.observers import Observer
 from baqueano.drive.safety.caution import Caution
 from baqueano.drive.safety.patience import Patience
-from baqueano.drive.safety.room_watch import RoomWatch, stopping_distance
+from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides import GuideSequence
@@ -125,14 +125,8 @@ class Precautions:
         if np.isfinite(self.patience_s):
             watch.append(Patience(self.patience_s))
         if self.room is not None:
-            stopping_m = stopping_distance(vehicle_file.vehicle, top_speed(route))
-            watch.append(RoomWatch(self.room, route.eta[0], stopping_m))
+            watch.append(RoomWatch.along(route, self.room, vehicle_file.vehicle))
         return tuple(watch)
-
-
-def top_speed(route: Route) -> float:
-    """Return twice the largest speed of a route [m/s], which a vehicle on this route rarely exceeds."""
-    return 2.0 * max(float(np.max(np.abs(route.nu[:, 0]))), MIN_SPEED_M_S)
 
 
 def drive_to_limits(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:

@@ -18,6 +18,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.observers import Observer
 from baqueano.geometry import map_from_body
+from baqueano.guides.route import Route
 from baqueano.loop import Record
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ CHI_SQUARE_95 = 5.991  # 95 % quantile with two degrees of freedom
 STOPPING_S = 0.3
 MIN_DECELERATION_M_S2 = 0.01  # of a model without friction
 SPEED_COUNT = 64
+MIN_SPEED_M_S = 0.01
 
 
 def stopping_distance(vehicle: Tree, max_speed_m_s: float) -> Callable[[float], float]:
@@ -57,6 +59,12 @@ class RoomWatch(Observer):
         self._origin = origin
         self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
         self._reason: Diagnostic | None = None
+
+    @classmethod
+    def along(cls, route: Route, room: "Walls", vehicle: Tree) -> "RoomWatch":
+        """Return the watch of a vehicle on this route, up to twice the largest speed of the route."""
+        top_speed_m_s = max(float(np.max(np.abs(route.nu[:, 0]))), MIN_SPEED_M_S)
+        return cls(room, route.eta[0], stopping_distance(vehicle, 2.0 * top_speed_m_s))
 
     def on_record(self, record: Record) -> None:
         """Test (2), and store the reason to stop if it fails."""

@@ -145,8 +145,8 @@ def fix_unidentifiable(
     """Repeat the search until all unidentifiable entries of θ are fixed at their start. Return the search, the
     identifiability, and the information. `free` are the first entries of θ.
 
-    If the start of a fixed entry drives another entry to its bound, from which it cannot be separated, the other
-    entry is fixed in its place. Otherwise the rest of the error would bias the other parameters.
+    The start of a fixed entry can drive an entry with which it is confused to its bound. Then that entry is fixed
+    in its place. Otherwise the rest of the error would bias the other parameters.
     """
     problem = end.problem
     is_uncut = len(problem.layout.runs) == max(problem.layout.runs) + 1

@@ -14,8 +14,7 @@ import numpy as np
 
 from baqueano.compare.errors import cross_track
 from baqueano.contracts.values import Tree
-from baqueano.drive.safety.precautions import top_speed
-from baqueano.drive.safety.room_watch import RoomWatch, stopping_distance
+from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
@@ -79,8 +78,7 @@ class _Driver:
 
     def __init__(self, loop: Loop, fix: str, route: Route) -> None:
         self._loop, self._sizes = loop, FIXES[fix].sizes
-        stopping_m = stopping_distance(loop.file.vehicle, top_speed(route))
-        self._watch = RoomWatch(room_around(route, loop.file), route.eta[0], stopping_m)
+        self._watch = RoomWatch.along(route, room_around(route, loop.file), loop.file.vehicle)
         self._silence = [Slot(0.0, np.zeros(size)) for size in (3, *self._sizes.values())]
         self._states: Tree = loop.start(route.eta[0])
         self.is_stopped = False
