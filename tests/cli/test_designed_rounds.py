@@ -1,9 +1,12 @@
 """`experiment --signal designed --rounds N --update` writes the last fit to the vehicle file."""
 
 import tomllib
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from baqueano.cli.driving.experiment import undetermined_damping
 from baqueano.identify.design import plan as planning
 from baqueano.identify.result import assemble as summary
 from baqueano.runs import read_run
@@ -57,3 +60,16 @@ def test_the_room_is_checked_before_the_drive(baqueano, tmp_path, room, code, si
     end = baqueano("experiment", "--signal", signal, "--room", room)
     assert (end.code, end.reason.code) == (2, code)
     assert not list(tmp_path.glob("runs/*.mcap"))
+
+
+def test_a_fit_that_does_not_show_how_the_vehicle_stops_is_not_used_for_a_plan():
+    """Of the parameters that slow a car, one is 0 at its bound with a large error, and one is not determined."""
+    names = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
+    blocks = SimpleNamespace(model=load("car").vehicle)
+    estimate, weak = np.array([5.0, 0.0, np.nan, 0.0]), np.array([True, True, False, True])
+    fit = SimpleNamespace(
+        names=names, estimate=estimate, weak=weak, bound=np.array([0, -1, 0, -1]), blocks=blocks
+    )
+    assert undetermined_damping(fit) == ["model.linear_drag", "model.coulomb_m_s2"]
+    fit.estimate, fit.bound = np.array([5.0, 1.2, 0.3, 0.0]), np.array([0, 0, 0, -1])
+    assert undetermined_damping(fit) == []

@@ -265,7 +265,7 @@ def test_a_signal_of_the_wrong_shape_is_refused(small):
 
 
 def test_a_draw_that_diverges_only_in_fast_straight_motion_is_replaced(small):
-    """With this drag the integrator diverges at full speed, but not when one wheel stands still."""
+    """With this drag the integrator diverges at full speed, but not when one wheel is at rest."""
     draws = VehicleDistribution(("model.friction.quadratic[0]",), np.array([[0.8], [9000.0]]))
     cloud = VehicleCloud(small, draws)
     _, eta = cloud.drive(cloud.state_at(np.zeros(3)), np.tile([1.0, 0.0, 0.0], (100, 1)))

@@ -188,8 +188,8 @@ def make_first_drive(
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
-    If the fit is refused, the file has only rough gains. Raise AnswerNo if the vehicle is wired wrongly or does not
-    move, and the error of a stopped drive.
+    If the fit is refused, or does not show how the vehicle stops, the file has only rough gains. Raise AnswerNo if
+    the vehicle is wired wrongly or does not move, and the error of a stopped drive.
     """
     from baqueano.drive import estimate_first_drive, with_rough_gains
     from baqueano.drive.mission import Mission
@@ -208,4 +208,19 @@ def make_first_drive(
     with show_activity(note("cli.fitting-first")):
         fit = identify([first_result.run], rough_file, options=FitOptions(backend=backend))
     print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
-    return (rough_file if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first_result.run
+    if names := undetermined_damping(fit):
+        print_message(note("cli.rough-gains", names=names))
+    return (rough_file if names or fit.verdict == Verdict.REFUSED else fit.vehicle_file), first_result.run
+
+
+def undetermined_damping(fit: Any) -> list[str]:
+    """Return the parameters that slow a forward motion, if the fit does not determine them or found only a bound 0.
+
+    A plan with such a fit expects vehicles that never stop.
+    """
+    from baqueano.vehicles.freedoms import damping_derivatives
+
+    fields = {name.partition("[")[0] for name in fit.names}
+    damping = {path for path, slope in damping_derivatives(fit.blocks.model, fields) if slope[0] > 0.0}
+    is_unknown = ~np.isfinite(fit.estimate) | (fit.weak & (fit.bound < 0))
+    return [name for name, unknown in zip(fit.names, is_unknown, strict=True) if unknown and name in damping]

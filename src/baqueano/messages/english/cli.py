@@ -196,6 +196,9 @@ TEMPLATES: dict[str, str] = {
         "little stronger than the previous one, until the sensors show motion (--known skips this)"
     ),
     "cli.fitted": "{verdict}: {reasons}",
+    "cli.rough-gains": (
+        "the first drive does not determine {names}. So the plan uses rough gains, and the other numbers of the file"
+    ),
     "cli.experiment": "experiment",
     "cli.keeping-in-room": "planning a drive within a room of {size} m",
     "cli.driving-first": "first drive",
