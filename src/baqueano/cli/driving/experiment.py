@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 
+ROUGH_GAIN_STD = 0.3  # of a gain of a first drive, relative to its value
+
+
 @click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
 @options.vehicle
 @options.robot
@@ -210,7 +213,25 @@ def make_first_drive(
     print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
     if names := undetermined_damping(fit):
         print_message(note("cli.rough-gains", names=names))
-    return (rough_file if names or fit.verdict == Verdict.REFUSED else fit.vehicle_file), first_result.run
+        return with_uncertain_gains(rough_file), first_result.run
+    return (rough_file if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first_result.run
+
+
+def with_uncertain_gains(rough_file: "VehicleFile") -> "VehicleFile":
+    """Return the file with the standard errors of its rough gains; a plan then takes other guesses as more uncertain.
+
+    See `possible_vehicles`: the first drive measured the response at low speed only.
+    """
+    from baqueano.parameter import all_parameters
+    from baqueano.vehicle_file import ParameterCov
+
+    scalar_gains = {
+        path: float(rough_file.value(path))
+        for path, p in all_parameters(rough_file.vehicle, "model")
+        if p.role == "gain" and np.ndim(rough_file.value(path)) == 0
+    }
+    variances = (ROUGH_GAIN_STD * np.array(list(scalar_gains.values()))) ** 2
+    return rough_file.with_values({}, parameter_cov=ParameterCov(tuple(scalar_gains), np.diag(variances)))
 
 
 def undetermined_damping(fit: Any) -> list[str]:
