@@ -33,7 +33,7 @@ MIN_VAR = 1e-12
 class RestBias(NamedTuple):
     """Mean and scatter of the readings at rest, (3,) each; the bias changes from rest to rest.  (0)"""
 
-    count: float = 0.0  # readings of this rest
+    readings: float = 0.0  # of this rest
     mean: np.ndarray = np.zeros(3)  # of this rest
     squared_deviations: np.ndarray = np.zeros(3)  # from the mean of their rest, over all rests
     degrees_of_freedom: float = -1.0  # of the squared deviations
@@ -44,11 +44,11 @@ class RestBias(NamedTuple):
 
     def add(self, z: np.ndarray) -> "RestBias":
         """Return the bias after another reading of the same rest."""
-        count, deviation = self.count + 1.0, z - self.mean
+        count, deviation = self.readings + 1.0, z - self.mean
         mean = self.mean + deviation / count
         squared_deviations = self.squared_deviations + deviation * (z - mean)
         return self._replace(
-            count=count, mean=mean, squared_deviations=squared_deviations,
+            readings=count, mean=mean, squared_deviations=squared_deviations,
             degrees_of_freedom=self.degrees_of_freedom + 1.0,
         )  # fmt: skip
 
@@ -59,26 +59,26 @@ class RestBias(NamedTuple):
 
     def _changes(self) -> tuple[np.ndarray, float]:
         """Return the sum (3,) of the changes of (0), this rest included, and their number."""
-        if not (self.count and np.all(self.earlier_count)):
+        if not (self.readings and np.all(self.earlier_count)):
             return self.change_sum, self.changes
-        by_chance = self.var * (1.0 / self.count + 1.0 / self.earlier_count)
+        by_chance = self.var * (1.0 / self.readings + 1.0 / self.earlier_count)
         change = (self.mean - self.earlier_bias) ** 2 - by_chance
         return self.change_sum + change, self.changes + 1.0
 
     def level(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the bias b (3,), and the number of readings (3,) with the same information.  (0)"""
         if not np.all(self.earlier_count):
-            return self.mean, np.full(3, self.count)
+            return self.mean, np.full(3, self.readings)
         change_sum, changes = self._changes()
         w = np.maximum(change_sum / max(changes, 1.0), 0.0)
         var = self.var
         earlier_count = self.earlier_count * var / (var + w * self.earlier_count)
-        count = earlier_count + self.count
-        return (earlier_count * self.earlier_bias + self.count * self.mean) / count, count
+        count = earlier_count + self.readings
+        return (earlier_count * self.earlier_bias + self.readings * self.mean) / count, count
 
     def end_of_rest(self) -> "RestBias":
         """Return the bias with which a drive begins."""
-        if self.count == 0.0:
+        if self.readings == 0.0:
             return self
         (bias, count), (change_sum, changes) = self.level(), self._changes()
         return RestBias(

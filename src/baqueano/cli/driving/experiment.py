@@ -17,6 +17,7 @@ from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
+    from baqueano.identify import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -234,7 +235,7 @@ def with_uncertain_gains(rough_file: "VehicleFile") -> "VehicleFile":
     return rough_file.with_values({}, parameter_cov=ParameterCov(tuple(scalar_gains), np.diag(variances)))
 
 
-def undetermined_damping(fit: Any) -> list[str]:
+def undetermined_damping(fit: "Fit") -> list[str]:
     """Return the parameters that slow a forward motion, if the fit does not determine them or found only a bound 0.
 
     A plan with such a fit expects vehicles that never stop.
