@@ -85,15 +85,15 @@ PATH = "sensors.imu.gyro_bias"
 SECONDS = 40.0
 
 
-def fitted(bias=None):
-    """Return the default fit of a robot on a rough floor without rests; `bias` is that of its gyro."""
+def fitted(bias=None, rest_s=0.0):
+    """Return the default fit of a robot on a rough floor; `bias` is that of its gyro."""
     q = draw_robot(100)
     q = q.with_parameters(floor=np.array([FLOOR_NOISE]))
     if bias is not None:
         q = q.with_parameters(imu=q.imu.with_parameters(bias=np.array([[0.0, 0.0, bias]])))
     file = initial_file(q)
     u = quantised_commands(
-        excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=0.0)
+        excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=rest_s)
     )
     motion = drive_group(q, u[:, None], [103], tick_times(len(u), file.rate_hz))
     return identify(
@@ -128,3 +128,12 @@ def test_a_bias_that_contradicts_the_file_is_written_with_its_error():
     assert fitted_file.value(PATH) == pytest.approx(fit.run_entries[0, k], rel=1e-4)
     assert fitted_file.sensors.imu.gyro_bias_std == pytest.approx(fit.run_entry_sd[0, k], rel=1e-2)
     assert ("bias.contradicts-file", PATH) in [(note.code, note.subject) for note in fit.notes]
+
+
+def test_a_bias_measured_at_rest_replaces_that_of_a_drive_on_a_rough_floor():
+    fit = fitted(bias=0.03, rest_s=3.0)
+    fitted_file = fit.vehicle_file
+    assert fitted_file.value(PATH) == pytest.approx(0.03, abs=0.002)
+    assert fitted_file.provenance[PATH].sd < 0.1 * fit.run_entry_sd[0, fit.run_entry_names.index(PATH)]
+    assert fitted_file.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
+    assert not {"bias.file-knows-better", "bias.contradicts-file"} & {note.code for note in fit.notes}

@@ -12,7 +12,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import with_gyro_bias_at_rest
 from baqueano.identify.diagnostics import clean
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import free_parameters, has_offset
+from baqueano.identify.parameters.free import free_parameters
 from baqueano.identify.parameters.setup import Parameters, parameters_for_fit
 from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.maps.columns import KINDS
@@ -33,7 +33,7 @@ class Dataset:
     Parameters
     ----------
     vehicle_file : VehicleFile
-        The vehicle file. Its gyro bias is the value measured at rest if a drive cannot show it.
+        The vehicle file. Its gyro bias is the value measured at rest, if the runs contain a rest.
     blocks : FittedBlocks
         The model, and the sensors that are used.
     runs : tuple of Run
@@ -102,7 +102,7 @@ def dataset(
     """
     runs, note = list(runs), None
     check_command_count(vehicle_file, runs)
-    if options.biases and has_offset(vehicle_file.vehicle):
+    if options.biases:
         vehicle_file, note = with_gyro_bias_at_rest(vehicle_file, runs)
     blocks, runs, channels = sensors_of(vehicle_file, runs, use)
     runs, blocks = with_hand_measurements(runs, blocks, options.measured)

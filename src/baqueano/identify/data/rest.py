@@ -3,9 +3,9 @@
     b = b₀ + mean of (z − h), over the readings after REST_S without a command                            (1)
     w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
 
-From the drive of a car, the bias of its gyro cannot be separated from a small steering offset. So the bias of a car
-is not estimated with the model. It is (1) if the vehicle rests for MIN_REST_S more, else the value in the vehicle
-file. A run begins at rest if its first speed readings are 0 within ZERO_SPEED_FACTOR w. w is the standard deviation
+The bias of a gyro is (1) if the vehicle rests for MIN_REST_S more: errors of the model do not act at rest. From the
+drive of a car, it cannot be separated from a small steering offset. So without a rest the file of a car keeps its
+value. A run begins at rest if its first speed readings are 0 within ZERO_SPEED_FACTOR w. w is the standard deviation
 of their white noise, by von Neumann's estimate over the whole run. Without a speed sensor, the run must begin without
 a command. Before the first command the standard deviation of the readings must be below REST_NOISE_FACTOR w: a
 coasting vehicle slows down, so its readings vary more.
@@ -108,8 +108,10 @@ def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     at_rest = is_at_rest(run, channel.t_ns) & np.isfinite(channel.z[:, -1])
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     residuals = channel.z[at_rest, -1] - sensor.h(at_standstill)[-1]
-    is_turned = len(residuals) and np.std(residuals) > REST_NOISE_FACTOR * np.sqrt(sensor.cov[-1, -1]) > 0.0
-    return np.zeros(0) if is_turned or len(residuals) < MIN_REST_S * sensor.rate_hz else residuals
+    if len(residuals) < max(MIN_REST_S * sensor.rate_hz, 2.0):
+        return np.zeros(0)
+    noise_std = np.sqrt(max(sensor.cov[-1, -1], 0.5 * np.mean(np.diff(residuals) ** 2)))  # (2)
+    return np.zeros(0) if np.std(residuals) > REST_NOISE_FACTOR * noise_std > 0.0 else residuals
 
 
 def _file_with_gyro_bias(

@@ -118,7 +118,8 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
             problem.records, evidence.channels, end.blocks.sensors, end.vehicle_file.command.names
         ),
     )
-    return replace(fit, notes=(*fit.notes, *(prior.message for prior in kept_priors(fit))))
+    messages = [prior.message for prior in kept_priors(fit) if prior.contradicted or not prior.at_rest]
+    return replace(fit, notes=(*fit.notes, *messages))
 
 
 def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:

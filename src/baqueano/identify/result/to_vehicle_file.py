@@ -4,9 +4,10 @@ The bias b ± s of a run is not written if the bias b₀ ± s₀ of the file is 
 
     s > s₀   and   |b − b₀| ≤ K √(s² + s₀²),   K = CONTRADICTION_SIGMA                                    (1)
 
-With process noise, a run determines the bias of a gyro only to a few hundredths of a rad/s. If the run contradicts
-the file, b is written, with s in place of s₀. The envelope is the range of each command and of each channel whose h
-depends on ν. It excludes readings beyond OUTLIER_SIGMA standard deviations from the model.
+With process noise, a drive determines the bias of a gyro only to a few hundredths of a rad/s. If the runs contain a
+rest, b₀ ± s₀ was measured there (data/rest.py). If the run contradicts the file, b is written, with s in place of s₀.
+The envelope is the range of each command and of each channel whose h depends on ν. It excludes readings beyond
+OUTLIER_SIGMA standard deviations from the model.
 """
 
 from collections.abc import Sequence
@@ -45,6 +46,7 @@ class Prior(NamedTuple):
     std_path: str  # the field of s₀
     sd: float  # s
     contradicted: bool
+    at_rest: bool  # True if the value was measured at rest in the runs of the fit
 
     @property
     def message(self) -> Diagnostic:
@@ -72,7 +74,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
     for field in dict.fromkeys(prior.std_path.partition("[")[0] for prior in priors if prior.contradicted):
         entries_ = np.array(value_at_path(fit.file, field), dtype=float)
         for prior in (prior for prior in priors if prior.contradicted and prior.std_path.startswith(field)):
-            entries_[_index(prior.std_path)] = prior.sd
+            entries_[_index(prior.std_path)] = max(entries_[_index(prior.std_path)], prior.sd)
         values[field] = entries_.tolist()
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
@@ -85,7 +87,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
 
 def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
     """Return the biases that the file contains more accurately than the fit, even if the fit contradicts them.  (1)"""
-    out = []
+    out, rest_messages = [], [message for message in fit.notes if message.code == "bias.at-rest"]
     for path, x, sd in zip(
         fit.run_entry_names,
         np.mean(fit.run_entries, axis=0),
@@ -101,10 +103,13 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
             continue
         std_path = f"sensors.{sensor}.{description.std}{field.removeprefix(name)}"
         prior, std = float(value_at_path(fit.file, path)), float(value_at_path(fit.file, std_path))
+        at_rest = path in (f"sensors.{message.subject}.gyro_bias" for message in rest_messages)
+        if at_rest:
+            std = float(fit.file.provenance[path].sd)
         if sd > std:
             unit = description.unit.split(", ")[0]
             is_contradicted = abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(sd, std)
-            out.append(Prior(path, unit, prior, std, std_path, float(sd), bool(is_contradicted)))
+            out.append(Prior(path, unit, prior, std, std_path, float(sd), bool(is_contradicted), at_rest))
     return tuple(out)
 
 
