@@ -43,7 +43,7 @@ def with_gyro_bias_at_rest(
             continue
         residuals = {run.name: _residuals_at_rest(run, name, sensor) for run in runs}
         runs_at_rest = [name for name, x in residuals.items() if len(x)]
-        x = np.concatenate(list(residuals.values()))
+        x = np.concatenate([np.zeros(0), *residuals.values()])
         if not len(x):
             continue
         bias, std = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
