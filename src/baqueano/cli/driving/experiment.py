@@ -244,5 +244,5 @@ def undetermined_damping(fit: "Fit") -> list[str]:
 
     fields = {name.partition("[")[0] for name in fit.names}
     damping = {path for path, slope in damping_derivatives(fit.blocks.model, fields) if slope[0] > 0.0}
-    is_unknown = ~np.isfinite(fit.estimate) | (fit.weak & (fit.bound < 0))
+    is_unknown = ~np.isfinite(fit.estimate) | (fit.poorly_identified & (fit.bound < 0))
     return [name for name, unknown in zip(fit.names, is_unknown, strict=True) if unknown and name in damping]
