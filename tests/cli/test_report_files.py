@@ -13,7 +13,7 @@ from tests.figure_files import width_mm
 
 WITH_A_PAGE = {  # commands that write a report on request
     "identify", "replay", "repeat", "compare", "forecast", "sweep", "noise", "wear", "paper", "identification",
-    "recordings",
+    "recordings", "check",
 }  # fmt: skip
 LINES = {
     "identify 1 --vehicle small --free model.actuator_matrix[0,0] --no-noise": ("svg", "column", 88.0),
@@ -21,6 +21,7 @@ LINES = {
     "repeat lab --vehicle small": ("png", "column", 88.0),
     "compare 1": ("svg", "page", 181.0),
     "forecast lab --vehicle small": ("pdf", "column", 88.0),
+    "route check lab --vehicle small": ("svg", "page", 181.0),
     "sweep 1 --estimator augmented_ekf": ("png", "60.5", 60.5),
 }
 
