@@ -67,9 +67,13 @@ def test_a_fit_that_does_not_show_how_the_vehicle_stops_is_not_used_for_a_plan()
     """Of the parameters that slow a car, one is 0 at its bound with a large error, and one is not determined."""
     names = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
     blocks = SimpleNamespace(model=load("car").vehicle)
-    estimate, weak = np.array([5.0, 0.0, np.nan, 0.0]), np.array([True, True, False, True])
+    estimate, poorly = np.array([5.0, 0.0, np.nan, 0.0]), np.array([True, True, False, True])
     fit = SimpleNamespace(
-        names=names, estimate=estimate, weak=weak, bound=np.array([0, -1, 0, -1]), blocks=blocks
+        names=names,
+        estimate=estimate,
+        poorly_identified=poorly,
+        bound=np.array([0, -1, 0, -1]),
+        blocks=blocks,
     )
     assert undetermined_damping(fit) == ["model.linear_drag", "model.coulomb_m_s2"]
     fit.estimate, fit.bound = np.array([5.0, 1.2, 0.3, 0.0]), np.array([0, 0, 0, -1])
