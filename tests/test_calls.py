@@ -33,6 +33,7 @@ def code_of(call) -> str:
         ("call.kind", lambda: bq.repeat(ROBOT, "lab")),
         ("call.kind", lambda: bq.replay("0001.mcap")),
         ("call.kind", lambda: bq.compare([RUN, ROBOT])),
+        ("call.kind", lambda: bq.compare(RUN, RUN)),
         ("call.kind", lambda: bq.load(3)),
         ("call.kind", lambda: bq.experiment(ROBOT, np.zeros((2, 3)), truth="small")),
         ("call.kind", lambda: bq.experiment(ROBOT, "random_steps")),

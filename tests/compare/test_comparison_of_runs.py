@@ -178,7 +178,6 @@ def test_an_invalid_covariance_is_named():
             lambda: compare(run_with(), alignment="sim"),
             ("compare.alignment", {"known": "none, start, rigid"}),
         ),
-        (lambda: compare(run_with(), run_with()), ("compare.not-a-list", {"kind": "Run"})),
         (
             lambda: compare(run_with(), names=["a", "b"]),
             ("compare.names", {"names": 2, "runs": 1}),

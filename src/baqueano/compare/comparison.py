@@ -228,7 +228,7 @@ class Comparison(Result):
         ]
 
 
-@checked_call("bq.compare([run])")
+@checked_call("bq.compare([first, second])")
 def compare(
     runs: "Sequence[Run] | Run",
     alignment: str = "none",
@@ -270,8 +270,6 @@ def compare(
     >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.consistency.nis.mean:.1f}")
     0 cm rms across its route, NIS 0.4
     """
-    if not isinstance(alignment, str):
-        raise UsageError(fault("compare.not-a-list", kind=type(alignment).__name__))
     run_list = [runs] if not isinstance(runs, Sequence) else list(runs)
     if not run_list:
         raise UsageError(fault("compare.no-runs"))

@@ -1,14 +1,10 @@
 """Dead reckoning with only the IMU, with zero-velocity updates: for a vehicle without a model.
 
-The vehicle is assumed to be at rest before its first command, and when the command has been zero for MIN_REST_S. The
-noise σ of the channels is the scatter within the rests. The bias b differs from rest to rest, because gravity on a
-sloping floor changes with the heading, and the gyro drifts. With the mean m of n readings of a rest, and b_0, n_0
-before it:
+The vehicle rests before its first command, and when the command has been zero for MIN_REST_S. σ is the scatter within
+the rests. The bias b changes from rest to rest: the gyro drifts, and on a slope gravity changes with the heading. With
+the mean m of n readings of a rest, b_0 and n_0 before it; v the speed, ψ the heading, s the distance, δ the interval:
 
     b = (n_0' b_0 + n m)/(n_0' + n),   1/n_0' = 1/n_0 + w/σ²,   w = mean of (m − b_0)² − σ²/n − σ²/n_0 ≥ 0   (0)
-
-While the vehicle drives, with v the speed, ψ the heading, s the distance, δ the time between two readings:
-
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
     var v = σ_x² δ² k + σ_x² (k δ)² / n_rest,   the same for ψ with σ_ω                                   (2)
 

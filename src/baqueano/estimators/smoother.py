@@ -1,19 +1,18 @@
 """The smoother: estimate each row of a run from earlier and later measurements, for any gains of the filter.
 
 A row multiplies the error of the state by G, then by I − K_c H_c for each number y_c of its measurements. The filter
-corrects some states only: K_c = E_c K̂_c, with E, w, s and Kalman's gain K̂_c = w P H_cᵀ/s of kalman.py. The smoother
-lets y_c correct the same states at every earlier row. States with the same E form a group g; each group has an adjoint
-λ_g and the information Λ_gh that it shares with group h. They start at 0 after the last row, and go back:
+corrects some states only: K_c = E_c K̂_c, with E, w, s and Kalman's gain K̂_c = w P H_cᵀ/s of kalman.py. y_c corrects
+the same states at every earlier row. A group g of states with the same E has an adjoint λ_g, and shares the information
+Λ_gh with group h. Both are 0 after the last row, and go back:
 
     λ_g ← A_g λ_g + E_gc H_cᵀ y_c w/s,   A_g = I − H_cᵀ (K̂_c if E_gc = 1, else K_c)ᵀ                       (1)
     Λ_gh ← A_g Λ_gh A_hᵀ + max(E_gc, E_hc) H_cᵀ H_c w/s                                                   (2)
     λ_g ← Gᵀ λ_g,   Λ_gh ← Gᵀ Λ_gh G                                                                       (3)
     x_s,i = x_i ⊞ P_i λ_g,   (P_s)_ij = P_ij − P_i Λ_gh P_jᵀ,   g, h: the groups of the states i, j        (4)
 
-docs/derivations/kalman.md derives them: P_s is the covariance of x_s for any E, and no variance grows. With E = 1
-they are the smoother of Bryson and Frazier 1963, whose result is that of Rauch, Tung and Striebel 1965. A filter with
-Kalman's gains needs no method `row_errors`: its belief has `mean` (n,), starting with η, ν, and `cov` (n, n). Then a
-step with silent sensors gives G, and (5) of `kalman_row_errors` gives H and K̂.
+P_s is the covariance of x_s for any E (docs/derivations/kalman.md). With E = 1 it is the smoother of Bryson and Frazier
+1963, with the result of Rauch, Tung and Striebel 1965. A filter with Kalman's gains needs no method `row_errors`: its
+belief has `mean` (n,), starting with η, ν, and `cov` (n, n), from which `kalman_row_errors` computes H and K̂.
 """
 
 from typing import NamedTuple

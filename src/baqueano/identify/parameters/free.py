@@ -199,8 +199,9 @@ def enable_parameters(
         blocks = _with_drivetrain(blocks, lag_s=blocks.model.drivetrain.lag_s or LAG_START_TICKS / rate_hz)
         low[LAG_PATH] = MIN_LAG / rate_hz
     for path in (path for path in paths if path.endswith(LOW_PASS)):
-        hz = min(value(blocks, path), rate_hz)  # a higher low-pass does not have an effect
-        blocks, high[path] = with_value(blocks, path, hz), MAX_LOW_PASS_RATIO * rate_hz
+        sensor_path, hz = path.removesuffix(LOW_PASS), min(value(blocks, path), rate_hz)
+        sensor = replace(value_at_path(blocks, sensor_path), low_pass_hz=hz)  # sets has_low_pass
+        blocks, high[path] = with_value(blocks, sensor_path, sensor), MAX_LOW_PASS_RATIO * rate_hz
     if any(path.startswith(LIMIT_PATH) for path in paths):
         blocks, limits = _with_reached_limit(blocks, paths, u)
         high |= limits

@@ -8,7 +8,6 @@ TEMPLATES: dict[str, str] = {
         "lap and {last_cm:.1f} in the last, at most {most_cm:.1f} in lap {worst}. Each lap ends at most "
         "{gap_cm:.1f} cm from its start."
     ),
-    "compare.not-a-list": "alignment is a {kind}: give several runs as a list, compare([one, other]).",
     "compare.no-runs": "the list of runs is empty: give one or more, for example baqueano compare last",
     "compare.times": "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0.",
     "compare.names": "names contains {names} names for {runs} runs: expected one name per run.",
