@@ -10,7 +10,7 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.covariance.scale_uncertainty import scale_stds, std_of_gyro_bias, std_of_tolerance
-from baqueano.identify.imu_only import _with_largest_errors, fit_imu_only, is_imu_only
+from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.simulate import simulate
@@ -77,14 +77,6 @@ def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     gain = fit.names.index("model.steering_gain")
     assert part[gain] == pytest.approx(slope[gain], rel=0.2)
     assert np.all(np.abs(part - slope) < 0.2 * slope + 2.0 * exact.sd)
-
-
-def test_an_effect_in_all_parts_of_a_run_widens_the_errors(fitted):
-    """The jackknife compares parts of the run, so it misses an effect that they share."""
-    _, _, fit = fitted
-    missing = np.diag([4.0, 0.25, *np.zeros(len(fit.sd) - 2)]) * fit.sd**2
-    wide = _with_largest_errors(replace(fit, cov=fit.cov + missing), fit)
-    np.testing.assert_allclose(wide.sd / fit.sd, [2.0, 1.0, *np.ones(len(fit.sd) - 2)])
 
 
 def test_a_measured_scale_has_priority_over_a_data_sheet():

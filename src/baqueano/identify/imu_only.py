@@ -108,18 +108,10 @@ def fit_imu_only(
         info=_with_all_errors(end, scales, zero_rad_s),
         search=end.search._replace(sigma=robust_sigma(residuals, end.task.problem.has, floor)),
     )
-    return _with_notes(_with_largest_errors(fit_of(end), fit_of(end._replace(score_test=False))), imu, scales)
-
-
-def _with_largest_errors(fit: Fit, jackknife_fit: Fit) -> Fit:
-    """Return the fit with the errors of the jackknife, or those of effects that the model lacks if they are larger.
-
-    The jackknife contains such effects, unless all parts of the run have them.
-    """
-    var = np.diagonal(jackknife_fit.cov)
-    missing = np.maximum(np.diagonal(fit.cov) - 2.0 * var, 0.0)
-    cov = jackknife_fit.cov + np.diag(np.nan_to_num(missing))
-    return replace(fit, cov=cov, sd=np.sqrt(np.diagonal(cov)))
+    # the jackknife already contains effects that the model lacks
+    errors = fit_of(end._replace(score_test=False))
+    fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
+    return _with_notes(fit, imu, scales)
 
 
 def _search_yaw_rate_and_delay(task: Task) -> tuple[Task, Search]:
