@@ -1,6 +1,6 @@
 """Compare the smoothed with the filtered estimates of the default filter, on vehicles of the second simulator.
 
-    python -m benchmarks.smoothing      (--draws 1: a short trial)
+    python -m benchmarks.smoothing      (--smallest: a short trial with one vehicle)
 
 The vehicles are numbers 0 to 3 of `study estimation`: robots with slip, backlash, a slope and a second lag, which the
 model does not include. Each is fitted to one run and replayed on another. In that run a camera reads the pose every
@@ -54,9 +54,11 @@ def main():
     """Print a line for each vehicle, filtered and smoothed."""
     arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     arguments.add_argument("--draws", type=int, default=8)
-    draws = arguments.parse_args().draws
-    subjects = subjects_of(EstimationJob("robot", tuple(range(4)), (), "auto"))
-    for subject, sensors in zip(subjects, SENSORS, strict=True):
+    arguments.add_argument("--smallest", action="store_true", help="one vehicle, one draw")
+    chosen = arguments.parse_args()
+    draws, sensor_sets = (1, SENSORS[:1]) if chosen.smallest else (chosen.draws, SENSORS)
+    subjects = subjects_of(EstimationJob("robot", tuple(range(len(sensor_sets))), (), "auto"))
+    for subject, sensors in zip(subjects, sensor_sets, strict=True):
         file = fit_subject(subject, sensors)[1]
         use = [*file.data["estimator"]["use"], "camera"]
         file = parse(file.text + CAMERA, file.name).with_values({"estimator.use": use})
