@@ -144,7 +144,7 @@ def test_two_equivalent_parameters_do_not_crash_the_search():
 def test_the_search_rejects_a_point_with_infinite_derivatives():
     def evaluate(theta):
         x = theta[0]
-        if x > 2.0:  # beyond, the cost is lower and has no slope
+        if x > 2.0:  # beyond, the cost is lower and its slope is not finite
             return Evaluation(-1.0, np.array([np.nan]), np.array([[np.inf]]))
         return Evaluation(float((x - 1.9) ** 2), np.array([2.0 * (x - 1.9)]), np.array([[0.5]]))
 
