@@ -1,5 +1,7 @@
 """Precautions of a repetition: an impossible route is refused, the vehicle joins its route, slows down and stops."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -212,6 +214,11 @@ def test_a_car_that_coasts_is_stopped_before_the_wall(speed_m_s):
     for _ in range(200):
         state, _ = car.vehicle.step(state, np.zeros(2), 0.02, np.zeros(3))
     assert wall_m - 0.25 * speed_m_s < state.eta[0] < wall_m
+
+
+def test_a_vehicle_without_a_drivetrain_has_a_stopping_distance():
+    vehicle = SimpleNamespace(commands=1, nu_dot=lambda nu, effort, psi: np.array([-0.5, 0.0, 0.0]))
+    assert stopping_distance(vehicle, 1.0)(1.0) == pytest.approx(1.0, rel=0.01)  # v²/2a
 
 
 def test_endless_laps_by_imu_stop_before_a_wall():

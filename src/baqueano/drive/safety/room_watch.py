@@ -41,8 +41,9 @@ def stopping_distance(vehicle: Tree, max_speed_m_s: float) -> Callable[[float], 
         nu_dots = [float(nu_dot(np.array([v, 0.0, 0.0]), zero_command, 0.0)[0]) for v in middles]
         decelerations = np.maximum(-np.array(nu_dots), MIN_DECELERATION_M_S2)
         distances[1:] = np.cumsum(middles / decelerations) * (edges[1] - edges[0])
-    drivetrain = vehicle.drivetrain
-    distances += edges * (float(drivetrain.delay_s) + float(np.max(drivetrain.lag_s)))
+    drivetrain = getattr(vehicle, "drivetrain", None)
+    if drivetrain is not None:  # otherwise the command acts at once
+        distances += edges * (float(drivetrain.delay_s) + float(np.max(drivetrain.lag_s)))
     distances = np.maximum(distances, STOPPING_S * edges)
     return lambda v: float(np.interp(v, edges, distances)) * max(1.0, v / max_speed_m_s)
 
