@@ -137,8 +137,8 @@ TEMPLATES: dict[str, str] = {
     "wiring.turns-wrong-right": "the right wheel turns the vehicle in the wrong direction: check its wires",
     "wiring.answers-as-one": "the two wheels respond as one: check the wires of both motors",
     "wiring.swapped": (
-        "left and right motor are swapped: swap their connectors. If the IMU is upside down, its readings are the "
-        "same: calibrate it first"
+        "left and right motor are swapped. An IMU that is upside down gives the same readings, so calibrate the IMU "
+        "first. Then swap the connectors of the motors"
     ),
     "wiring.backwards-left": "the left motor runs backwards: swap its two wires",
     "wiring.backwards-right": "the right motor runs backwards: swap its two wires",
