@@ -72,7 +72,9 @@ def plot_examined_route(result: RouteReport) -> "Figure":
     if result.room is not None:
         x, y = result.room.free_half_width_m
         corners = np.array([(x, y), (-x, y), (-x, -y), (x, -y), (x, y)])
-        axes.plot(*corners.T, color=figures.ALARM, lw=0.9, ls=(0, (5, 4)), label=_("limit of the vehicle's origin"))
+        axes.plot(
+            *corners.T, color=figures.ALARM, lw=0.9, ls=(0, (5, 4)), label=_("limit of the vehicle's origin")
+        )
     axes.legend()
     return figure
 
