@@ -34,6 +34,9 @@ def code_of(call) -> str:
         ("call.kind", lambda: bq.replay("0001.mcap")),
         ("call.kind", lambda: bq.compare([RUN, ROBOT])),
         ("call.kind", lambda: bq.compare(RUN, RUN)),
+        ("call.kind", lambda: bq.repeat(Path("small.toml"), ROUTE)),
+        ("call.kind", lambda: bq.identify(Path("1.mcap"), ROBOT)),
+        ("call.kind", lambda: bq.guides.shapes.sinuous_circle([0.5], 0.1, 1, 0.2)),
         ("call.kind", lambda: bq.load(3)),
         ("call.kind", lambda: bq.experiment(ROBOT, np.zeros((2, 3)), truth="small")),
         ("call.kind", lambda: bq.experiment(ROBOT, "random_steps")),
@@ -46,7 +49,7 @@ def code_of(call) -> str:
         ("call.missing", lambda: bq.excitation("prbs", ROBOT)),
         ("call.positions", lambda: bq.replay(RUN, ROBOT, None, "ekf")),
         ("call.option-of", lambda: bq.identify(RUN, ROBOT, segment_s=3.0)),
-        ("sweep.setting", lambda: bq.FitOptions(segmet_s=3.0)),
+        ("call.unknown", lambda: bq.FitOptions(segmet_s=3.0)),
     ],
 )
 def test_a_wrong_call_is_a_message(code, call):

@@ -10,7 +10,7 @@ from statistics import median
 import pytest
 
 from benchmarks import door as bench
-from benchmarks.processes import before_others
+from benchmarks.processes import before_others, quantile
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="/proc"),
@@ -39,6 +39,7 @@ def test_rt15_a_stop_gives_zero_command_within_50_ms_under_flooding(times):
 
 
 def test_a_message_arrives_within_5_ms(times):
+    assert min(quantile(delays, 0.95) for delays in times.messages) <= bench.MOST_TOLD_MS, times.messages
     assert median(times.late_ms()) <= bench.MOST_TOLD_MS, (times.messages, times.control)
     assert min(median(delays) for delays in times.messages_flooded) <= bench.MOST_TOLD_MS, (
         times.messages_flooded

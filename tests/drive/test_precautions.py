@@ -216,8 +216,14 @@ def test_a_car_that_coasts_is_stopped_before_the_wall(speed_m_s):
     assert wall_m - 0.25 * speed_m_s < state.eta[0] < wall_m
 
 
-def test_a_vehicle_without_a_drivetrain_has_a_stopping_distance():
-    vehicle = SimpleNamespace(commands=1, nu_dot=lambda nu, effort, psi: np.array([-0.5, 0.0, 0.0]))
+@pytest.mark.parametrize("weak_sign", [1.0, -1.0])
+def test_the_stopping_distance_is_that_of_the_direction_with_less_friction(weak_sign):
+    """The vehicle is without a drivetrain. In one direction it decelerates with 0.5 m/s², in the other with 2.0."""
+
+    def nu_dot(nu, effort, psi):
+        return np.array([-np.sign(nu[0]) * (0.5 if nu[0] * weak_sign > 0.0 else 2.0), 0.0, 0.0])
+
+    vehicle = SimpleNamespace(commands=1, nu_dot=nu_dot)
     assert stopping_distance(vehicle, 1.0)(1.0) == pytest.approx(1.0, rel=0.01)  # v²/2a
 
 

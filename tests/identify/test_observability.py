@@ -70,6 +70,7 @@ def test_id0_a_vehicle_at_rest_gives_no_fit(case):
     assert fit.verdict == "REFUSED"
     assert "fit.explains-nothing" in [reason.code for reason in fit.reasons]
     assert [name for name in fit.names if name in fit.vehicle_file.provenance] == []  # none is written
+    assert [fit.vehicle_file.value(name) for name in fit.names] == [case.value(name) for name in fit.names]
     assert len(fit.channels) == 3  # the measured data are shown nevertheless
 
 

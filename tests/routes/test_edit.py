@@ -7,7 +7,7 @@ from baqueano.errors import UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.route import Route, move_route
 from baqueano.guides.shapes import circle, eight, line, rectangle, slalom
-from baqueano.routes import at_speed, cut, fastest, join, reverse, scale, through_points
+from baqueano.routes import at_speed, cut, fastest, join, reverse, scale, smooth, through_points
 from baqueano.routes.path import distances_along
 from baqueano.vehicle_file import load
 from tests.codes import refused
@@ -128,7 +128,7 @@ def test_an_impossible_route_edit_is_refused():
 def test_a_new_speed_keeps_the_slip_of_the_route(backing):
     """The origin of a car moves in another direction than its heading: a controller follows the direction of both."""
     route = reverse(ROUTES["circle of a car"], backing)
-    edited_routes = (at_speed(route, 0.4), fastest(route, load("car")))
+    edited_routes = (at_speed(route, 0.4), fastest(route, load("car")), smooth(route))
     for edited_route in edited_routes:
         drives_itself(edited_route)
         slip = np.arctan(edited_route.nu[:, 1] / edited_route.nu[:, 0])

@@ -6,6 +6,7 @@ annotation, such as the one of a block, is left to the function. Missing and unk
 
 import inspect
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import is_dataclass
 from functools import wraps
@@ -33,6 +34,7 @@ class ArgumentKind(NamedTuple):
 
 
 MAX_REPR = 40  # characters of an argument that a message shows
+LIBRARIES = {"baqueano", "numpy", *sys.stdlib_module_names} - {"types"}  # a SimpleNamespace is of the user
 
 
 def _has_class(name: str) -> Callable[[object], bool]:
@@ -42,8 +44,8 @@ def _has_class(name: str) -> Callable[[object], bool]:
     """
 
     def accepts(value: object) -> bool:
-        is_of_user = type(value).__module__.partition(".")[0] not in ("baqueano", "builtins", "numpy")
-        return is_of_user or any(base.__name__ == name for base in type(value).__mro__)
+        is_of_library = type(value).__module__.partition(".")[0] in LIBRARIES
+        return not is_of_library or any(base.__name__ == name for base in type(value).__mro__)
 
     return accepts
 
@@ -163,7 +165,7 @@ def _refuse_arguments(
                     fault("call.option-of", fix, call=_call_name(example), found=unknown[0], owner=owner)
                 )
         near = nearest(unknown[0], [name for name in parameters if name != "self"])
-        raise Misuse(fault("sweep.setting", call=_call_name(example), found=unknown[0], near=near))
+        raise Misuse(fault("call.unknown", example, call=_call_name(example), found=unknown[0], near=near))
     positional = [p for p in parameters.values() if p.kind == p.POSITIONAL_OR_KEYWORD]
     missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
     if missing:
@@ -182,7 +184,7 @@ def _refuse_kind(
     ):
         raise Misuse(fault("call.order", example, call=call))
     reader = next((kind.reader for kind in kinds[name] if kind.reader), "")
-    is_text = isinstance(value, str)
+    is_text = isinstance(value, str | PurePath)
     value_text = f'"{value}"' if is_text else _short_repr(value)
     fix = reader.format(value_text, name=name) if is_text and reader else example
     part = getattr(value, name, None)  # such as the route of the result of `teach`

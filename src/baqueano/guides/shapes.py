@@ -30,8 +30,8 @@ POINT_COUNT = 1441  # poses of a drawn route, four per degree of a circle
 SHAPE_NAMES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`
 
 
-@lru_cache(maxsize=32)
 @checked_call("bq.guides.shapes.sinuous_circle(0.6, 0.08, 5, 0.2)")
+@lru_cache(maxsize=32)
 def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
     """Return a circle whose radius varies `waves` times per lap; the route is one lap.
 

@@ -19,7 +19,15 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.routes.edit import ends_meet
-from baqueano.routes.path import GRID_M, RoutePath, direction, distances_along, moving_indices, route_along
+from baqueano.routes.path import (
+    GRID_M,
+    RoutePath,
+    direction,
+    distances_along,
+    moving_indices,
+    path_of,
+    route_along,
+)
 
 MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
 MAX_WAVE_M = 0.8  # the longest wave that is removed
@@ -83,7 +91,9 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     s = distances_along(route.eta[indices, :2])
     spectrum = _spectrum(route.eta[indices, :2], s, is_closed)
     cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
-    path = _path(spectrum, cut_rad_m, is_closed)
+    slip = np.broadcast_to(path_of(route).slip, s.shape)
+    slip_spectrum = _spectrum(np.column_stack([slip, np.zeros(len(s))]), s, is_closed)
+    path = _path(spectrum, slip_spectrum, cut_rad_m)
     speed = np.maximum(speed, MIN_SPEED_SHARE * median_speed)
     return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), forward_sign, is_closed)
 
@@ -126,14 +136,14 @@ def _deviation(spectrum: Spectrum, cut_rad_m: float, norm: str) -> float:
     return float(np.max(distances) if norm == "max" else np.sqrt(np.mean(distances**2)))
 
 
-def _path(spectrum: Spectrum, cut_rad_m: float, is_closed: bool) -> RoutePath:
+def _path(spectrum: Spectrum, slip_spectrum: Spectrum, cut_rad_m: float) -> RoutePath:
     """Return the smooth path with one point every GRID_M, and at least eight points.  (3)"""
     p = _low_pass(spectrum, cut_rad_m) + spectrum.line
     p1, p2 = _low_pass(spectrum, cut_rad_m, 1) + spectrum.line_slope, _low_pass(spectrum, cut_rad_m, 2)
     kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3
-    course = np.unwrap(np.angle(p1))
-    x, y = np.real(p), np.imag(p)
+    x, y, slip = np.real(p), np.imag(p), np.real(_low_pass(slip_spectrum, cut_rad_m) + slip_spectrum.line)
     s = distances_along(np.column_stack([x, y]))
+    course, kappa = np.unwrap(np.angle(p1)) - slip, kappa - np.gradient(slip, s)
     grid = np.linspace(0.0, s[-1], max(8, round(s[-1] / GRID_M) + 1))
-    x, y, course, kappa = (np.interp(grid, s, column) for column in (x, y, course, kappa))
-    return RoutePath(grid, np.column_stack([x, y]), course, kappa)
+    x, y, course, kappa, slip = (np.interp(grid, s, column) for column in (x, y, course, kappa, slip))
+    return RoutePath(grid, np.column_stack([x, y]), course, kappa, slip)

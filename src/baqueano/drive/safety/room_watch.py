@@ -2,10 +2,11 @@
 
   p̂ = p_start + R(ψ_start) R(ψ_0)ᵀ (p − p_0)                in the room, from the route's first pose η_0 (1)
   |p̂_i| + s(|v|) |v_i|/|v| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the stopping distance  (2)
-  s(v) = v (delay + lag) + ∫₀ᵛ w dw / |ν̇_x(w)|,   at least STOPPING_S v       the model coasts without command  (3)
+  s(v) = v (delay + lag) + ∫₀ᵛ w dw / a(w),   a(w) = min(−ν̇_x(w), ν̇_x(−w))         coasting without command  (3)
 
-free is half the width of the space in which the body's origin can be (identify/design/room.py). With only commands and
-an IMU, Σ grows from lap to lap. The drive therefore ends when the vehicle might touch a wall, before it touches one.
+s(v) is at least STOPPING_S v. a is the smaller deceleration, of a forward and a backward motion. free is half the width
+of the space in which the body's origin can be (identify/design/room.py). With only commands and an IMU, Σ grows from
+lap to lap. The drive therefore ends when the vehicle might touch a wall, before it touches one.
 """
 
 from collections.abc import Callable
@@ -38,8 +39,10 @@ def stopping_distance(vehicle: Tree, max_speed_m_s: float) -> Callable[[float], 
     middles, distances = 0.5 * (edges[1:] + edges[:-1]), np.zeros(SPEED_COUNT + 1)
     nu_dot, zero_command = optional.attribute(vehicle, "nu_dot"), np.zeros(vehicle.commands)
     if nu_dot is not None:  # otherwise the velocity follows the command at once
-        nu_dots = [float(nu_dot(np.array([v, 0.0, 0.0]), zero_command, 0.0)[0]) for v in middles]
-        decelerations = np.maximum(-np.array(nu_dots), MIN_DECELERATION_M_S2)
+        speeds = np.array([middles, -middles])
+        nu_dots = [[nu_dot(np.array([v, 0.0, 0.0]), zero_command, 0.0)[0] for v in row] for row in speeds]
+        decelerations = np.min(-np.sign(speeds) * np.array(nu_dots, dtype=float), axis=0)
+        decelerations = np.maximum(decelerations, MIN_DECELERATION_M_S2)
         distances[1:] = np.cumsum(middles / decelerations) * (edges[1] - edges[0])
     drivetrain = getattr(vehicle, "drivetrain", None)
     if drivetrain is not None:  # otherwise the command acts at once

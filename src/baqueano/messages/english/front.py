@@ -12,6 +12,7 @@ TEMPLATES: dict[str, str] = {
     "call.missing": "{call}() needs more arguments: {names}. Type: {fix}",
     "call.positions": "{call}() accepts at most {most} arguments without names. Type: {fix}",
     "call.order": "The arguments of {call}() are in the wrong order. Type: {fix}",
+    "call.unknown": "{call}() does not accept {found}. {near}. Type: {fix}",
     "call.kind": "{call}(): {name} = {found}; expected {expected:word}. Type: {fix}",
     "call.option-of": "{call}() does not accept {found}, which is an option of {owner}. Add: {fix}",
     "front.more": "{lines} more lines: .table()",

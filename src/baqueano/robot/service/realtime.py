@@ -2,7 +2,8 @@
 
 SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on your machine). The loop also waits for the
 interpreter lock. If an ordinary program preempted the thread that holds it, the loop would wait for this program, too
-(priority inversion; Sha, Rajkumar and Lehoczky 1990). So the other threads run under SCHED_FIFO, below the loop.
+(priority inversion; Sha, Rajkumar and Lehoczky 1990). So the other threads that already run get
+SCHED_FIFO, below the loop; one that starts later, such as the copy of a run for a client, is an ordinary thread.
 
 Each page of memory is locked when it is first used, so that no tick waits for the disk. Locking all mapped memory would
 also make unused buffers and stacks resident. Objects made at the start are excluded from garbage collection.

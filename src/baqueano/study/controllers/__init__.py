@@ -38,7 +38,7 @@ def controllers(
     with the number of robots that have just finished.
     """
     contestants = contestants_of((*kinds, *user_blocks), starts, backend)
-    reference = next((rival.label for rival in contestants[1:] if rival.kind == "pd"), contestants[0].label)
+    reference = next((rival.label for rival in contestants if rival.over_draws), contestants[0].label)
     work = partial(drive_robot, contestants=contestants, backend=backend)
     drives_of_robots = run_in_processes(work, range(first, first + seeds), processes, advance)
     robots = sorted(drives_of_robots, key=lambda robot: robot.seed)

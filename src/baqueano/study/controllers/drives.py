@@ -47,6 +47,7 @@ class Contestant(NamedTuple):
     kind: "OwnBlock"
     gains: dict[str, float]  # the tuned ones; empty: the defaults
     at_bound: tuple[str, ...]  # gains that ended at a bound of the search
+    over_draws: bool = False  # tuned over draws of the errors of a fit
 
     def controller(self, vehicle_file: VehicleFile) -> "Controller":
         """Return the controller with its gains, for the model of this vehicle."""
@@ -102,7 +103,8 @@ def _contestant(
         backend=backend,
     )
     at_bound = tuple(gain.name for gain in tune_result.gains if gain.bound_side)
-    return Contestant(f"{label}, draws" if draws else label, kind, tune_result.values, at_bound)
+    label = f"{label}, draws" if draws else label
+    return Contestant(label, kind, tune_result.values, at_bound, draws > 0)
 
 
 def _identified(seed: int) -> "Fit":
