@@ -83,7 +83,7 @@ def test_an_excessive_speed_is_refused_with_a_command(lab, verb):
     line = (verb,) if verb == "repeat" else ("route", "check")
     end = lab(*line, "lab", "--vehicle", "small", "--room", "1x1")
     assert cause_of(end.reason) == "route.through-wall"
-    assert end.fix == "baqueano route scale lab 0.8"
+    assert end.fix == "baqueano route scale lab 0.78"
     sentence = text(end.reason.figures.get("cause", end.reason))
     assert (end.out + end.err).count(sentence) == 1
 

@@ -9,7 +9,7 @@ from baqueano.controllers import PdFeedforward
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, clothoid, line, rectangle, sinuous_circle
-from baqueano.routes import at_speed, examine, fastest
+from baqueano.routes import at_speed, examine, fastest, scale
 from baqueano.routes.capability import Capability
 from baqueano.simulate.closed_loop import simulate_loop
 from baqueano.vehicle_file import load
@@ -141,6 +141,9 @@ def test_the_route_is_checked_against_the_walls_of_the_room():
     (finding,) = examine(lap, small, room_of(small, "2x2")).findings
     assert finding.code == "route.through-wall"
     assert finding.figures["beyond_m"] == pytest.approx(1.0 - 0.93, abs=1e-3)
+    factor = float(finding.fix.split()[-1])
+    assert not examine(scale(lap, factor), small, room_of(small, "2x2")).findings
+    assert examine(scale(lap, factor + 0.02), small, room_of(small, "2x2")).findings
     assert not examine(lap, small, room_of(small, "2x2", start=(0.0, -0.5, 0.0))).findings
 
 

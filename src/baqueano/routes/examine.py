@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
+MIN_SCALE = 0.1  # a smaller route is of no use: its start is too near to the wall
 MIN_POSES, MAX_POSES = 600, 100_000  # number of poses of a route that are judged, if it has so many
 MAX_STEP_S = 0.1  # largest time between two of them, up to MAX_POSES: a third of MIN_LACK_S
 MAX_SHARE = 1.05  # share of the command up to which a route passes
@@ -236,7 +237,7 @@ def examine(
                 *findings,
                 fault(
                     "route.through-wall",
-                    baqueano_command("route", "scale", NAME_PLACEHOLDER, "0.8"),
+                    baqueano_command("route", "scale", NAME_PLACEHOLDER, f"{_scale_into(xy, room):.2f}"),
                     at_m=float(s[index]),
                     beyond_m=-free_m,
                 ),
@@ -246,6 +247,14 @@ def examine(
         float(np.max(speed * turn)), float(np.min(radius)), share, free_m, tuple(findings), capability,
         room,
     )  # fmt: skip
+
+
+def _scale_into(xy: np.ndarray, room: Walls) -> float:
+    """Return the largest factor of hundredths, at least MIN_SCALE, with which the path (m, 2) stays in the room."""
+    ahead = xy - xy[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factors = (room.free_half_width_m - np.sign(ahead) * xy[0]) / np.abs(ahead)
+    return max(float(np.floor(100.0 * np.nanmin(factors) - 1e-6)) / 100.0, MIN_SCALE)
 
 
 def _in_room(route: Route, room: Walls) -> Route:

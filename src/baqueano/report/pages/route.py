@@ -55,7 +55,7 @@ def plot_route(result: Route) -> "Figure":
     """Draw the path of a route with its direction, and its start pose."""
     figure, axes = panel((7.2, 6.2))
     _draw_path(axes, result)
-    axes.legend()
+    axes.legend(**figures.LEGEND_ABOVE)
     return figure
 
 
@@ -75,7 +75,7 @@ def plot_examined_route(result: RouteReport) -> "Figure":
         axes.plot(
             *corners.T, color=figures.ALARM, lw=0.9, ls=(0, (5, 4)), label=_("limit of the vehicle's origin")
         )
-    axes.legend()
+    axes.legend(**figures.LEGEND_ABOVE | {"ncols": 2})
     return figure
 
 
@@ -112,7 +112,7 @@ def plot_demand(result: RouteReport) -> "Figure":
         for k, limit in enumerate(limits if result.capability is not None else ()):
             name = "" if k else _("limit of the vehicle")
             axis.plot(motion.s_m, limit, color=figures.ALARM, lw=0.9, ls=(0, (5, 4)), label=name)
-        axis.set_ylabel(label_)
+        axis.set_ylabel(label_.replace(" [", "\n["))
         if len(limits) == 1:  # speed and command are not negative
             axis.set_ylim(bottom=0.0)
     axes[0, 0].legend(**figures.LEGEND_ABOVE)
