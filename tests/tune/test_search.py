@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.tune.search import DIVERGED_COST, at_limit, coordinates, gain_derivative, gains, halton, search
+from baqueano.tune.search import (
+    DIVERGED_COST,
+    at_limit,
+    coordinates,
+    descend,
+    gain_derivative,
+    gains,
+    halton,
+    search,
+)
 from tests.codes import refused
 
 LOW, HIGH = np.array([0.0, 0.0, 1.0]), np.array([100.0, 10.0, 50.0])
@@ -33,6 +42,22 @@ def test_a_gain_with_its_optimum_beyond_a_bound_is_flagged():
     best = search(*bowl(np.array([200.0, -3.0, 20.0])), LOW, HIGH)[0]
     np.testing.assert_allclose(best.gains, [100.0, 0.0, 20.0], rtol=1e-4, atol=1e-6)
     assert at_limit(best.gains, LOW, HIGH).tolist() == [1, -1, 0]
+
+
+def test_gains_that_only_act_together_stay_near_the_present_gains():
+    """Only g0 + 10 g1 matters, and g2 has no effect: without a preference the descent stays at the bounds."""
+    present = np.array([20.0, 3.0, 30.0])
+
+    def both(g):
+        d = (g[0] + 10.0 * g[1] - 40.0) / 40.0
+        return 1.0 + d * d, np.array([2.0 * d / 40.0, 20.0 * d / 40.0, 0.0])
+
+    at_bounds = np.array([0.0, 4.0, 50.0])
+    end = descend(both, at_bounds, LOW, HIGH, present)
+    assert end.cost == pytest.approx(1.0, abs=1e-4)
+    assert 20.0 < end.gains[2] < 40.0
+    assert not np.any(at_limit(end.gains, LOW, HIGH))
+    np.testing.assert_allclose(descend(both, at_bounds, LOW, HIGH).gains, at_bounds, atol=1e-9)
 
 
 def test_a_search_from_the_lower_bounds_reaches_the_minimum():

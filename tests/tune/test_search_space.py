@@ -54,6 +54,23 @@ def test_the_gradient_with_respect_to_an_entry_is_exact():
     np.testing.assert_allclose(slope, numeric, rtol=2e-3, atol=1e-7)
 
 
+def test_the_memory_of_the_controller_at_the_start_follows_its_gains():
+    """The regulator starts with the cost matrix of its own weights, so the weights in the file have no effect."""
+    weights, options = (
+        np.array([0.2, 0.02, 0.1]),
+        {"controller": "lqr", "gains": ["e_max"], "duration_s": 1.0},
+    )
+    other = load("small").with_values({"controller.kind": "lqr", "controller.e_max": weights})
+    drive = tuning_objective(load("small"), ROUTE, **options)
+    assert drive.cost(weights) == pytest.approx(
+        tuning_objective(other, ROUTE, **options).cost(weights), rel=1e-9
+    )
+    _, slope = drive.cost_and_gradient(weights)
+    for k, step in enumerate(1e-6 * np.eye(3)):
+        difference = (drive.cost(weights + step) - drive.cost(weights - step)) / 2e-6
+        assert slope[k] == pytest.approx(difference, rel=1e-4)
+
+
 def test_a_tuned_controller_is_written_with_its_kind_and_provenance(lqr):
     file = lqr.updated_file()
     assert file.data["controller"]["kind"] == "lqr"

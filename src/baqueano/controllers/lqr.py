@@ -6,7 +6,8 @@
     (v, ω) = ν_f − K e,    Q = diag(1/e_max²),    R = diag(1/δν_max²)                                     (4)
 
 e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) per
-tick propagates the Riccati equation forward, without future references. An error of e_max has the same cost as a change
+tick propagates the Riccati equation forward, without future references; P begins with the solution of its continuous
+form for a slow vehicle. An error of e_max has the same cost as a change
 of velocity of δν_max (Bryson's rule). The angle of approach to a far path is at most MAX_APPROACH_RAD. At rest a
 cross-track error cannot be corrected, so (2) is evaluated at a speed of at least MIN_SPEED_M_S. Prediction and command:
 model_following.py.
@@ -26,7 +27,6 @@ from baqueano.parameter import document, parameter
 from baqueano.symbolic import jacobian
 
 MIN_SPEED_M_S = 0.05
-INITIAL_HORIZON_S = 10.0  # of (3) before the first tick, at MIN_SPEED_M_S
 
 
 @document
@@ -65,12 +65,15 @@ class Lqr(ModelFollower):
     )
 
     def memory(self) -> np.ndarray:
-        """Return P (3, 3) before the first tick: the solution of (3) for a slow vehicle."""
-        A, B = _linear(np.array([MIN_SPEED_M_S, 0.0, 0.0]), 1.0 / self.rate_hz)
-        P = np.diag(1.0 / self.e_max**2)
-        for _ in range(round(INITIAL_HORIZON_S * self.rate_hz)):
-            P = self.riccati(P, A, B)[0]
-        return P
+        """Return P (3, 3) before the first tick: the solution of (3) for MIN_SPEED_M_S, if a tick is short.
+
+        It is the solution of 0 = AᵀP + PA − P B R⁻¹ Bᵀ P + Q for ė_x = −δv, ė_y = v e_χ, ė_χ = −δω.
+        """
+        v, (q_x, q_y, q_chi), (r_v, r_omega) = MIN_SPEED_M_S, self.e_max**-2, self.change_max**-2
+        P_yc = np.sqrt(q_y * r_omega)
+        P_cc = np.sqrt(r_omega * (q_chi + 2.0 * v * P_yc))
+        P_yy = P_yc * P_cc / (r_omega * v)
+        return np.array([[np.sqrt(q_x * r_v), 0.0, 0.0], [0.0, P_yy, P_yc], [0.0, P_yc, P_cc]]) * self.rate_hz
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return P (3, 3) one tick later, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""

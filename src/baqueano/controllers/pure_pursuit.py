@@ -1,13 +1,14 @@
 """Pure pursuit: drive on the arc that ends at a point of the path ahead.
 
-    L = look_ahead_m + look_ahead_s |v_f|,    (x, y): point of the path L after the reference, in the body frame
+    L = max(look_ahead_m, look_ahead_s |v_f|),    (x, y): point of the path L after the reference, in the body frame
     v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
 
 v_f is the speed of the reference without jumps, e_x the along-track error. (1) is the curvature of the arc that leaves
 the vehicle along its course and ends at (x, y). With a longer L the motion is smoother, but cuts corners. The law
 cannot turn on the spot, and it does not correct at rest.
 
-Source: Coulter, CMU-RI-TR-92-01, 1992. Prediction and command: model_following.py.
+Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. Prediction and command:
+model_following.py.
 """
 
 from dataclasses import dataclass
@@ -39,15 +40,19 @@ class PurePursuit(ModelFollower):
     """
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
-    look_ahead_m: float = parameter("m", "look-ahead distance L at rest", low=0.01, high=10.0, default=0.1)
+    look_ahead_m: float = parameter("m", "smallest look-ahead distance L", low=0.001, high=10.0, default=0.1)
     look_ahead_s: float = parameter(
-        "s", "increase of the look-ahead distance L per m/s", low=0.0, high=10.0, default=0.3
+        "s",
+        "look-ahead distance L per m/s, if it is more than look_ahead_m",
+        low=0.0,
+        high=10.0,
+        default=0.45,
     )
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         v_f = tracking.nu_f[0]
-        L = self.look_ahead_m + self.look_ahead_s * np.abs(v_f)
+        L = np.maximum(self.look_ahead_m, self.look_ahead_s * np.abs(v_f))
         limited = tracking._replace(
             e=np.array([np.clip(tracking.e[0], -0.5 * L, 0.5 * L), tracking.e[1], tracking.e[2]])
         )

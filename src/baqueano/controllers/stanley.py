@@ -1,6 +1,6 @@
 """Stanley's law: steer a front axle onto the path, as a driver who watches the front wheels.
 
-    l = axle_m + axle_s |v_f|,    y_f = e_y ± l sin e_χ
+    l = max(axle_m, axle_s |v_f|),    y_f = e_y ± l sin e_χ
     δ = e_χ ± atan(k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
     v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
 
@@ -45,18 +45,20 @@ class Stanley(ModelFollower):
         "1/s", "rate at which the cross-track error decreases", low=0.0, high=20.0, default=4.0
     )
     axle_m: float = parameter(
-        "m", "distance l from the vehicle to its front axle, at rest", low=0.01, high=10.0, default=0.08
+        "m", "smallest distance l from the vehicle to its front axle", low=0.001, high=10.0, default=0.1
     )
-    axle_s: float = parameter("s", "increase of the distance l per m/s", low=0.0, high=10.0, default=0.15)
+    axle_s: float = parameter(
+        "s", "distance l per m/s, if it is more than axle_m", low=0.0, high=10.0, default=0.25
+    )
     soft_m_s: float = parameter(
         "m/s", "v_soft: makes the steering softer at low speed", low=1e-3, high=10.0, default=0.05
     )
-    steepest_rad: float = parameter("rad", "largest steering angle δ", low=0.01, high=1.5, default=0.8)
+    steepest_rad: float = parameter("rad", "largest steering angle δ", low=0.01, high=1.57, default=0.8)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
-        axle_m = self.axle_m + self.axle_s * np.abs(v_f)
+        axle_m = np.maximum(self.axle_m, self.axle_s * np.abs(v_f))
         y_f = e_y + tracking.forward_sign * axle_m * np.sin(tracking.e_chi)
         delta = tracking.e_chi + tracking.forward_sign * np.arctan(
             self.k * y_f / (self.soft_m_s + np.abs(v_f))

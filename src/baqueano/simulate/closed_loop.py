@@ -40,6 +40,7 @@ from baqueano.simulate.system import (
 from baqueano.supervisor import REASONS, diagnostic_of
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
+from baqueano.symbolic.graph.tree import flat_row, shape_of
 from baqueano.symbolic.scan import Scan
 from baqueano.worlds.simulated import no_noise, rows_of_tick
 
@@ -179,11 +180,13 @@ def closed_loop(
     backend: str = "auto",
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
+    start: Callable[[Tree], SystemState] | None = None,
 ) -> Scan:
     """Return the compiled closed loop (1): a `scan` from Input and SystemState to LoopOutput, or output(LoopOutput).
 
-    The values of the system at `paths` are the parameters θ of the scan. Raise UsageError for a block that cannot be
-    compiled.
+    The values of the system at `paths` are the parameters θ of the scan. `start` is the state before the first tick as
+    a function of θ; without it, or for another state, pass the state as `carry`. Raise UsageError for a block that
+    cannot be compiled.
     """
     if resolve_backend(backend) != "numpy":
         check_compilable(**system.blocks._asdict())
@@ -200,7 +203,23 @@ def closed_loop(
     def step(theta: Tree, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
         return step_of(with_parameters(system, paths, theta), state, x)
 
-    return scan(step, begin(system), example, parameter_vector(system, paths), backend=backend)
+    return scan(step, start or begin(system), example, parameter_vector(system, paths), backend=backend)
+
+
+def start_by_parameters(
+    system: System, paths: tuple[str, ...], state: SystemState
+) -> Callable[[Tree], SystemState] | None:
+    """Return `state` as a function of the parameters θ at `paths`, or None if the controller starts alike for all θ."""
+
+    def start(theta: Tree) -> SystemState:
+        controller = with_parameters(system, paths, theta).controller
+        return state._replace(blocks=state.blocks._replace(controller=controller.init()))
+
+    theta = parameter_vector(system, paths)
+    first, second = (start(theta + change * (1.0 + np.abs(theta))).blocks.controller for change in (0.0, 0.1))
+    shape = shape_of(first, "controller")
+    is_constant = np.array_equal(flat_row(shape, first), flat_row(shape, second), equal_nan=True)
+    return None if is_constant else start
 
 
 def check_compilable(**blocks: Tree) -> None:

@@ -23,7 +23,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.tune.objective import Objective, draw_vehicles, tuning_objective
-from baqueano.tune.search import DIVERGED_COST, START_COUNT, Descent, at_limit, descend, search
+from baqueano.tune.search import DIVERGED_COST, START_COUNT, TIE_WEIGHT, Descent, at_limit, descend, search
 from baqueano.tune.tune_result import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
 
 if TYPE_CHECKING:
@@ -109,10 +109,11 @@ def search_gains(
 ) -> tuple[Objective, list[Descent]]:
     """Return the rehearsal with the final bounds, and the descents, the least cost first.
 
-    If a gain ends on a soft bound, the search continues from there with a wider bound.
+    If a gain ends on a bound, the search is repeated from there near the first of the `initial` gains (search.py,
+    equation 2). If that also ends on a bound, and the bound is soft, the search continues with a wider bound.
     """
     descents: list[Descent] = []
-    best_gains = np.zeros(0)
+    preferred = initial[0] if initial else rehearsal.space.middle
     for _ in range(1 + MAX_WIDENED_SEARCHES):
         space = rehearsal.space
         descents += search(
@@ -120,16 +121,22 @@ def search_gains(
         )
         descents.sort(key=lambda d: d.cost)
         best_gains = descents[0].gains
-        wider = space.widen(at_limit(best_gains, space.low, space.high))
+        ends = at_limit(best_gains, space.low, space.high)
+        if np.any(ends) and (inside := _within_bounds(rehearsal, descents[0], preferred)):
+            return rehearsal, [inside, *descents]
+        wider = space.widen(ends)
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
             break
         rehearsal, initial, start_count = replace(rehearsal, space=wider), [best_gains], 0
-    if rehearsal.initial_memory_depends_on(best_gains):
-        space, rehearsal = rehearsal.space, rehearsal.with_initial_gains(best_gains)
-        second = descend(rehearsal.cost_and_gradient, best_gains, space.low, space.high)
-        rehearsal = rehearsal.with_initial_gains(second.gains)
-        descents.insert(0, second._replace(cost=rehearsal.cost(second.gains)))
     return rehearsal, descents
+
+
+def _within_bounds(rehearsal: Objective, best: Descent, preferred: np.ndarray) -> Descent | None:
+    """Return a descent from the best end to gains within their bounds, if it costs nearly the same; else None."""
+    space = rehearsal.space
+    end = descend(rehearsal.cost_and_gradient, best.gains, space.low, space.high, preferred)
+    is_near = end.cost <= (1.0 + TIE_WEIGHT * len(preferred)) * best.cost
+    return end if is_near and not np.any(at_limit(end.gains, space.low, space.high)) else None
 
 
 def rank_by_worst_case(

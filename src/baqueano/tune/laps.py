@@ -14,7 +14,13 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
-from baqueano.simulate.closed_loop import closed_loop, loop_system, start_pose, tick_count_of
+from baqueano.simulate.closed_loop import (
+    closed_loop,
+    loop_system,
+    start_by_parameters,
+    start_pose,
+    tick_count_of,
+)
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
@@ -68,7 +74,7 @@ class SimulatedLaps:
     seconds: float  # of a lap
     is_whole_route: bool  # False: only the first MAX_LAP_S of it
     _inputs: Input
-    _start: SystemState
+    _start: SystemState | None  # None: the kernel computes it from the gains
     _kernel: Scan
 
     @property
@@ -138,9 +144,16 @@ def simulated_laps(
         return _LapTick(eta[0], eta[1], cost, jerk(limit, loop_output), errors.distance_m, errors.saturated)
 
     paths = tuple(f"controller.{name}" for name in space.names)
-    kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths)
-    start = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
+    state = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
+    start = start_by_parameters(system, paths, state)
+    kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths, start=start)
     is_whole = tick_count == full_tick_count
     return SimulatedLaps(
-        space, weights, tick_count / rate, is_whole, Input(tick_times(tick_count, rate), None), start, kernel
+        space,
+        weights,
+        tick_count / rate,
+        is_whole,
+        Input(tick_times(tick_count, rate), None),
+        state if start is None else None,
+        kernel,
     )

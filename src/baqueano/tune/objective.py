@@ -32,6 +32,7 @@ from baqueano.simulate.closed_loop import (
     closed_loop,
     loop_system,
     sample_references,
+    start_by_parameters,
     start_pose,
     tick_count_of,
 )
@@ -75,7 +76,7 @@ class ObjectiveCase(NamedTuple):
     system: System
     rate_hz: float
     ticks: int
-    start: SystemState
+    start: SystemState | None  # None: the kernels compute it from the gains
     cost: Scan
     shown: Scan
     inputs: tuple[Input, ...] = ()  # of each seed
@@ -151,23 +152,6 @@ class Objective:
         ]  # fmt: skip
         d, psi, saturated = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
         return DriveErrors(rms(d), float(np.max(d)), rms(psi), float(np.mean(saturated)))
-
-    def with_initial_gains(self, gains: np.ndarray) -> "Objective":
-        """Return the same drives; each starts with the initial state of a controller with these gains."""
-        block = self.space.with_gains(gains)
-        cases = tuple(case._replace(start=_with_initial_controller(case.start, block)) for case in self.cases)
-        return replace(self, cases=cases)
-
-    def initial_memory_depends_on(self, gains: np.ndarray) -> bool:
-        """Return True if the controller's initial state differs between these gains and `space.block`.
-
-        The drives start with the initial state of `space.block`.
-        """
-        current_state, new_state = self.space.block.init(), self.space.with_gains(gains).init()
-        return any(
-            not np.array_equal(a, b)
-            for a, b in zip(_is_flat(current_state), _is_flat(new_state), strict=True)
-        )
 
     def nominal(self) -> "Objective":
         """Return the same drives with only the vehicle of the file."""
@@ -323,10 +307,11 @@ def _case(
 ) -> ObjectiveCase:  # fmt: skip
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     tick_count = tick_count_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
-    make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths)
-    start = begin(system, compose(start_pose(system), np.array([-aside_m, aside_m, 0.0])))
+    state = begin(system, compose(start_pose(system), np.array([-aside_m, aside_m, 0.0])))
+    start = start_by_parameters(system, paths, state)
+    make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths, start=start)
     kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(tick_errors, limit))
-    return ObjectiveCase(system, rate, tick_count, start, *kernels)
+    return ObjectiveCase(system, rate, tick_count, state if start is None else None, *kernels)
 
 
 def draw_vehicles(
@@ -352,10 +337,6 @@ def _with_delay_slots(system: System, paths: tuple[str, ...], vehicles: np.ndarr
     )  # the vehicles of the test are drawn later
     slots = ceil(max_delay_s * row_rate_hz(rate_hz))
     return with_value(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
-
-
-def _with_initial_controller(start: SystemState, controller: object) -> SystemState:
-    return start._replace(blocks=start.blocks._replace(controller=controller.init()))  # type: ignore[attr-defined]
 
 
 def without_quantisation(system: System) -> System:
@@ -394,7 +375,3 @@ def _heading_weight_m(vehicle_file: "VehicleFile") -> float:
     if geometry.track_m is not None:
         return 0.5 * geometry.track_m
     return geometry.radius_m if geometry.radius_m is not None else RADIAN_M
-
-
-def _is_flat(tree: object) -> list[np.ndarray]:
-    return [x for branch in tree for x in _is_flat(branch)] if isinstance(tree, tuple) else [np.asarray(tree)]

@@ -7,6 +7,11 @@ slope of (1) at 0 is above 0, so that a gain can leave its bound. The cost is ev
 the unit cube (Halton 1960). L-BFGS-B (Byrd et al. 1995) descends from the best of them. If the gradient at the end is
 still large, the cost is not smooth (for example, motors that switch direction). Then the simplex of Nelder and Mead
 continues from there. The search is deterministic: the same input yields the same result.
+
+Two gains can have the same effect, or one gain none; then a descent can end at a bound for a negligible advantage. With
+`preferred` gains x_0, a descent stays near them, and minimises, for the cost C,
+
+    C (1 + w |x − x_0|²),   w = 0.002                                                                 (2)
 """
 
 from collections.abc import Callable, Sequence
@@ -29,6 +34,7 @@ SIMPLEX_SEARCHES, SIMPLEX_SIZE = (
     3,
     0.1,
 )  # number of simplex searches in a row, and size of the first simplex of each, in x
+TIE_WEIGHT = 2e-3  # w: the share of the cost that is given up for a gain that moves across its range
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 LIMIT_TOLERANCE = 1e-3  # of the range in x
 DIVERGED_COST = 1e30  # the cost of gains for which the simulation diverges
@@ -76,10 +82,14 @@ def search(
 
 
 def descend(
-    cost_and_gradient: CostAndGradient, start: np.ndarray, low: np.ndarray, high: np.ndarray
+    cost_and_gradient: CostAndGradient,
+    start: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    preferred: np.ndarray | None = None,
 ) -> Descent:
-    """Return the descent from the gains `start` (p,), which must be within the bounds."""
-    return _descend(_minimize(), cost_and_gradient, start, low, high)
+    """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred` (p,): see (2)."""
+    return _descend(_minimize(), cost_and_gradient, start, low, high, preferred)
 
 
 def _descend(
@@ -88,9 +98,16 @@ def _descend(
     start: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
+    preferred: np.ndarray | None = None,
 ) -> Descent:
     costs: list[float] = []
     initial_cost = _finite(cost_and_gradient(start)[0])
+    x0 = coordinates(start, low, high)
+    weight, x_preferred = (
+        (0.0, x0)
+        if preferred is None
+        else (TIE_WEIGHT, coordinates(np.clip(preferred, low, high), low, high))
+    )
     scale = 1.0 / max(initial_cost, 1e-300)  # the stopping rule is relative to the cost at the start
 
     def f(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -98,17 +115,21 @@ def _descend(
         costs.append(_finite(value))
         if costs[-1] == DIVERGED_COST or not np.all(np.isfinite(gradient)):
             return DIVERGED_COST * scale, np.zeros(len(x))
-        return value * scale, gradient * gain_derivative(x, low, high) * scale
+        away = x - x_preferred
+        share = 1.0 + weight * float(away @ away)  # (2)
+        slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * away
+        return share * value * scale, slope * scale
 
     options = {"maxfun": MAX_EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
-    x0 = coordinates(start, low, high)
     path = [np.array(start, dtype=float)]
     optimum = minimize(
         f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
         callback=lambda x: path.append(gains(x, low, high)),
     )  # fmt: skip
-    is_better = optimum.fun <= initial_cost * scale
-    x, min_cost = (optimum.x, float(optimum.fun / scale)) if is_better else (x0, initial_cost)
+    away = optimum.x - x_preferred
+    x, min_cost = optimum.x, float(optimum.fun / scale) / (1.0 + weight * float(away @ away))
+    if preferred is None and not min_cost <= initial_cost:
+        x, min_cost = x0, initial_cost
     return Descent(
         start, gains(x, low, high), min_cost, np.array(costs), _largest_slope(optimum, x), tuple(path)
     )

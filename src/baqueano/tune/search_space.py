@@ -19,6 +19,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.parameter import Parameter, parameters
 from baqueano.symbolic import value_at_path, with_value
+from baqueano.tune.search import gains as gains_at
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -46,6 +47,11 @@ class SearchSpace(NamedTuple):
     def initial_gains(self) -> JsonObject:
         """Return an allowed value of each gain, by name."""
         return {name: float(np.asarray(value_at_path(self.block, name))) for name in self.names}
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Return the middle of the range of each gain, in the coordinates of the search: (p,)."""
+        return gains_at(np.full(len(self.low), 0.5), self.low, self.high)
 
     def widen(self, ends: np.ndarray) -> "SearchSpace":
         """Return the space with wider soft bounds where the entry of `ends` (p,) is −1 (at the lower bound) or +1 (at
