@@ -10,8 +10,8 @@ import pytest
 from baqueano.diagnostics import StopReason
 from baqueano.door import sockets
 from baqueano.door.clients import MAX_BACKLOG, MAX_SHORT_LINE_BYTES, READ_BYTES, DoorClient
-from baqueano.door.operator import SILENCE_S, Operator
-from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, MAX_PAGE_SILENCE_S, STOP_CONNECTIONS, Door
+from baqueano.door.operator import Operator
+from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, STOP_CONNECTIONS, Door
 from tests.door.test_sockets import Person, until
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -210,17 +210,3 @@ def test_a_long_line_is_refused_during_a_drive(door, connect):
         for _ in range(1000):
             second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * MAX_SHORT_LINE_BYTES)
     assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
-
-
-def test_a_page_has_a_shorter_timeout_than_ssh(door, connect):
-    assert MAX_PAGE_SILENCE_S < SILENCE_S
-    for k, (by, silence_s) in enumerate((("page", MAX_PAGE_SILENCE_S), ("ssh", SILENCE_S))):
-        person = connect()
-        person.send(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
-        until(lambda: door.operator.is_busy)
-        assert door.operator._silence_s == silence_s
-        door.operator.pop_mission()
-        door.operator.record_mission_end()
-        person.close()
-        until(lambda person=person: not any(door.operator.is_holder(client) for client in door._clients))
-        until(lambda: door.operator._holder is None)

@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from baqueano.diagnostics import StopReason, stop
-from baqueano.door.operator import Operator
+from baqueano.door.operator import SILENCE_S, Operator
+from baqueano.door.remote import HEARTBEAT_PERIOD_S
 from baqueano.errors import SafetyStop
 
 TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
@@ -55,6 +56,20 @@ def test_a_signal_handler_does_not_wait_for_a_lock(word, args):
         signal.signal(signal.SIGALRM, before[1])
     assert len(rung) > 1
     assert operator.stop_reason(attended=False).code == StopReason.SERVICE_ENDED
+
+
+def test_a_silence_of_0_3_s_stops_the_vehicle_whoever_the_holder_is():
+    now_ns = 0
+    operator = Operator(lambda: now_ns)
+    operator.queue_mission("me", "a mission")
+    operator.set_command("me", [0.5])
+    now_ns = 299_000_000
+    assert operator.stop_reason() is None
+    assert operator.command(1) == 0.5
+    now_ns = 301_000_000
+    assert operator.stop_reason().code == StopReason.HOLDER_SILENT
+    assert operator.command(1) == 0.0
+    assert 5 * HEARTBEAT_PERIOD_S < SILENCE_S  # four lost heartbeats of a laptop do not stop it
 
 
 def test_the_busy_message_distinguishes_a_drive_from_a_rest_between_drives():

@@ -92,7 +92,7 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
     assert not attended
     commands = []
 
-    def hand_arrives():  # sent repeatedly: a set-point is valid for 0.4 s only
+    def hand_arrives():  # sent repeatedly: a set-point is valid for 0.3 s only
         person.send(do="hand", u=[0.1, 0.0, 0.2])
         commands.append(door.operator.command(3))
         return commands[-1].any()

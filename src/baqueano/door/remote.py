@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.drive.mission import Mission
 
-HEARTBEAT_PERIOD_S = 0.1
+HEARTBEAT_PERIOD_S = 0.05  # TCP resends a lost heartbeat when the next ones are acknowledged, so they are frequent
 SET_POINT_PERIOD_S = 0.02  # between commands of a person who drives
 PING_PERIOD_S = 0.5
 GREETING_TIMEOUT_S = 15.0  # ssh exchanges keys, and a Pi starts Python

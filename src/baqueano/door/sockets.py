@@ -1,6 +1,6 @@
 """Serve up to MAX_CLIENTS clients of the service at a socket, with one line of JSON for each message.
 
-  to the vehicle     mission {mission, attended, id, door, by}, hand {u}, beat, mark, end, stop {why}, clear,
+  to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {why}, clear,
                      runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
   from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
                      pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
@@ -49,7 +49,6 @@ LONGEST_ID, LOOK_S = 64, 5.0  # most characters of an id; longest wait, since a 
 SWITCH_INTERVAL_S = 5e-4  # the door and a computing loop wait at most this time for each other, not 5 ms
 ROUND_PAUSE_S = 0.001  # pause after a turn with many lines, so that the loop's thread runs
 SEND_BUFFER_BYTES = 16 << 10  # bytes buffered by the system for a slow reader; more would delay its frames
-MAX_PAGE_SILENCE_S = 0.3  # silence of a page that drives, which stops the vehicle
 Handler = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and request → answer
 
 
@@ -276,8 +275,7 @@ class Door:
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
         name, attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
-        silence_s = MAX_PAGE_SILENCE_S if request.get("by") == "page" else None
-        self.operator.queue_mission(client, mission, attended, name, silence_s)
+        self.operator.queue_mission(client, mission, attended, name)
 
     def _set_gain(self, client: DoorClient, request: "JsonObject") -> None:
         self.operator.set_gain(client, str(request["path"]), request["value"])

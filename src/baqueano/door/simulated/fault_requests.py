@@ -39,7 +39,7 @@ class FaultRequests:
         self._world: FaultyWorld | None = None  # the world of the present drive, None without one
         self._last: tuple[JsonObject, bool, FaultyWorld] | None = None  # mission, attended, its world
         self._by_hand = False
-        self._next_mission: tuple[object, JsonObject, bool, float] | None = None
+        self._next_mission: tuple[object, JsonObject, bool] | None = None
 
     def begin(self, plan: "MissionPlan", world: "FaultyWorld", mission_json: str, attended: bool) -> Observer:
         """Store a drive that begins, and return the observer that keeps its record of faults."""
@@ -79,7 +79,7 @@ class FaultRequests:
             if omitted_numbers is not None and number not in omitted_numbers
         ]  # fmt: skip
         hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
-        self._next_mission = client, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
+        self._next_mission = client, mission | hurry | {"shake": faults}, attended
         if self._operator.is_busy:
             self._operator.request_end(client)
         else:
@@ -89,11 +89,11 @@ class FaultRequests:
         """Queue the mission to repeat, if one is requested; call this when no mission is under way."""
         if self._next_mission is None:
             return
-        (client, mission, attended, silence_s), self._next_mission = self._next_mission, None
+        (client, mission, attended), self._next_mission = self._next_mission, None
         if not self._operator.is_holder(client) and self._operator.is_busy:
             return
         try:
-            self._operator.queue_mission(client, json.dumps(mission), attended, "again", silence_s)
+            self._operator.queue_mission(client, json.dumps(mission), attended, "again")
         except SafetyStop as error:
             self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
 
