@@ -13,7 +13,7 @@ TEMPLATES: dict[str, str] = {
     S.BLOCK_RAISED: "{block} raised {error}",
     S.BLOCK_RAISED_IN_INIT: "{block} raised {error} in init()",
     S.BLOCK_RETURNED: "{block} returned {found}, expected {expected}",
-    S.INTERRUPTED: "interrupted from the keyboard",
+    S.INTERRUPTED: "ended by the user",
     S.DRIVER: "stopped by the driver",
     S.PAD_UNPLUGGED: "the game pad was unplugged",
     S.TERMINAL_CLOSED: "the terminal was closed",
