@@ -7,6 +7,7 @@ measures the motion of the body.
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from baqueano.guides.shapes import circle
@@ -64,6 +65,19 @@ def repeat(wheel, route, true, tab="drive"):
         time.sleep(0.3)
 
 
+def pause_and_continue(wheel, route, body):
+    """Pause the repetition by its key until the vehicle rests, and continue; a stalled machine may stop it before."""
+    for _ in range(TRIES):
+        repeat(wheel, route, DRIVING)
+        wheel.tab.press("p", "KeyP", "p")
+        if until(lambda: wheel.tab.js("baqueano.page.state.paused") and abs(body.motion.nu[0]) < 0.02, 10.0):
+            place = np.array(body.motion.eta[:2])
+            wheel.tab.press("p", "KeyP", "p")
+            if until(lambda here=place: np.hypot(*(body.motion.eta[:2] - here)) > 0.1, 10.0):
+                return
+    raise AssertionError(wheel.tab.js("baqueano.page.state.sentence"))
+
+
 def stop(wheel):
     """Stop by the space bar; the motors are off within OFF_S."""
     assert wheel.off_after(lambda: wheel.tab.press(" ", "Space")) <= OFF_S
@@ -88,11 +102,9 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             )  # the run is copied, and its route is stored
             assert len(list((tmp_path / "here").glob("*-teach.mcap"))) >= 1
             (taught,) = set(tab.js(f"{SCREENS}.drive.names")) - {"ring"}
-            repeat(
-                wheel,
-                taught,
-                DRIVING,
-            )
+            repeat(wheel, taught, DRIVING)
+            stop(wheel)
+            pause_and_continue(wheel, "ring", service.body)
             stop(wheel)
 
             tab.click("#tab-tune")

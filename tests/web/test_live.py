@@ -185,7 +185,6 @@ def test_missions_are_requested_only_by_name(tmp_path):
                 "kind": "repeat",
                 "route": "oval",
                 "laps": 3,
-                "by": "page",
                 "attended": True,
             }.items() <= mission.items()
             assert "mission" not in mission

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.drive.mission import Mission
 
-HEARTBEAT_PERIOD_S = 0.05  # TCP resends a lost heartbeat when the next ones are acknowledged, so they are frequent
+# TCP resends a lost heartbeat when the next ones are acknowledged, so they are frequent
+HEARTBEAT_PERIOD_S = 0.05
 SET_POINT_PERIOD_S = 0.02  # between commands of a person who drives
 PING_PERIOD_S = 0.5
 GREETING_TIMEOUT_S = 15.0  # ssh exchanges keys, and a Pi starts Python

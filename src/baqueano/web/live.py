@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 FRAME_RATE_HZ = 20.0
 STATE_PERIOD_S = 0.4  # between states
 WARNING_DISPLAY_S = 15.0  # drive time for which an event stays in the sentence
+PACE = "guide.pace"  # 0 if the vehicle waits
 MAX_EVENTS, MAX_COMMANDS = 40, 8  # sent to a new browser, fewer than its queue accepts; in a heartbeat
 
 
@@ -117,15 +118,14 @@ class Live:
         message = {name: value for name, value in message.items() if name != "robot"}
         if message["is"] == "mission" and self._local is not None:
             return await self._send_packed_mission(visitor, message, self._local)
-        do = {
-            "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give,
-            "mission": self._mission, "pause": self._forward, "go": self._forward, "mark": self._forward,
-            "end": self._forward, "clear": self._clear, "set": self._set, "shake": self._set, "again": self._set,
-            "pace": self._pace, "history": self._send_history, "identify": self._identify,
-        }.get(message["is"])  # fmt: skip
-        if do is None:
+        do = dict.fromkeys(("mark", "end", "set", "shake", "again"), self._forward) | {
+            "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give, "clear": self._clear,
+            "mission": self._mission, "pause": self._pause, "go": self._pause, "pace": self._pace,
+            "history": self._send_history, "identify": self._identify,
+        }  # fmt: skip
+        if message["is"] not in do:
             raise UsageError(fault("web.unknown-word", word=one_line(message["is"])[:MAX_OPTION_LETTERS]))
-        return do(visitor, message)
+        return do[message["is"]](visitor, message)
 
     def on_disconnect(self, visitor: Visitor) -> None:
         """End the right to drive of a browser that has disconnected; without its heartbeats the vehicle stops."""
@@ -186,7 +186,7 @@ class Live:
     def _send_mission(self, visitor: Visitor, **fields: object) -> str:
         """Send a mission to the service, and return its id."""
         self._last_sender, number = visitor, uuid4().hex
-        self._link.send("mission", id=number, attended=True, by="page", door=VERSION, **fields)
+        self._link.send("mission", id=number, attended=True, door=VERSION, **fields)
         return number
 
     def _checked_mission_request(self, visitor: Visitor, message: "JsonObject") -> "tuple[str, JsonObject]":
@@ -195,23 +195,20 @@ class Live:
         kind, order = requested_mission(message)
         return kind, order | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
 
-    def _forward(self, visitor: Visitor, message: "JsonObject") -> None:
-        self.lease.check_holder(visitor)
-        self._last_sender = visitor
-        more = (
-            {"ticks": max(0, min(1000, int(message["ticks"])))}
-            if message.keys() >= {"ticks"} and message["is"] == "go"
-            else {}
-        )
-        self._link.send(message["is"], **more)
+    def _pause(self, visitor: Visitor, message: "JsonObject") -> None:
+        """Pause or continue the time of a simulation, or the guide of a robot, which then waits on its route."""
+        request = {"is": "set", "path": PACE, "value": float(message["is"] == "go")}
+        if "paused" in self._state:
+            request = {"is": message["is"], "ticks": max(0, min(1000, int(message.get("ticks") or 0)))}
+        self._forward(visitor, request)
 
     def _clear(self, visitor: Visitor, message: "JsonObject") -> None:
         """Clear a stop, on request of the driver, or of a browser with the role DRIVE without a driver."""
         self.check_may_change(visitor)
         self._link.send("clear")
 
-    def _set(self, visitor: Visitor, message: "JsonObject") -> None:
-        """Forward a message of the driver: a gain, a fault of a simulated vehicle, or a request to repeat the drive."""
+    def _forward(self, visitor: Visitor, message: "JsonObject") -> None:
+        """Forward a request of the driver, as a mark, a gain, or a fault of a simulated vehicle."""
         self.lease.check_holder(visitor)
         self._last_sender = visitor
         self._link.send(message["is"], **{k: v for k, v in message.items() if k not in ("is", "do")})
@@ -388,7 +385,9 @@ class Live:
             if message.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > WARNING_DISPLAY_S
             and message != cause
         ]  # fmt: skip
-        return state_message(self._state, self.feed, self._route, odd[-3:])
+        waits = self._vehicle.get("gains", {}).get(PACE) == 0.0
+        paused = {"paused": waits} if self._state.get("mission") == "repeat" else {}  # of a robot
+        return state_message(paused | self._state, self.feed, self._route, odd[-3:])
 
     def _send_lease(self) -> None:
         self._last_lease = self.lease.holder, len(self._browsers())

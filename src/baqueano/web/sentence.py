@@ -49,7 +49,7 @@ def state_message(
     return {
         "is": "state", "state": name, "mission": {"kind": kind, **route_field} if is_driving else None,
         "lap": lap if is_driving else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
-        "paused": bool(state.get("paused")), "pace": state.get("pace"), "title": text(note(title)),
+        "paused": state.get("paused") if is_driving else None, "pace": state.get("pace"), "title": text(note(title)),
         "sentence": " ".join(with_full_stop(text(part)) for part in parts), "severity": str(grave),
         "odd": [text(message) for message in odd], "battery_v": state.get("battery_v"), "scene": state.get("scene"),
     }  # fmt: skip

@@ -192,7 +192,7 @@ class DriveDoor:
 
     def _relay(self, message: "JsonObject") -> None:
         if message["is"] in RELAYED:
-            self._door.broadcast(message)
+            self._door.broadcast(message | {"paused": None} if message["is"] == "state" else message)
 
     def _on_viewers(self, client: object, message: "JsonObject") -> None:
         """Record that the page is listening, and the number of its viewers."""

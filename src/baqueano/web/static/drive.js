@@ -81,7 +81,6 @@ export class Drive {
     show(this.controls, drives);
     enable(this.actions, page);
     write(this.repeat.firstChild, t("drive.repeat") + (mission?.kind === "repeat" && laps ? ` · ${lap ?? 1}/${laps}` : ""));
-    show(this.pause, simulated);
     if (mission || !this.name) show(this.closed);
     show(this.pace, simulated && paced);
     if (paced) this.paced(pace);

@@ -40,8 +40,7 @@ export class Hand {
     this.#knob();
   }
 
-  take() { this.page.send({ is: "take" }); }
-  toggle() { if (this.mine) this.letGo(); else this.take(); }
+  toggle() { if (this.mine) this.letGo(); else this.page.send({ is: "take" }); }
 
   lease({ you }) {
     this.mine = you;
@@ -119,7 +118,7 @@ export function action(name, code, act, free, on = null, page = null) {
 }
 
 export function pauseButton(page) {
-  return action("drive.pause", "KeyP", () => page.send({ is: page.state.paused ? "go" : "pause" }), () => page.moves, () => Boolean(page.state.paused));
+  return action("drive.pause", "KeyP", () => page.send({ is: page.state.paused ? "go" : "pause" }), () => page.moves && page.state.paused !== null, () => Boolean(page.state.paused));
 }
 
 export function enable(actions, { hand, state }) {

@@ -264,7 +264,7 @@ function draw(now_ms) {
   link.seen = link.number; // what has come is drawn
   page.hand.beat(now_ms);
   if (!page.recorded) meters();
-  const age_ms = performance.now() - link.came_ms, waits = page.moves && !state.paused; // who stands sends no rows
+  const age_ms = performance.now() - link.came_ms, waits = page.moves && !(state.paused && state.pace); // time that stands sends no rows
   const old = !page.recorded && ((waits && age_ms > OLD_MS) || !link.up) && state.state !== "OVER" && link.came_ms > 0;
   show(ui.age, old);
   if (old) put(ui, { age: t("age", { s: num(age_ms / 1000) }) });
