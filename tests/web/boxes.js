@@ -10,7 +10,8 @@
     }
     return null;
   };
-  const leaves = [...document.querySelectorAll("body *")].filter((node) => shown(node) && !node.closest("svg, dialog:not([open]), option, select") &&
+  const root = document.querySelector("dialog[open]") ?? document.body; // what lies under a dialog is out of reach
+  const leaves = [...root.querySelectorAll("*")].filter((node) => shown(node) && !node.closest("svg, dialog:not([open]), option, select") &&
     [...node.childNodes].some((child) => child.nodeType === 3 && child.data.trim()));
   const texts = leaves.map((node) => {
     const range = document.createRange();
@@ -34,7 +35,7 @@
   }
   if (document.documentElement.scrollWidth > innerWidth + 1) wrong.push("the page scrolls sideways");
   // overlapping: two texts, or a text and a button that is not its own
-  const solid = [...texts, ...[...document.querySelectorAll("button, select, input, .pad")].filter(visible).map((node) => ({ node, lines: [node.getBoundingClientRect()] }))];
+  const solid = [...texts, ...[...root.querySelectorAll("button, select, input, .pad")].filter(visible).map((node) => ({ node, lines: [node.getBoundingClientRect()] }))];
   const over = (p, q) => Math.min(p.right, q.right) - Math.max(p.left, q.left) > 2 && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 3;
   for (const one of solid) Object.assign(one, { whole: one.box ?? one.lines[0], scroller: scroller(one.node), sticky: one.node.closest(".transport"), above: one.node.closest("#stop, #toast") });
   for (const [i, a] of solid.entries()) for (const b of solid.slice(i + 1)) {

@@ -16,6 +16,11 @@ RULES = """axe.run(document, { resultTypes: ["violations"] }).then(({ violations
     `${id}: ${help}: ${nodes.map((one) => one.html.slice(0, 160)).join(" | ")}`),
 }))"""
 
+AXE_LOOKS = {  # language: sizes and themes
+    "en": [("laptop", "light"), ("laptop", "dark")],
+    "es": [("phone", "light"), ("projector", "dark")],
+}
+
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 needs_axe = pytest.mark.skipif(
     not AXE.is_file() and not os.environ.get("CI"), reason="axe-core is not installed: make browser-tools"
@@ -39,17 +44,18 @@ def test_no_screen_has_a_layout_fault(browser, kind, language):
 
 
 @needs_axe
+@pytest.mark.parametrize(("language", "looks"), AXE_LOOKS.items())
 @pytest.mark.parametrize("kind", SEEN)
-def test_axe_reports_no_accessibility_violation_on_any_screen(browser, kind):
+def test_axe_reports_no_accessibility_violation_on_any_screen(browser, kind, language, looks):
     rules, wrong, passes = AXE.read_text(encoding="utf-8"), {}, []
-    for screen, tab in each_screen(browser, kind, "en"):
+    for screen, tab in each_screen(browser, kind, language):
         tab.js(f"{rules}\ntrue")
-        for theme in THEMES:
-            looked_at(tab, "laptop", theme)
+        for look in looks:
+            looked_at(tab, *look)
             violations = tab.js(RULES)
             passes.append(violations["passes"])
             if violations["violations"]:
-                wrong[f"{screen} {theme}"] = violations["violations"]
+                wrong[f"{screen} {look}"] = violations["violations"]
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
     assert min(passes) > 15  # rules that had something to judge
 
@@ -61,6 +67,13 @@ def test_axe_reports_no_accessibility_violation_on_any_screen(browser, kind):
         ("p.style.top = '300px'; p.style.left = `${innerWidth - 20}px`", "beyond the edge"),
         ("p.style.top = '-200px'; p.style.color = '#eee'", "faint"),
         ("p.replaceWith(document.createElement('input'))", "nameless"),
+        ("p.style.top = '300px'; p.style.width = '60px'; p.style.overflow = 'hidden'", "cut"),
+        ("p.className = 'chip'; p.style.top = '300px'; p.style.width = '60px'", "wider than its box"),
+        (
+            "document.getElementById('keys').show(); document.getElementById('close').before(p);"
+            "p.style.position = 'static'; p.style.margin = '0 0 -30px'",
+            "overlap",
+        ),
     ],
 )
 def test_the_layout_check_detects_each_fault(tab, live, spoil, finds):

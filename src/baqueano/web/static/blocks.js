@@ -7,7 +7,6 @@ import { signals, stripsOf } from "./strips.js";
 import { num, t, three } from "./strings.js";
 
 const SPAN = 10; // s
-// Where each stands is a matter of the style sheet: `at-…`.
 const BLOCKS = ["vehicle", "sensors", "estimator", "guide", "controller", "supervisor"];
 const WIRES = [["vehicle", "sensors"], ["sensors", "estimator"], ["estimator", "guide"], ["guide", "controller"], ["estimator", "controller"], ["controller", "supervisor"], ["supervisor", "vehicle"]];
 const LOOP = BLOCKS.slice(2); // whose step a tick pays for

@@ -1,5 +1,6 @@
 // A canvas of the size of its box, and what is drawn on it.
 
+const { floor, max, min, round } = Math;
 let known = {};
 const style = () => getComputedStyle(document.documentElement);
 
@@ -12,7 +13,7 @@ const paint = (colour) => colours[colour] || colour; // a name of the theme, or 
 export function ramp(row, count) {
   const stops = row.map((one) => [1, 3, 5].map((k) => parseInt(one.slice(k, k + 2), 16)));
   return Array.from({ length: count }, (_, n) => {
-    const at = (n / (count - 1)) * (stops.length - 1), k = Math.min(Math.floor(at), stops.length - 2);
+    const at = (n / (count - 1)) * (stops.length - 1), k = min(floor(at), stops.length - 2);
     return stops[k].map((from, j) => from + (at - k) * (stops[k + 1][j] - from));
   });
 }
@@ -27,8 +28,8 @@ export function follow(canvas) { sizes.observe(canvas); return canvas; }
 /** Return [context, width, height] in CSS pixels, cleared; nothing for a box without size. */
 export function begin(canvas) {
   if (!canvas.fitted) {
-    const { width, height } = canvas.getBoundingClientRect(), scale = Math.min(devicePixelRatio, 2);
-    Object.assign(canvas, { w: width, h: height, width: Math.round(width * scale), height: Math.round(height * scale), scale, fitted: true });
+    const { width, height } = canvas.getBoundingClientRect(), scale = min(devicePixelRatio, 2);
+    Object.assign(canvas, { w: width, h: height, width: round(width * scale), height: round(height * scale), scale, fitted: true });
   }
   const { w, h, scale } = canvas;
   if (w < 8 || h < 8) return [];
@@ -38,7 +39,7 @@ export function begin(canvas) {
   return [c, w, h];
 }
 
-export const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
+export const clamp = (x, low, high) => min(max(x, low), high);
 
 /** Map [from, to] to the pixels [first, last]. */
 export function axis(from, to, first, last) {
@@ -47,11 +48,11 @@ export function axis(from, to, first, last) {
 }
 
 /** A thin line is sharp in the middle of a pixel. */
-export const sharp = (x) => Math.round(x) + 0.5;
+export const sharp = (x) => round(x) + 0.5;
 
 /** Return the largest 1, 2 or 5 times a power of ten within a size. */
 export function nice(size) {
-  const ten = 10 ** Math.floor(Math.log10(size));
+  const ten = 10 ** floor(Math.log10(size));
   return ten * (size / ten >= 5 ? 5 : size / ten >= 2 ? 2 : 1);
 }
 

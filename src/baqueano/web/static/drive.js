@@ -8,6 +8,7 @@ import { honesty, trailsOf } from "./record.js";
 import { signals, stripList } from "./strips.js";
 import { length, num, t } from "./strings.js";
 
+const { abs, max, min } = Math;
 const SPANS = [10, 20, 60]; // s
 const PACES = [0.25, 0.5, 1, 2, 4, 8]; // stops of a slider
 
@@ -53,7 +54,7 @@ export class Drive {
     };
     share.oninput();
     this.paced = (factor) => {
-      const k = Math.max(PACES.findLastIndex((one) => one <= factor), 0), text = t("drive.pace-is", { n: { 0.125: "⅛", 0.25: "¼", 0.5: "½" }[factor] ?? num(factor, factor % 1 ? 1 : 0) });
+      const k = max(PACES.findLastIndex((one) => one <= factor), 0), text = t("drive.pace-is", { n: { 0.125: "⅛", 0.25: "¼", 0.5: "½" }[factor] ?? num(factor, factor % 1 ? 1 : 0) });
       if (document.activeElement !== paces) paces.value = k;
       slide(paces, k / (PACES.length - 1), text);
       write(paceText, text);
@@ -89,7 +90,7 @@ export class Drive {
   key(event, down) { return this.page.hand.key(event, down) || pressed(this.actions, event, down) || this.map.key(event, down); }
 
   draw() {
-    const { record, route } = this.page, i = record.last, to = Math.max(record.end, record.start + 1e-3);
+    const { record, route } = this.page, i = record.last, to = max(record.end, record.start + 1e-3);
     drawMap(this, route, this.drawn, i);
     for (const one of this.strips) one.draw(to - this.span, to, i);
     this.honesty.draw(i);
@@ -99,7 +100,7 @@ export class Drive {
 /** Draw what Drive and Replay share: beside a ghost neither corridor nor truth. */
 export function drawMap(screen, route, { record, about: { vehicle }, estimate, path, truth }, i, row, ghost = null) {
   const [cross, u, v] = record.values(i, "cross", "nu.u", "nu.v"), [within, unit] = length(record.across(i)[0]);
-  put(screen, { away: length(Math.abs(cross)), within: [unit ? `± ${within}` : within, unit], speed: num(Math.hypot(u, v), 2) });
+  put(screen, { away: length(abs(cross)), within: [unit ? `± ${within}` : within, unit], speed: num(Math.hypot(u, v), 2) });
   const vehicles = [{ pose: record.pose(i), vehicle, sd_psi: Math.sqrt(record.value("P.psi", i)) }], trails = [{ trail: ghost ? path : estimate, style: "estimate", row }];
   if (ghost) {
     trails.unshift({ trail: ghost.path, style: "ghost", row: ghost.row });
@@ -121,8 +122,8 @@ export function honestyCard(record) {
     const [c, w, h] = begin(canvas), points = [], time = axis(0, w, from, to);
     if (!c) return;
     for (let x = 0; x <= w; x += 2) points.push([x, time(x) < record.start || time(x) > record.end ? null : honesty(record, record.row(time(x)))?.mean ?? null]);
-    const half = Math.min(1.2 * Math.max(0.25, ...points.map(([, mean]) => Math.abs((mean ?? 1) - 1))), 1); // at most 0 to 2
-    const Y = axis(1 - half, 1 + half, h - 2, 2), { low, high } = now ?? { low: 0.9, high: 1.1 }, top = Y(Math.min(high, 2)), bottom = Math.max(Y(Math.max(low, 0)), top + 2);
+    const half = min(1.2 * max(0.25, ...points.map(([, mean]) => abs((mean ?? 1) - 1))), 1); // at most 0 to 2
+    const Y = axis(1 - half, 1 + half, h - 2, 2), { low, high } = now ?? { low: 0.9, high: 1.1 }, top = Y(min(high, 2)), bottom = max(Y(max(low, 0)), top + 2);
     area(c, [[0, top], [w, top], [w, bottom], [0, bottom]], "band");
     line(c, points.map(([x, mean]) => mean !== null && [x, Y(clamp(mean, 0, 2))]), { above: "alarm", below: "sim" }[kind] ?? "model", 1.8);
   };

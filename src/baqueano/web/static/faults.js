@@ -7,10 +7,10 @@ import { Map2D } from "./map.js";
 import { trailsOf } from "./record.js";
 import { num, percent, t, three } from "./strings.js";
 
-const { hypot, max } = Math;
+const { hypot, max, PI } = Math;
 const PACES = [0.125, 0.25, 1, 4];
 const PUSH = 0.003, MOST_PUSH = 0.6, KEY_PUSH = 0.2; // N s: of a pixel, at most, of a key
-const STEEPEST = 0.1, KEY_TILT = Math.PI / 360; // rad: at the edge of the pad, of a key
+const STEEPEST = 0.1, KEY_TILT = PI / 360; // rad: at the edge of the pad, of a key
 const SPAN = 20; // s
 const BEFORE = 1; // s, that the twin is seen before the fault
 
@@ -45,7 +45,7 @@ export class Faults {
   #lean(tilt) {
     this.tilt = tilt;
     this.pad.put(tilt[0] / STEEPEST, tilt[1] / STEEPEST);
-    write(this.steep, `${num((hypot(...tilt) * 180) / Math.PI, 1)}°`);
+    write(this.steep, `${num((hypot(...tilt) * 180) / PI, 1)}°`);
   }
 
   #tilted() { this.#send({ kind: "tilt", x: this.tilt[0], y: this.tilt[1] }); }

@@ -7,7 +7,7 @@ import { Map2D } from "./map.js";
 import { trailsOf } from "./record.js";
 import { duration, num, percent, t } from "./strings.js";
 
-const { floor, log10 } = Math;
+const { floor, log, log10, max, min, round } = Math;
 const LEAST = 1e-4, POOR = 0.1; // of the value: where the scale begins, and an error becomes poor
 const QUIET = 0.1, LOUD = 100; // bits/s, the ends of the colours
 const AGO_S = 2.5, EXPERIMENT_S = 60;
@@ -98,9 +98,9 @@ export class Identify {
     const { word } = this, { expected, step_s, start, fits } = word, step = floor(seconds / step_s);
     if (step === this.shownAt) return;
     this.shownAt = step;
-    const at = (s) => expected[clamp(Math.round((s - start) / step_s) - 1, 0, expected.length - 1)] ?? word.now;
+    const at = (s) => expected[clamp(round((s - start) / step_s) - 1, 0, expected.length - 1)] ?? word.now;
     const now = seconds < step_s ? word.now.map(() => 1) : at(seconds);
-    this.#fill(word, now, at(Math.max(seconds - AGO_S, step_s)), fits.findLast((one) => one.t <= seconds + 0.05), -now.reduce((sum, sd) => sum + Math.log2(sd), 0));
+    this.#fill(word, now, at(max(seconds - AGO_S, step_s)), fits.findLast((one) => one.t <= seconds + 0.05), -now.reduce((sum, sd) => sum + Math.log2(sd), 0));
   }
 
   key(event, down) { return this.map.key(event, down) || (this.page.recorded && this.replay.key(event, down)); }
@@ -118,7 +118,7 @@ export class Identify {
     if (this.trail?.record !== record) this.trail = trailsOf(record, vehicle).path;
     const paint = (row) => {
       const rate = this.#rate(record.t[row]);
-      return rate === undefined ? "route" : shades[Math.round(clamp(Math.log(rate / QUIET) / Math.log(LOUD / QUIET), 0, 1) * (SHADES - 1))];
+      return rate === undefined ? "route" : shades[round(clamp(log(rate / QUIET) / log(LOUD / QUIET), 0, 1) * (SHADES - 1))];
     };
     this.map.draw({ trails: [{ trail: this.trail, style: "estimate", row: i, paint }], vehicles: [{ pose: record.pose(i), vehicle }] });
     this.#curve(record, recorded ? replay.now_s : null);
@@ -129,7 +129,7 @@ export class Identify {
   #curve(record, cursor) {
     const [c, w, h] = begin(this.curve), { rate = [], start, dt } = this.word ?? {}, scale = [1, 10, 100];
     if (!c) return;
-    const level = axis(0, log10(1 + 3 * LOUD), h - 2, 4), Y = (one) => Math.max(level(log10(1 + one)), 4);
+    const level = axis(0, log10(1 + 3 * LOUD), h - 2, 4), Y = (one) => max(level(log10(1 + one)), 4);
     line(c, scale.flatMap((one) => [[0, sharp(Y(one))], [w, sharp(Y(one))], null]), "grid");
     if (rate.length) {
       const X = axis(start, this.page.recorded ? record.end : start + rate.length * dt, 0, w), curve = rate.flatMap((one, k) => [[X(start + k * dt), Y(one)], [X(start + (k + 1) * dt), Y(one)]]);
@@ -144,6 +144,6 @@ export class Identify {
 
 const share = (sd) => clamp(100 * (1 - log10(sd) / log10(LEAST)), 1, 100);
 
-const precise = (x, sd) => (x === 0 ? "0" : num(x, clamp((sd > POOR) - floor(log10(Math.abs(x) * Math.min(sd, 1))), 0, 7)));
+const precise = (x, sd) => (x === 0 ? "0" : num(x, clamp((sd > POOR) - floor(log10(Math.abs(x) * min(sd, 1))), 0, 7)));
 
-const relative = (sd) => percent(Math.min(sd, 1), sd < 0.01 ? 2 : sd < 0.1 ? 1 : 0);
+const relative = (sd) => percent(min(sd, 1), sd < 0.01 ? 2 : sd < 0.1 ? 1 : 0);

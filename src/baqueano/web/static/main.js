@@ -227,6 +227,7 @@ function keyDone(event, down) {
     if (down && !repeat) stop();
     return true;
   }
+  if (ui.keys.open && code === "Escape") ui.keys.close();
   if ((target.tagName === "INPUT" && !range) || ui.keys.open) return false;
   if ((target.tagName === "SELECT" || range) && /^(Arrow|Home|End|Page)/.test(code)) return false;
   const names = Object.keys(page.screens);
@@ -240,8 +241,14 @@ function keyDone(event, down) {
   const [, number] = /^Digit([1-9])$/.exec(code) ?? [];
   if (number) open(names[number - 1]);
   else if (code === "KeyL" && page.drives && !recorded) page.hand.toggle();
-  else if (event.key === "?") ui.keys.showModal();
+  else if (event.key === "?") help();
   return false;
+}
+
+/** STOP stays within reach, and no key drives meanwhile. */
+function help() {
+  page.hand?.still();
+  ui.keys.show();
 }
 
 function theme(chosen) {
@@ -283,7 +290,7 @@ async function begin() {
   ui.stop.onpointerdown = stop;
   ui.stop.onclick = (e) => { if (e.detail === 0) stop(); }; // Enter, or a screen reader
   press(ui, {
-    lease: () => page.hand?.toggle(), clear: () => page.send({ is: "clear" }), help: () => ui.keys.showModal(), close: () => ui.keys.close(),
+    lease: () => page.hand?.toggle(), clear: () => page.send({ is: "clear" }), help, close: () => ui.keys.close(),
     theme() {
       const next = (document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light")) === "dark" ? "light" : "dark";
       localStorage.setItem("theme", next);

@@ -5,8 +5,8 @@ import { calm, form, keyed, press } from "./dom.js";
 import { boxOf, union } from "./record.js";
 import { num } from "./strings.js";
 
-const { hypot, max, min } = Math;
-const ELLIPSE = Math.sqrt(5.991); // 95 % of two dimensions
+const { ceil, hypot, max, min, sqrt } = Math;
+const ELLIPSE = sqrt(5.991); // 95 % of two dimensions
 const EVERY_S = 4; // between ellipses
 const SMALLEST = 24; // px, of a vehicle
 const STYLES = {
@@ -132,7 +132,7 @@ export class Map2D {
 
   #grid(c, w, h) {
     const step = nice(110 / this.view.scale), [left, top] = this.place([0, 0]), [right, bottom] = this.place([w, h]), ways = [], lines = (from, to, way) => {
-      for (let k = Math.ceil(from / step); k * step <= to; k++) ways.push(...way(k * step), null);
+      for (let k = ceil(from / step); k * step <= to; k++) ways.push(...way(k * step), null);
     };
     lines(left, right, (x) => [[sharp(this.X(x)), 0], [sharp(this.X(x)), h]]);
     lines(bottom, top, (y) => [[0, sharp(this.Y(y))], [w, sharp(this.Y(y))]]);
@@ -189,8 +189,8 @@ export class Map2D {
   #ellipses(c, { trail: { record }, row = record.last }) {
     if (row < 0) return;
     c.globalAlpha = 0.7;
-    for (let s = Math.ceil(record.start / EVERY_S) * EVERY_S; s <= record.t[row]; s += EVERY_S) {
-      const i = record.row(s), pose = record.pose(i), [long, short, angle] = record.ellipse(i), [a, b] = [long, short].map((one) => ELLIPSE * Math.sqrt(one) * this.view.scale);
+    for (let s = ceil(record.start / EVERY_S) * EVERY_S; s <= record.t[row]; s += EVERY_S) {
+      const i = record.row(s), pose = record.pose(i), [long, short, angle] = record.ellipse(i), [a, b] = [long, short].map((one) => ELLIPSE * sqrt(one) * this.view.scale);
       if (!pose || !(a >= 3)) continue;
       c.beginPath();
       c.ellipse(...this.at(pose), a, b, -angle, 0, 7);

@@ -1,6 +1,6 @@
 // The rows of a drive by column.
 
-const { max, min } = Math;
+const { max, min, sqrt } = Math;
 
 /** Return the first of 0 … count from which on a test holds. */
 function first(count, holds) {
@@ -46,7 +46,7 @@ export class Record {
   /** Return 1.96 √(nᵀ P n) [m], and n: to the left of the heading. */
   across(i) {
     const [psi, xx, xy, yy] = this.values(i, "eta.psi", "P.xx", "P.xy", "P.yy"), nx = -Math.sin(psi), ny = Math.cos(psi);
-    return [1.96 * Math.sqrt(max(nx * nx * xx + 2 * nx * ny * xy + ny * ny * yy, 0)), nx, ny];
+    return [1.96 * sqrt(max(nx * nx * xx + 2 * nx * ny * xy + ny * ny * yy, 0)), nx, ny];
   }
 
   /** Add R rows × F values. Time that goes back is a new drive. */
@@ -140,6 +140,6 @@ export function honesty(record, i) {
   let sum = 0, n = 0;
   for (let k = from; k <= i; k++) if (nis[k] === nis[k]) { sum += nis[k]; n++; }
   if (n < 20 || t[i] - t[from] < 2) return null;
-  const half = 1.96 * Math.sqrt(2 / (n * m)), mean = sum / n;
+  const half = 1.96 * sqrt(2 / (n * m)), mean = sum / n;
   return { mean, low: 1 - half, high: 1 + half };
 }

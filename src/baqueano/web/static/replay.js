@@ -8,7 +8,7 @@ import { honesty, movable } from "./record.js";
 import { signals, stripList } from "./strips.js";
 import { duration, length, num, percent, t } from "./strings.js";
 
-const { max, min } = Math;
+const { abs, floor, max, min } = Math;
 const WAYS = ["distance", "time", "mark"];
 const RATES = [0.125, 0.25, 0.5, 1, 2, 4, 8];
 
@@ -147,7 +147,7 @@ export class Replay {
     put(this, { play: this.sign, when: duration(now_s), whole: ` / ${duration(end)}`, happened: near && `${duration(near.t)} · ${near.text}` });
     const [c, w, h] = begin(scrub);
     if (!c) return;
-    const X = axis(start, max(end, start + 1e-3), 2, w - 2), { peaks, most } = this.#peaks(Math.floor(w - 4)), Y = axis(0, most, h - 5, 7), shape = Array.from(peaks, (peak, x) => [x + 2, Y(peak)]), now = X(now_s);
+    const X = axis(start, max(end, start + 1e-3), 2, w - 2), { peaks, most } = this.#peaks(floor(w - 4)), Y = axis(0, most, h - 5, 7), shape = Array.from(peaks, (peak, x) => [x + 2, Y(peak)]), now = X(now_s);
     area(c, [[2, h - 4], ...shape, [w - 2, h - 4]], "band");
     line(c, shape, "muted", 1.3);
     line(c, shape.filter(([x]) => x <= now), "model", 2.2);
@@ -166,8 +166,8 @@ export class Replay {
     if (this.curve?.peaks.length === columns) return this.curve;
     const peaks = new Float32Array(columns), place = axis(record.start, max(record.end, record.start + 1e-3), 0, columns);
     for (let i = 0; i < record.length; i++) {
-      const [cross, x, y, X, Y] = record.values(i, "cross", "eta.x", "eta.y", "truth.x", "truth.y"), k = min(Math.floor(place(record.t[i])), columns - 1);
-      const error = Number.isFinite(cross) ? Math.abs(cross) : Math.hypot(X - x, Y - y);
+      const [cross, x, y, X, Y] = record.values(i, "cross", "eta.x", "eta.y", "truth.x", "truth.y"), k = min(floor(place(record.t[i])), columns - 1);
+      const error = Number.isFinite(cross) ? abs(cross) : Math.hypot(X - x, Y - y);
       if (error > peaks[k]) peaks[k] = error;
     }
     return (this.curve = { peaks, most: peaks.reduce((a, b) => max(a, b), 1e-6) });
@@ -190,7 +190,7 @@ function aligned(s, mine, theirs) {
 
 function figures({ record, about: { vehicle } }) {
   const all = (name) => Array.from(record.column(name)?.subarray(0, record.length) ?? []), mean = (values) => values.reduce((sum, one) => sum + one, 0) / values.length, rms = (values) => Math.sqrt(mean(values.map((one) => one * one)));
-  const cross = all("cross").filter(Number.isFinite).map(Math.abs), jerks = movable(vehicle).flatMap((k) => all(`u.${k}`).map((u, i, us) => u - us[i - 1])).filter(Number.isFinite);
+  const cross = all("cross").filter(Number.isFinite).map(abs), jerks = movable(vehicle).flatMap((k) => all(`u.${k}`).map((u, i, us) => u - us[i - 1])).filter(Number.isFinite);
   const judged = Array.from({ length: Math.ceil(record.length / 10) }, (_, k) => honesty(record, 10 * k)).filter(Boolean).map(({ mean, low, high }) => Number(mean >= low && mean <= high));
   return { rms: rms(cross), most: cross.reduce((a, b) => max(a, b), cross.length ? 0 : NaN), honest: mean(judged), jerk: rms(jerks) };
 }

@@ -5,6 +5,7 @@ import { el, write } from "./dom.js";
 import { movable } from "./record.js";
 import { t, three } from "./strings.js";
 
+const { floor, max, min } = Math;
 const LINES = {
   measured: { colour: "measured", width: 1.1, dash: [] },
   model: { colour: "model", width: 1.7, dash: [] },
@@ -30,7 +31,7 @@ class Strip {
     traces.forEach(({ name, source }, k) => write(this.values[k], three(source.value(name, row))));
     const [c, w, h] = begin(this.canvas);
     if (!c) return;
-    const first = Math.max(record.lower(from) - 1, 0), last = record.lower(to), columns = traces.map(({ name, source }) => source.column(name)), sd = record.column(this.sd);
+    const first = max(record.lower(from) - 1, 0), last = record.lower(to), columns = traces.map(({ name, source }) => source.column(name)), sd = record.column(this.sd);
     this.#range(columns, sd, first, last);
     if (!(this.high > this.low)) return;
     const X = axis(from, to, 0, w), Y = axis(this.low, this.high, h - 3, 3), edges = sd ? band(record.t, sd, first, last, X, Y, w) : [];
@@ -51,13 +52,13 @@ class Strip {
     let low = Infinity, high = -Infinity;
     for (const v of columns) for (let i = first; v && i < last; i++) { if (v[i] < low) low = v[i]; if (v[i] > high) high = v[i]; }
     if (sd && last > first) {
-      const half = Math.min(1.96 * sd[last - 1], 3 * Math.max(-low, high)); // of now: the first ones may be far wider
-      if (half > 0) [low, high] = [Math.min(low, -half), Math.max(high, half)];
+      const half = min(1.96 * sd[last - 1], 3 * max(-low, high)); // of now: the first ones may be far wider
+      if (half > 0) [low, high] = [min(low, -half), max(high, half)];
     }
     if (!(low <= high)) return;
     if (low > 0 && low < 0.5 * high) low = 0;
     if (high < 0 && high > 0.5 * low) high = 0;
-    const margin = Math.max((high - low) * 0.06, 1e-6 + Math.abs(high) * 1e-3);
+    const margin = max((high - low) * 0.06, 1e-6 + Math.abs(high) * 1e-3);
     low -= margin;
     high += margin;
     this.low = this.low <= low ? this.low + 0.06 * (low - this.low) : low;
@@ -83,7 +84,7 @@ function trace(c, time, v, first, last, X, Y) {
   };
   c.beginPath();
   for (let i = first; i < last; i++) {
-    const y = v[i], x = y === y ? Math.floor(X(time[i])) : NaN;
+    const y = v[i], x = y === y ? floor(X(time[i])) : NaN;
     if (x === column) {
       if (y < low) { low = y; lowAt = i; } else if (y > high) { high = y; highAt = i; }
       continue;
@@ -97,7 +98,7 @@ function trace(c, time, v, first, last, X, Y) {
 
 /** Return the edges ± 1.96 σ about zero, in pieces where something was predicted. */
 function band(time, sd, first, last, X, Y, w) {
-  const pieces = [], every = Math.max(1, Math.floor((last - first) / w));
+  const pieces = [], every = max(1, floor((last - first) / w));
   let upper = null, lower;
   for (let i = first; i < last; i += every) {
     const half = 1.96 * sd[i], x = X(time[i]);
