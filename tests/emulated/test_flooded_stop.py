@@ -18,6 +18,7 @@ from benchmarks.processes import before_others
 from tests.emulated.onboard import running
 from tests.emulated.test_processes import PATIENCE_S, ready, until
 
+MOST_STALLED_MS = 500.0  # guaranteed even on a machine that stalls, by the firmware
 pytestmark = [pytest.mark.skipif(sys.platform != "linux", reason="a pty, /proc"), pytest.mark.alone]
 ROUNDS, SECONDS = 5, 20.0
 
@@ -64,3 +65,4 @@ def test_rt15_a_stop_turns_motors_off_within_50_ms_under_flooding(firmware, tmp_
     later = median(b - a for a, b in zip(quiet, loud, strict=True))
     assert median(quiet) + later <= MOST_STOP_MS, (quiet, loud)
     assert min(loud) <= MOST_STOP_MS, (quiet, loud)
+    assert max(loud) <= MOST_STALLED_MS, (quiet, loud)

@@ -1,7 +1,7 @@
 """The page of the emulated robot, from the key in a real browser to the pins of the Uno.
 
-The service runs as systemd starts it, with the page process and Chromium. After any lost connection between them the
-motors are off within half a second.
+The service runs as systemd starts it, with the page process and Chromium. A shell replaces ssh between the page and the
+service. After any lost connection between them the motors are off within half a second.
 """
 
 import os
@@ -15,6 +15,7 @@ import pytest
 from tests.emulated.onboard import running
 from tests.emulated.test_processes import until
 from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.test_page_over_ssh import put_programs
 from tests.web.test_serve import port_of, program
 
 pytestmark = [
@@ -22,6 +23,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="a pty, signals, /proc"),
 ]
 START_S, OFF_S, TRIES = 60.0, 0.5, 6
+KEY_MS, PRESSES = 60.0, 7
 BUTTON = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r}))"
 
 
@@ -82,6 +84,24 @@ class Wheel:
         with self.live.lock:
             return self.live.uno.off_since() - now_s
 
+    def is_driven(self, pins):
+        """Return True if these pins turn a motor."""
+        return any(pins.terminal(channel, self.live.uno.driver).duty for channel in range(2))
+
+    def key_ms(self):
+        """Return the time [ms] from a key to the pins of the motors, in the time of the Uno."""
+        for _ in range(TRIES):
+            if self.state() != "MANUAL":
+                self.drives()
+            self.tab.up("w", "KeyW")
+            assert until(lambda: not self.live.moving(), START_S)
+            now_s = self.live.now_s()
+            self.tab.down("w", "KeyW")
+            if until(self.live.moving, 3.0):  # else a stalled machine has stopped it before
+                with self.live.lock:
+                    return 1e3 * (self.live.uno.first_time(self.is_driven, after_s=now_s) - now_s)
+        raise AssertionError(self.tab.js("baqueano.page.state.sentence"))
+
 
 def signalled(process, number):
     """Send a signal to a process and to all its child processes."""
@@ -97,38 +117,61 @@ def signalled(process, number):
 
 @pytest.mark.alone
 def test_rt13_rt15_any_lost_connection_from_browser_to_motors_stops_the_motors(firmware, tmp_path):
-    with (
-        running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service,
-        Chromium() as chromium,
-    ):
+    took, keys_ms = {}, []
+    with running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service:
+        calls = put_programs(tmp_path / "bin", service.door)
+        environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"}
         serve = (
-            "baqueano", "serve", "--robot", str(service.door), "--vehicle", str(service.file.path), "--no-browser",
+            "baqueano", "serve", "--robot", "ana@r1", "--vehicle", str(service.file.path), "--no-browser",
             "--runs", str(tmp_path / "here"),
         )  # fmt: skip
-        took = {}
-        with program(*serve, cwd=tmp_path) as page:
+
+        def line_to_robot(first_call):
+            """Return the process that replaces ssh for the page that made this call."""
+            return int(calls.read_text().splitlines()[first_call].split()[0])
+
+        with program(*serve, cwd=tmp_path, env=environment) as page:
             port = port_of(page)
-            tab = chromium.tab()
-            wheel = Wheel(tab, port, service.live)
-            assert tab.js("baqueano.page.hello.vehicle.world") == "real"
-            wheel.drives()
-            took["STOP"] = wheel.off_after(lambda: tab.press(" ", "Space"))
-            tab.up("w", "KeyW")
-            wheel.drives()
-            took["tab closed"] = wheel.off_after(tab.close)
-            tab = chromium.tab()  # the user returns
-            wheel = Wheel(tab, port, service.live)
-            assert until(lambda: wheel.state() == "STOPPED", START_S)
-            wheel.drives()
-            took["browser frozen"] = wheel.off_after(lambda: signalled(chromium._process.pid, signal.SIGSTOP))
-            signalled(chromium._process.pid, signal.SIGCONT)
-            tab.up("w", "KeyW")
-            wheel.drives()
-            took["page frozen"] = wheel.off_after(lambda: os.kill(page.pid, signal.SIGSTOP))
-            os.kill(page.pid, signal.SIGCONT)
-            tab.up("w", "KeyW")
-            wheel.drives()
-            took["page killed"] = wheel.off_after(page.kill)
-            tab.close()
-        assert all(seconds <= OFF_S for seconds in took.values()), took
-        print({name: round(1e3 * seconds) for name, seconds in took.items()}, "ms")
+            with Chromium() as chromium:
+                tab = chromium.tab()
+                wheel = Wheel(tab, port, service.live)
+                assert tab.js("baqueano.page.hello.vehicle.world") == "real"
+                wheel.drives()
+                keys_ms = [wheel.key_ms() for _ in range(PRESSES)]
+                took["STOP"] = wheel.off_after(lambda: tab.press(" ", "Space"))
+                tab.up("w", "KeyW")
+                wheel.drives()
+                took["tab closed"] = wheel.off_after(tab.close)
+                tab = chromium.tab()  # the user returns
+                wheel = Wheel(tab, port, service.live)
+                assert until(lambda: wheel.state() == "STOPPED", START_S)
+                wheel.drives()
+                browser = chromium._process.pid
+                took["browser frozen"] = wheel.off_after(lambda: signalled(browser, signal.SIGSTOP))
+                signalled(browser, signal.SIGCONT)
+                tab.up("w", "KeyW")
+                wheel.drives()
+                took["browser killed"] = wheel.off_after(lambda: signalled(browser, signal.SIGKILL))
+            with Chromium() as chromium:
+                tab = chromium.tab()
+                wheel = Wheel(tab, port, service.live)
+                for name, process in (("page frozen", page.pid), ("network lost", line_to_robot(0))):
+                    wheel.drives()
+                    took[name] = wheel.off_after(lambda pid=process: os.kill(pid, signal.SIGSTOP))
+                    os.kill(process, signal.SIGCONT)
+                    tab.up("w", "KeyW")
+                wheel.drives()
+                took["page killed"] = wheel.off_after(page.kill)
+                call_count = len(calls.read_text().splitlines())
+                with program(*serve, cwd=tmp_path, env=environment) as second_page:
+                    wheel = Wheel(tab, port_of(second_page), service.live)
+                    wheel.drives()
+                    took["ssh killed"] = wheel.off_after(
+                        lambda: os.kill(line_to_robot(call_count), signal.SIGKILL)
+                    )
+                tab.close()
+    print(
+        {name: round(1e3 * seconds) for name, seconds in took.items()}, "ms; from key to pins", keys_ms, "ms"
+    )
+    assert all(seconds <= OFF_S for seconds in took.values()), took
+    assert min(keys_ms) <= KEY_MS, keys_ms  # the machine may delay the others
