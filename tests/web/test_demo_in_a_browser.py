@@ -25,11 +25,15 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 address, out = sys.argv[2], Path(sys.argv[1])
-seen = {"opened": time.monotonic(), "address": address, "screens": [], "frames": 0, "ended": ""}
+seen = {
+    "opened": time.monotonic(), "address": address, "screens": [], "frames": 0, "ended": "", "missions": [],
+    "paces": [], "errors": [], "verdicts": [], "costs": [],
+}
 host = address.split("/")[2]
 with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None) as line:
     line.send(json.dumps({"is": "hello", "lang": "en"}))
     line.send(json.dumps({"is": "take"}))
+    line.send(json.dumps({"is": "identify", "on": True}))
     try:
         for data in line:
             word = {"is": "frame"} if isinstance(data, bytes) else json.loads(data)
@@ -37,6 +41,15 @@ with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano
             screen = (word.get("scene") or {}).get("screen")
             if screen and seen["screens"][-1:] != [screen]:
                 seen["screens"].append(screen)
+                seen["costs"] += [word["scene"][name] for name in ("before", "cost") if screen == "tuned"]
+            mission = (word.get("mission") or {}).get("kind")
+            if mission and seen["missions"][-1:] != [mission]:
+                seen["missions"].append(mission)
+            if word.get("pace") and seen["paces"][-1:] != [word["pace"]]:
+                seen["paces"].append(word["pace"])
+            if word["is"] == "identify" and word["parameters"]:
+                seen["errors"].append(sorted(word["now"]))
+                seen["verdicts"].append((word["fit"] or {}).get("verdict_is"))
     except ConnectionClosed as error:
         seen["ended"] = str(error)
 out.write_text(json.dumps(seen))
@@ -65,7 +78,7 @@ def demo(tmp_path):
 
 
 @pytest.mark.alone
-def test_a_demo_opens_a_tab_within_20_s_and_ends_by_itself(tmp_path):
+def test_a_demo_opens_a_tab_within_20_s_shows_its_work_and_ends_by_itself(tmp_path):
     with before_others():
         done, record, start_s = demo(tmp_path)
     assert done.returncode == 0, done.stderr
@@ -73,6 +86,14 @@ def test_a_demo_opens_a_tab_within_20_s_and_ends_by_itself(tmp_path):
     assert record["opened"] - start_s <= OPENS_S
     assert record["screens"] == ["drive", "identify", "tuned", "drive"], record
     assert record["frames"] > 20
+    assert record["missions"] == ["experiment", "teach", "repeat"]
+    assert record["paces"] == [50.0]
+    before, after = record["costs"]
+    assert after < before
+    totals, fit = [sum(errors) for errors in record["errors"]], record["verdicts"].index("USABLE")
+    first_fit = next(k for k, verdict in enumerate(record["verdicts"]) if verdict)
+    assert totals[:first_fit] == sorted(totals[:first_fit], reverse=True)  # the bars shrink while it drives
+    assert totals[fit] < 0.5 * totals[0]
     assert (tmp_path / "demo" / "report.html").exists()
 
 
