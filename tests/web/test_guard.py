@@ -122,6 +122,25 @@ def test_ne2_a_host_that_is_not_served_is_refused_on_every_request(folder, host)
     run_page(job)
 
 
+def test_ne2_a_shared_page_accepts_the_local_name_of_its_machine_and_no_other(folder):
+    async def job():
+        async with recorded_page(folder, "circle", shared_at="127.0.0.2", names=("ana.local",)) as server:
+            for host, status in (
+                ("ana.local", 200),
+                ("Ana.Local", 200),
+                ("luis.local", 403),
+                ("ana.local.", 403),
+            ):
+                answer = await request(server, "GET / HTTP/1.1", host=f"{host}:{server.port}")
+                assert answer[0] == status, host
+            origin = f"http://ana.local:{server.port}"
+            async with line_to(server, origin=origin) as line:
+                await line.send(json.dumps({"is": "hello", "token": server.guard.tokens[Role.VIEW]}))
+                assert json.loads(await line.recv())["role"] == "view"
+
+    run_page(job)
+
+
 def test_ne2_a_request_with_two_host_headers_is_refused(folder):
     async def job():
         async with recorded_page(folder, "circle") as server:

@@ -1,11 +1,13 @@
 """The screen *Identify* in a real browser: error bars, the coloured path, a run with a scrub bar."""
 
+import json
 import time
 
+import numpy as np
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
-from tests.web.screens import BOXES, PAGE, open_page, until
+from tests.web.screens import BOXES, PAGE, open_page, painted, still_page, until
 from tests.web.taught import fit_taught
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
@@ -89,22 +91,32 @@ def test_with_reduced_motion_bars_are_not_animated(tab, live):
     assert tab.js("getComputedStyle(document.querySelector('.knowns .bar')).transitionDuration") == "0s"
 
 
-def test_the_path_is_coloured_by_its_information(tab, live):
-    open_page(tab, live, screen="identify")
-    tab.wait(f"Boolean({PAGE}.screens.identify.word)")
-    time.sleep(0.2)
-    script = """(() => {
-        const c = document.querySelector(".identify .map"), seen = new Set();
-        const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
-        for (let k = 0; k < d.length; k += 4) {
-            if (d[k + 3] === 255) seen.add((d[k] >> 3) * 1024 + (d[k + 1] >> 3) * 32 + (d[k + 2] >> 3));
-        }
-        return seen.size;
-    })()"""
-    painted = tab.js(script)
-    live.put(fit_taught("en", live=True) | {"rate": []})
-    time.sleep(0.4)
-    assert painted > tab.js(script) + 5
+def test_the_path_is_coloured_by_the_information_of_each_part(tab, live):
+    """Each segment on the map has the colour of the rate at its time, on a logarithmic scale from 0.1 to 100 bits/s."""
+    x = still_page(tab, live, "en", "identify")
+    start_s = x["t"][0]
+    rate = [0.1 * 10 ** (3.0 * k / 99.0) for k in range(100)]  # over 20 s, from the first colour to the last
+    word = fit_taught("en", live=True) | {"rate": rate, "start": float(start_s), "dt": 0.2}
+    tab.js(f"{PAGE}.screens.identify.identified({json.dumps(word)})")
+    marks = painted(tab, f"{PAGE}.screen.map.canvas")
+    left, top, scale = tab.js(f"(({{ X, Y, view }}) => [X(0), Y(0), view.scale])({PAGE}.screen.map)")
+    place = np.column_stack([x["eta.x"], x["eta.y"]])
+    shades, times_s = [], []
+    for mark in marks:
+        if mark["kind"] == "line" and mark["colour"].startswith("#") and mark["width"] >= 4:
+            _, px, py = mark["path"][len(mark["path"]) // 2]
+            far = np.hypot(*(place - [(px - left) / scale, (top - py) / scale]).T)
+            shades.append(mark["colour"])
+            times_s.append(x["t"][np.argmin(far)] - start_s)
+    ends = tab.js(
+        "['quiet', 'loud'].map((n) => getComputedStyle(document.documentElement).getPropertyValue(`--${n}`).trim())"
+    )
+    assert len(set(shades)) == 12
+    by_time = [shades[k] for k in np.argsort(times_s)]
+    assert [by_time[0], by_time[-1]] == ends
+    for k, shade in enumerate(dict.fromkeys(by_time)):  # the rate of each colour, to half a step
+        level = np.mean([t for s, t in zip(shades, times_s, strict=True) if s == shade]) / 19.8
+        assert abs(level - k / 11.0) < 0.08
 
 
 SCENE = {
