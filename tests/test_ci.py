@@ -1,6 +1,9 @@
-"""In the public workflow a skipped test fails, except for the reasons that tests/conftest.py lists."""
+"""In the public workflow a skipped test fails, except for the reasons that tests/conftest.py lists, and pictures of the
+screens are stored.
+"""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,3 +44,12 @@ def test_a_skipped_test_fails_in_ci(tmp_path, no_skips):
     )  # fmt: skip
     assert done.stdout.splitlines()[-1].startswith(OUTCOMES[no_skips]), done.stdout + done.stderr
     assert done.returncode == bool(no_skips)
+
+
+def test_the_pictures_of_all_screens_are_stored_by_ci():
+    workflow = (Path(__file__).parents[1] / ".github/workflows/tests.yml").read_text(encoding="utf-8")
+    job = workflow[workflow.index("\n  all:") : workflow.index("\n  docs:")]
+    (folder,) = re.findall(r"BAQUEANO_SHOTS: \$\{\{ github.workspace \}\}/(\S+)", job)
+    uploaded = job[job.index("uses: actions/upload-artifact") :]
+    assert f"path: {folder}\n" in uploaded
+    assert "if: always()" in uploaded  # above all if a test has failed

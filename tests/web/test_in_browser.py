@@ -42,7 +42,16 @@ def test_a_run_and_its_ghost_run_are_shown(chromium, tmp_path):
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         show_text(tab, "short (ghost)")
-        assert not tab.errors
+        tab.click("#tab-runs")
+        links = tab.js(
+            "[...document.querySelectorAll('.runs tbody tr:first-child a')].map((one) => one.href)"
+        )
+        name = tab.js("document.querySelector('.runs tbody tr:first-child label span').textContent")
+        size = tab.js(f"fetch({links[1]!r}).then((it) => it.arrayBuffer()).then((it) => it.byteLength)")
+        assert size == (folder / f"{name}.mcap").stat().st_size
+        tab.goto(links[0])
+        tab.wait(f"document.body.innerText.includes({name!r})", START_S)
+        assert tab.js("document.querySelectorAll('svg').length") > 0
         tab.close()
 
 
