@@ -4,6 +4,7 @@ import json
 import os
 import random
 import socket
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -129,9 +130,34 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
     def read_mutant(number: int) -> object:
         generator = draw("csv", number)
         _write_new(path, _damaged(original, generator, 0.5))
-        return import_runs(folder / "log.toml")
+        runs = import_runs(folder / "log.toml")
+        if (rates := _yaw_rates(path.read_bytes())) is not None:
+            imported = np.concatenate([one.run.sensors["imu"].z[:, 2] for one in runs])
+            is_whole = len(imported) == len(rates)
+            if is_whole and not np.allclose(imported, rates, rtol=1e-12, atol=0.0):
+                raise Silent("a yaw rate differs from the text")
+            if not is_whole and not any(one.findings for one in runs):
+                raise Silent("rows are missing, and the import has no finding")
+        return runs
 
     yield read_mutant
+
+
+def _yaw_rates(data: bytes) -> np.ndarray | None:
+    """Return the yaw rates [rad/s] that a log contains by an independent reading; None if it is not a plain table."""
+    lines = data.decode("utf-8", "replace").split("\n")
+    try:
+        table = np.array([line.split(",") for line in lines[1:] if line], dtype=float)
+    except ValueError:
+        return None
+    if (
+        lines[0] != COLUMNS
+        or table.ndim != 2
+        or not np.all(np.isfinite(table))
+        or np.any(np.diff(table[:, 0]) <= 0.0)
+    ):
+        return None
+    return np.radians(table[table[:, 9] == 1.0, 5])
 
 
 @contextmanager
@@ -165,6 +191,13 @@ def vehicle(folder: Path) -> Iterator[Callable[[int], object]]:
         generator = draw("vehicle", number)
         _write_new(path, _damaged(generator.choice(originals), generator))
         file = load(path)
+        written = tomllib.loads(path.read_text(encoding="utf-8"))
+        numbers = {name: x for name, x in written["model"].items() if isinstance(x, float)}
+        read = {name: float(getattr(file.vehicle, name)) for name in numbers if hasattr(file.vehicle, name)}
+        if repr(file.data) != repr(written) or any(
+            repr(x) != repr(numbers[name]) for name, x in read.items()
+        ):
+            raise Silent("the tables of the file, or its model, differ from its text")
         return file, repr(file), file.truth.name, file.supervisor(), file.estimator(), file.controller()
 
     yield read_mutant
