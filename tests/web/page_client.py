@@ -21,6 +21,7 @@ from baqueano.web.server import Server
 
 TICK_NS = 10_000_000
 WAIT_S = 60.0  # the machine may be busy
+CLOSE_S = 0.1  # of a goodbye; a browser that does not read would wait for it for 10 s
 
 
 def drive(name: str = "circle", ticks: int = 300) -> Run:
@@ -116,8 +117,8 @@ def address(server: Server) -> str:
 async def line_to(server: Server, **options: Any) -> AsyncIterator[ClientConnection]:
     """Connect as a page of the server does."""
     host = address(server)
-    arguments = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | options
-    async with connect(f"ws://{host}/ws", **arguments) as line:
+    defaults = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None}
+    async with connect(f"ws://{host}/ws", close_timeout=CLOSE_S, **defaults | options) as line:
         yield line
 
 

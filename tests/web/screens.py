@@ -106,16 +106,16 @@ def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[s
 
 
 def looked_at(tab: Tab, size: str, theme: str) -> None:
-    """Give the tab a size and a theme, and wait until animations have ended."""
+    """Give the tab a size and a theme without animations, and wait until it is drawn."""
     tab.size(*SIZES[size])
-    tab.media(prefers_color_scheme=theme)
+    tab.media(prefers_color_scheme=theme, prefers_reduced_motion="reduce")
     tab.js("dispatchEvent(new Event('resize'))")
-    time.sleep(REST_S)
     tab.js(DRAWN)
 
 
 def shot(tab: Tab, *name: str) -> None:
     """Save a picture if pictures are requested."""
     if SHOTS:
+        time.sleep(REST_S)
         Path(SHOTS).mkdir(parents=True, exist_ok=True)
         tab.shot(Path(SHOTS, f"{'-'.join(name)}.png"))
