@@ -16,7 +16,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="/proc"),
     pytest.mark.alone,
 ]
-ROUNDS = 7
+ROUNDS = 5
 TICK_MS = 10.0  # a stop waits for the next one
 
 

@@ -23,7 +23,8 @@ from baqueano.runs.route_file import read_route, write_route
 from baqueano.web.feed import HEAD_LAYOUT
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM, Chromium
-from tests.web.page_client import WAIT_S, Browser, run_page
+from tests.web.page_client import CLOSE_S, WAIT_S, Browser, run_page
+from tests.web.screens import until
 from tests.web.test_in_browser import PRESS, START_S, show_text
 from tests.web.test_serve import Watcher, beats, port_of, program
 
@@ -31,6 +32,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix
 PLAIN = {**os.environ, "BAQUEANO_BACKEND": "python"}
 PLAIN.pop("DISPLAY", None)
 TWO_S = ("--vehicle", "small", "--seconds", "2", "-o", "run.mcap")
+DRIVING_BYTES = 20_000  # of a run: more than its head
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
 
 
@@ -41,7 +43,11 @@ async def looking(port, **hello):
 
     host = f"127.0.0.1:{port}"
     async with connect(
-        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+        f"ws://{host}/ws",
+        origin=f"http://{host}",
+        subprotocols=["baqueano.1"],
+        compression=None,
+        close_timeout=CLOSE_S,
     ) as line:
         visitor = Browser(line)
         await visitor.send("hello", lang="en", **hello)
@@ -70,6 +76,11 @@ def processes_of(group):
                 group_ids.add(int(status.parent.name))
                 is_growing = True
     return group_ids - {group}
+
+
+def size_of(path):
+    """Return the size of a file, 0 if it does not exist."""
+    return path.stat().st_size if path.exists() else 0
 
 
 def all_gone(pids, within_s=10.0):
@@ -182,10 +193,10 @@ def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
             assert all_gone(children)
             if signal_number == signal.SIGINT:
                 plain = subprocess.Popen(
-                    [sys.executable, "-m", "baqueano", "experiment", "--vehicle", "small", "--seconds", "600"],
+                    [sys.executable, "-m", "baqueano", "experiment", *TWO_S[:2], "-o", "plain.mcap"],
                     cwd=tmp_path, env=PLAIN, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL,
                 )  # fmt: skip
-                time.sleep(6.0)
+                until(lambda: size_of(tmp_path / "plain.mcap") > DRIVING_BYTES, WAIT_S)
                 plain.send_signal(signal.SIGINT)
                 plain.communicate()
                 assert code_of_end == plain.returncode
