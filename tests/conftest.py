@@ -37,7 +37,8 @@ HERE = Path(__file__).parent
 SLOW = {  # folders and files
     "cli", "door", "drive", "emulated", "identify", "monitor", "report", "robot", "study", "sweep", "tune", "web",
     "compare/test_corridor.py", "controllers/test_model_following.py", "estimators/test_ekf_pauses.py",
-    "estimators/test_every_sensor.py", "estimators/test_smoother.py", "test_any_laptop.py", "test_benchmarks.py",
+    "estimators/test_every_sensor.py", "estimators/test_smoother.py", "runs/test_importing_page.py",
+    "test_any_laptop.py", "test_benchmarks.py",
     "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py",
     "test_first_evening.py", "test_site.py", "test_wheel.py",
 }  # fmt: skip
@@ -111,7 +112,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(
                 pytest.mark.skip(reason=f"{item.path.name}: sockets of files and ttys are of POSIX")
             )
-    items.sort(key=lambda item: not is_slow(item.path))
     for item in items:
         if is_slow(item.path):
             item.add_marker("slow")
@@ -119,6 +119,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=2))
         if item.get_closest_marker("long") and not os.environ.get("BAQUEANO_LONG"):
             item.add_marker(pytest.mark.skip(reason=f"{item.name} is long. Type: make test-all"))
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,8 +1,10 @@
 """Damage to bytes and texts, all of it from one random generator: the same number gives the same input."""
 
 import random
+import re
 from collections.abc import Callable
 
+_NUMBER, _WORD = re.compile(r"[\d.+-]+"), re.compile(r"[^\W\d]+")
 EXTREME = (0, 1, 0x7F, 0x80, 0xFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1)
 NUMBERS = (
     "nan", "inf", "-inf", "1e999", "-1e999", "1e-320", "-0.0", "0", "-1", "1", "9" * 30, "9" * 400, "0x1F", "1_000",
@@ -125,33 +127,21 @@ def _lines(text: str, draw: random.Random, end: str) -> str:
     return end.join(lines)
 
 
-def _runs(text: str, matches: Callable[[str], bool]) -> list[tuple[int, int]]:
-    """Return start and end of each segment of consecutive matching letters."""
-    spans, begin = [], None
-    for k, letter in enumerate(text + "\n"):
-        if k < len(text) and matches(letter):
-            begin = k if begin is None else begin
-        elif begin is not None:
-            spans.append((begin, k))
-            begin = None
-    return spans
-
-
 def _number(text: str, draw: random.Random, end: str) -> str:
-    pieces = _runs(text, lambda c: c.isdigit() or c in ".-+")
+    pieces = [*_NUMBER.finditer(text)]
     if not pieces:
         return text
-    begin, stop = draw.choice(pieces)
+    begin, stop = draw.choice(pieces).span()
     return text[:begin] + draw.choice(NUMBERS) + text[stop:]
 
 
 def _word(text: str, draw: random.Random, end: str) -> str:
-    pieces = _runs(text, lambda c: c.isalpha() or c == "_")
+    pieces = [*_WORD.finditer(text)]
     if not pieces:
         return text
-    begin, stop = draw.choice(pieces)
-    piece = draw.choice(pieces)
-    word = text[piece[0] : piece[1]] if draw.random() < 0.5 else text[begin : stop - 1]
+    begin, stop = draw.choice(pieces).span()
+    piece = draw.choice(pieces)[0]
+    word = piece if draw.random() < 0.5 else text[begin : stop - 1]
     return text[:begin] + word + text[stop:]
 
 

@@ -40,6 +40,7 @@ def numbers() -> Iterator[int]:
     yield from (k for k in range(MOST) if k < LEAST or time.monotonic() < end_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_damaged_input_gives_a_baqueano_error_or_a_value(name, tmp_path, monkeypatch):
     if name == "door" and not hasattr(socket, "AF_UNIX"):

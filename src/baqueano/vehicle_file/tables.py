@@ -8,7 +8,7 @@ import dataclasses
 import inspect
 import typing
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import cache, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,6 +107,7 @@ def _keys_of_plain_class(block_class: type, hidden_names: typing.Collection[str]
     return keys
 
 
+@cache
 def _type_hints(block_class: type) -> "JsonObject":
     try:
         return typing.get_type_hints(block_class)

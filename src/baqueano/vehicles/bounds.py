@@ -43,7 +43,7 @@ def _check_type(field_name: str, value: Value, p: Parameter) -> None:
 
 
 def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
-    if np.any(np.isnan(value)) or (np.any(np.isinf(value)) and p.high < INF):
+    if np.isnan(value).any() or (p.high < INF and np.isinf(value).any()):
         raise Invalid(
             fault(
                 "field.not-finite",
@@ -53,7 +53,7 @@ def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
                 meaning=p.meaning,
             )
         )
-    if np.any(value < p.low) or np.any(value > p.high):
+    if (value < p.low).any() or (value > p.high).any():
         raise Invalid(
             fault(
                 "field.range",
