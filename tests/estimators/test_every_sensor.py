@@ -1,5 +1,7 @@
 """Every sensor of the package with every estimator that accepts any sensor."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -35,12 +37,15 @@ def drive_with(kind: str, keys: str):
     return file, simulate(file, u, 3)
 
 
-def through(file, run, estimator: str, use):
+@cache
+def through(kind: str, estimator: str, use):
+    """Return a drive with this sensor, and what the estimator computes from the sensors in `use`."""
+    file, run = drive_with(kind, SENSORS[kind])
     needs = {"process_noise_cov": R} if estimator != "augmented_ekf" else {}
     block = file.estimator(estimator, use=use, **needs)
     ticks = ticks_of(run, block, len(run.t_ns))
     first = type(ticks)(*(leaf if leaf is None else _first(leaf) for leaf in ticks))
-    return scan(block.row, block.init(), first).run(ticks)[1]
+    return run, scan(block.row, block.init(), first).run(ticks)[1]
 
 
 def _first(leaf):
@@ -54,9 +59,8 @@ def _first(leaf):
     [(k, e) for k in SENSORS for e in KINDS] + [("tags", "unscented"), ("compass", "unscented")],
 )
 def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estimator):
-    file, run = drive_with(kind, SENSORS[kind])
+    run, estimate = through(kind, estimator, ("imu", kind))
     assert len(run.sensors[kind].z) > 0
-    estimate = through(file, run, estimator, ("imu", kind))
     cov = estimate.cov
     assert np.all(np.isfinite(estimate.eta))
     assert np.all(np.linalg.eigvalsh(cov[1:]) > -1e-12)
@@ -67,6 +71,5 @@ def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estima
 
 @pytest.mark.parametrize("kind", ["tags", "beacon", "rangefinder", "pose"])
 def test_a_position_sensor_reduces_the_position_uncertainty(kind):
-    file, run = drive_with(kind, SENSORS[kind])
-    with_it, without = (through(file, run, "augmented_ekf", use).cov[-1] for use in (("imu", kind), ("imu",)))
+    with_it, without = (through(kind, "augmented_ekf", use)[1].cov[-1] for use in (("imu", kind), ("imu",)))
     assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(without[:2, :2])
