@@ -16,6 +16,7 @@ DEFAULTS: dict[str, object] = {
     # of a sensor
     "delay_slots": 0,  # number of past ticks that are stored for the delay
     "has_low_pass": False,
+    "averages": False,  # True if a reading is the mean of h over the time between two readings
     "usual_std": None,  # (m,) usual standard deviation of the noise, if it was not measured
     "cov": None,  # Q (m, m); None for a sensor that is only recorded
     "limit": INF,  # full scale: largest absolute reading

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
+MEANS_KEY = "means"  # in the metadata: the names of the channels whose readings are means over an interval
 MAX_AGE_S = 0.25  # an older measurement has the timestamp of another clock
 
 

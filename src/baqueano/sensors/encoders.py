@@ -8,10 +8,12 @@ n is the counter, n₋ its previous reading, c the distance of one count. The co
 1/rate_hz is the time between two readings, or a tick if that is longer; σ = noise_std. wheels.py defines ν_x, ν_ψ, s_l,
 s_r and b.
 
-A mean speed belongs to the middle of δ, so the slot of a reading has the age ½ δ. Counts are rounded at both ends of δ,
-each time with the variance c²/12. The errors of successive readings cancel: the error of their sum is at most c. At a
-lower rate the readings are more precise, but older. If a wheel rolls more than N/2 counts between two readings, the
-reading is wrong.
+A mean speed belongs to the middle of δ, so the slot of a reading has the age ½ δ. A fit compares it with the mean of h
+over δ (identify/data/averaging.py), a filter with h in the middle of δ. Behind a lag of 45 ms, a step to 0.6 m/s
+separates them by 0.4, 1.4 and 20 mm/s at 100, 50 and 10 Hz. The noise of counts of 0.5 mm is 20, 10 and 2 mm/s. So a
+filter needs the mean only at low rates. Counts are rounded at both ends of δ, each time with the variance c²/12. The
+errors of successive readings cancel: the error of their sum is at most c. At a lower rate the readings are more
+precise, but older. If a wheel rolls more than N/2 counts between two readings, the reading is wrong.
 """
 
 from dataclasses import dataclass
@@ -69,6 +71,7 @@ class Encoders:
 
     reads: ClassVar[str] = "encoders"
 
+    averages: ClassVar[bool] = True
     size: ClassVar[int] = 2
     noise_size: ClassVar[int] = 2  # standard normals per tick
     delay_s: ClassVar[float] = 0.0  # in addition to the age in a slot

@@ -121,13 +121,19 @@ def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tu
     h, low_passed = sensor.h(motion), signal.low_passed
     if low_passed.shape[0]:
         h = low_passed = _low_pass_step(sensor, low_passed, motion, dt_s)
+    return delayed_signal(sensor, signal._replace(low_passed=low_passed), h, dt_s)
+
+
+def delayed_signal(sensor: Tree, signal: Tree, h: np.ndarray, dt_s: Value) -> tuple[Tree, np.ndarray]:
+    """Return the signal one tick later, and its delayed value (m,). `h` (m,) is its newest value."""
     if not signal.past_values.shape[0]:
-        return signal._replace(low_passed=low_passed), h
+        return signal, h
     steps_s = with_newest(signal.steps_s, dt_s)
     delayed = delayed_value(
         h, signal.past_values, steps_s, sensor.delay_s, lambda z, h: difference(sensor, z, h)
     )
-    return Signal(with_newest(signal.past_values, h), steps_s, low_passed), delayed
+    past_values = with_newest(signal.past_values, h)
+    return signal._replace(past_values=past_values, steps_s=steps_s), delayed
 
 
 def sample(

@@ -5,7 +5,8 @@
 Ticks can be irregular. A long tick is split into equal rows, so that the integrator stays accurate. A Runge-Kutta
 step must be short compared with the fastest time constant of a small vehicle, 15 ms. A measurement belongs to the row
 that ends at its timestamp (not at its arrival), or to the first row that ends after it. If a row contains several
-measurements, the last one is used. Entries that are not finite, entries that
+measurements, the last one is used. A reading that is a mean belongs to the row in which its interval ends
+(averaging.py). Entries that are not finite, entries that
 diagnostics/samples.py removed, and measurements before the first tick are excluded. Readings at the end of the
 sensor's range are excluded and counted. If a sensor and the commands have different clocks, a reading with timestamp
 t was taken at t + o, |o| ≤ MAX_CLOCK_OFFSET_S. Readings of this sensor are assigned MAX_CLOCK_OFFSET_S after their
@@ -21,6 +22,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
+from baqueano.identify.data.averaging import averaged_readings, is_average
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import ByName, seconds
 from baqueano.vehicles.rk4 import MAX_ROW_S, row_counts
@@ -39,6 +41,7 @@ class Measurements(NamedTuple):
     # (N,) part of the row by which the reading precedes its end, or None at the end. If the clock offset of the
     # sensor is free: the age of the reading at the end of the row [s]
     sample_fraction: np.ndarray | None
+    mean_weights: np.ndarray | None = None  # (N, 7) of averaging.py, if the readings are means
 
 
 class FitRecord(NamedTuple):
@@ -55,9 +58,13 @@ class FitRecord(NamedTuple):
 
     def part(self, rows: slice) -> "FitRecord":
         """Return the record with these rows only."""
+
+        def part(x: np.ndarray | None) -> np.ndarray | None:
+            return None if x is None else x[rows]
+
         sensors = {
-            name: Measurements(z[rows], has[rows], None if fraction is None else fraction[rows])
-            for name, (z, has, fraction) in self.sensors.items()
+            name: Measurements(s.z[rows], s.has[rows], part(s.sample_fraction), part(s.mean_weights))
+            for name, s in self.sensors.items()
         }
         return self._replace(t_s=self.t_s[rows], dt_s=self.dt_s[rows], u=self.u[rows], sensors=sensors)
 
@@ -91,17 +98,17 @@ def record_of(
     splits = row_counts(dt_s)
     splits[gaps] = np.maximum(splits[gaps], np.ceil(dt_s[gaps] / (GAP_STEPS * median_ns * 1e-9)).astype(int))
     ends = np.cumsum(splits) - 1
+    row_s = np.repeat(dt_s / splits, splits)
     readings = {}
     for name, block in sensors.items():
-        readings[name] = _measurements(
-            run, name, block, ends, notes, MAX_CLOCK_OFFSET_S if name in clocks else 0.0
-        )
+        max_offset_s = MAX_CLOCK_OFFSET_S if name in clocks else 0.0
+        readings[name] = _measurements(run, name, block, ends, row_s, notes, max_offset_s)
         if used_channels and name in used_channels:
             unused = np.setdiff1d(np.arange(block.size), used_channels[name])
             readings[name].has[:, unused] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
     if np.any(splits > 1):
-        dt_s = np.repeat(dt_s / splits, splits)
+        dt_s = row_s
         u = np.repeat(u, splits, axis=0)
         t_s = np.cumsum(dt_s) - dt_s[0]
     return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
@@ -139,11 +146,17 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
 
 
 def _measurements(
-    run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], max_offset_s: float
+    run: Run,
+    name: str,
+    block: Tree,
+    ends: np.ndarray,
+    row_s: np.ndarray,
+    notes: list[Diagnostic],
+    max_offset_s: float,
 ) -> Measurements:
-    """Return the measurements of one sensor in ends[-1] + 1 rows. `ends` contains the last row of each tick. Each
-    reading is assigned `max_offset_s` after its timestamp. Messages are added to `notes`. Raise UsageError for a run
-    without this sensor, or with another number of channels."""
+    """Return the measurements of one sensor in N rows of `row_s` (N,) [s]. `ends` contains the last row of each tick.
+    Each reading is assigned `max_offset_s` after its timestamp. Messages are added to `notes`. Raise UsageError for a
+    run without this sensor, or with another number of channels."""
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
@@ -158,9 +171,14 @@ def _measurements(
                 size=block.size,
             )
         )
-    m, row_count = block.size, int(ends[-1]) + 1
+    m, row_count = block.size, len(row_s)
     z, has = np.zeros((row_count, m)), np.zeros((row_count, m))
     is_sound = _valid_mask(name, block, channel, notes)
+    if max_offset_s == 0.0 and len(channel.t_ns) > 1 and is_average(run, name, block):
+        row_end_s = np.cumsum(row_s) - row_s[: ends[0] + 1].sum()
+        used, rows, weights = averaged_readings(seconds(channel.t_ns, run.t_ns[0]), row_end_s, row_s)
+        z[rows], has[rows] = np.where(is_sound[used], channel.z[used], 0.0), is_sound[used]
+        return Measurements(z, has, None, weights)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(max_offset_s * 1e9))
     first_ns = run.t_ns[0] - round(MAX_EARLY_FRACTION * float(np.median(np.diff(run.t_ns))))
     is_inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (max_offset_s > 0.0))

@@ -24,13 +24,19 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parallel import parallel_map, prefetch
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state, read_sensors
-from baqueano.identify.residuals.motion import Motions, motion_rows
+from baqueano.identify.parameters.setup import (
+    ThetaShape,
+    blocks_in_row,
+    example,
+    initial_state,
+    read_sensors,
+)
+from baqueano.identify.residuals.motion import Motions, mean_columns, motion_rows
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
-from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
@@ -134,7 +140,7 @@ class PushedState(NamedTuple):
     """State of the simulation with a push. It contains θ, because the derivatives are with respect to ε."""
 
     vehicle: Tree
-    signals: tuple[Signal, ...]
+    signals: tuple[Tree, ...]
     theta: np.ndarray
 
 
@@ -200,7 +206,7 @@ def _force_columns(
             command_features(channels[k] / scale, record),
             *(motion_features(axis, nu, record) for axis in FORCE_AXES),
         ]
-        return motion_rows(record, problem.weights[k], *phi)
+        return motion_rows(record, problem.weights[k], *phi, *mean_columns(record, problem.shape.means))
 
     def derivatives(k: int, rows: np.ndarray) -> np.ndarray:
         return np.asarray(kernel.sensitivities(rows, np.zeros(len(candidates)), fitted.starts[k])[1])
@@ -243,16 +249,17 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         blocks_at = blocks_in_row(blocks, shape, state.theta, row)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
+        mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = blocks_at.model.step(vehicle, u, dt_s, np.zeros(3))
         tick = motion.tick and tuple(
             motion_k._replace(nu_dot=motion_k.nu_dot + push) for motion_k in motion.tick
         )
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
-        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s)
+        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
         return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(readings)
 
-    rows = np.zeros(1 + n + m + column_count + shape.has_voltage)
+    rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
     return scan(step, start, rows, np.zeros(len(FORCE_AXES) * count), backend=backend)
 
 
@@ -266,6 +273,8 @@ def _reading_terms(
     for name, block, size in zip(problem.names, blocks.sensors, problem.sizes, strict=True):
         span = slice(offset, offset + size)
         offset += size
+        if (mean_weights := record.sensors[name].mean_weights) is not None:
+            h_dot[:, span] = averages(mean_weights, h_dot[:, span])
         if len(problem.names) > 1:
             sensor_dot = np.zeros_like(h)
             sensor_dot[:, span] = h_dot[:, span]

@@ -11,6 +11,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
+from baqueano.identify.data.averaging import WEIGHT_COLUMNS, AveragedSignal, average_step, longest_interval_s
 from baqueano.identify.data.record import (
     MAX_CLOCK_OFFSET_S,
     FitRecord,
@@ -34,7 +35,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import Signal, constant_signal, measures_pose, step_signal
+from baqueano.sensors.sampling import constant_signal, measures_pose, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import with_value
 from baqueano.vehicles.freedoms import coasting_axes
@@ -56,6 +57,7 @@ class ThetaShape(NamedTuple):
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
     past_rows: int = 0  # rows before the newest that free clocks need
     has_voltage: bool = False  # True if rows end with the battery's voltage
+    means: tuple[str, ...] = ()  # sensors whose readings are means over an interval
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -66,6 +68,16 @@ class ThetaShape(NamedTuple):
     def by_run(self) -> tuple[str, ...]:
         """Return the names of the entries that each run has separately."""
         return (*self.per_run, *(f"clock.{name}" for name in self.clocks))
+
+    def mean_weights(self, names: Sequence[str], columns: np.ndarray) -> list[np.ndarray | None]:
+        """Return for each sensor its weights (7,) of a mean, from the beginning of `columns`; None for an instant."""
+        first = {name: WEIGHT_COLUMNS * k for k, name in enumerate(self.means)}
+        return [columns[first[n] : first[n] + WEIGHT_COLUMNS] if n in first else None for n in names]
+
+    @property
+    def extra_columns(self) -> int:
+        """Return the number of columns of a row after the weights of its measurements."""
+        return sum(self.sample_fraction) + WEIGHT_COLUMNS * len(self.means) + self.has_voltage
 
     @property
     def size(self) -> int:
@@ -154,7 +166,9 @@ def records_of(
         drivetrain = getattr(blocks.model, "drivetrain", None)
         delay_s = float(np.median(record.dt_s)) * getattr(drivetrain, "delay_slots", 0)
         settled_s = LEAD_LAGS * getattr(drivetrain, "lag_s", 0.0)
-        lead_s = max(delay_s, settled_s, 2.0 * MAX_CLOCK_OFFSET_S if options.clocks else 0.0)
+        offset_s = 2.0 * MAX_CLOCK_OFFSET_S if options.clocks else 0.0
+        intervals_s = [longest_interval_s(s.mean_weights, record.dt_s) for s in record.sensors.values()]
+        lead_s = max(delay_s, settled_s, offset_s, *intervals_s)
         if not options.at_rest:
             record = _after_unknown_commands(record, float(getattr(drivetrain, "delay_s", 0.0)))
         segments += [record] if options.segment_s is None else split_record(record, options.segment_s, lead_s)
@@ -194,13 +208,15 @@ def shape_of(
     start = () if options.at_rest and not is_cut else coasting_axes(blocks.model)
     if any(measures_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
+    means = tuple(name for name in names if any(r.sensors[name].mean_weights is not None for r in records))
     sample_fraction = tuple(
-        any(r.sensors[name].sample_fraction is not None for r in records) for name in names
+        name not in means and any(r.sensors[name].sample_fraction is not None for r in records)
+        for name in names
     )
     past_rows = max(offset_rows(record.dt_s) for record in records) if options.clocks else 0
     has_voltage = any(VOLTAGE_KEY in record.sensors for record in records)
     return ThetaShape(
-        paths, tuple(run_paths), start, sample_fraction, tuple(options.clocks), past_rows, has_voltage
+        paths, tuple(run_paths), start, sample_fraction, tuple(options.clocks), past_rows, has_voltage, means
     )
 
 
@@ -301,23 +317,40 @@ def example(blocks: FittedBlocks, shape: ThetaShape) -> np.ndarray:
 
 def initial_state(
     blocks: FittedBlocks, shape: ThetaShape
-) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
+) -> Callable[[np.ndarray], tuple[Any, tuple[Tree, ...]]]:
     """Return the function θ → (vehicle at the start of a segment, constant signal of each sensor before it)."""
     vehicle_at = vehicle_at_start(blocks, shape)
 
-    def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
+    def start(theta: np.ndarray) -> tuple[Any, tuple[Tree, ...]]:
         blocks_at, vehicle = substitute(blocks, shape.paths, theta), vehicle_at(theta)
         motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
-        return vehicle, tuple(constant_signal(sensor, sensor.h(motion)) for sensor in blocks_at.sensors)
+        signals: list[Tree] = []
+        for name, sensor in zip(blocks.sensors._fields, blocks_at.sensors, strict=True):
+            h = sensor.h(motion)
+            signal = constant_signal(sensor, h)
+            signals.append(AveragedSignal(*signal, np.zeros(len(h)), h) if name in shape.means else signal)
+        return vehicle, tuple(signals)
 
     return start
 
 
+def read_sensor(
+    sensor: Tree, signal: Tree, motion: Motion, dt_s: Value, weights: np.ndarray | None
+) -> tuple[Tree, np.ndarray]:
+    """Return the signal of a sensor and h (m,): a mean by its `weights`, or h at the end of the row without them."""
+    if weights is None:
+        return step_signal(sensor, signal, motion, dt_s)
+    return average_step(sensor, signal, motion, dt_s, weights)
+
+
 def read_sensors(
-    sensors: ByName[Tree], signals: tuple[Signal, ...], motion: Motion, dt_s: Value
-) -> tuple[list[np.ndarray], tuple[Signal, ...]]:
-    """Return h (m,) of each sensor at the end of a row, and its signal."""
-    stepped = [
-        step_signal(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)
-    ]
+    sensors: ByName[Tree],
+    signals: tuple[Tree, ...],
+    motion: Motion,
+    dt_s: Value,
+    weights: Sequence[np.ndarray | None],
+) -> tuple[list[np.ndarray], tuple[Tree, ...]]:
+    """Return h (m,) of each sensor as `read_sensor` does, and the signals."""
+    rows = zip(sensors, signals, weights, strict=True)
+    stepped = [read_sensor(sensor, signal, motion, dt_s, w) for sensor, signal, w in rows]
     return [h for _, h in stepped], tuple(signal for signal, _ in stepped)

@@ -8,8 +8,8 @@ a fit.
 x = ν; with a sensor of the pose x = (η, ν). v is the variance that process noise adds to ν in one second, along the
 axes of the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0, the state is never corrected, and e is the
 residual of the simulation. The weights are a smooth gate: an outlier has almost no effect on state and covariance. A
-delayed reading (delay of the sensor, or timestamp between ticks) is compared with its delayed prediction, but it is
-linearised at the present state.
+delayed reading (delay of the sensor, or timestamp between ticks) is compared with its delayed prediction. A mean is
+compared with the mean of h (data/averaging.py). Both are linearised at the present state.
 """
 
 from typing import Any, NamedTuple
@@ -22,9 +22,16 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
+from baqueano.identify.data.averaging import WEIGHT_COLUMNS
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state
-from baqueano.sensors.sampling import Signal, difference, low_pass_s, step_signal
+from baqueano.identify.parameters.setup import (
+    ThetaShape,
+    blocks_in_row,
+    example,
+    initial_state,
+    read_sensor,
+)
+from baqueano.sensors.sampling import difference, low_pass_s
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, scan, with_value
 from baqueano.symbolic.scan import Scan
@@ -41,7 +48,7 @@ class FilterState(NamedTuple):
 
     vehicle: VehicleState
     cov: np.ndarray  # (n, n) of ν, or of (η, ν)
-    signals: tuple[Signal, ...]  # per sensor, its past
+    signals: tuple[Tree, ...]  # per sensor, its past
     previous_h: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
 
 
@@ -87,7 +94,7 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
     (θ of the simulation, v of each axis, ½ log q of each channel)."""
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, axes = sum(sizes), axes_of(blocks.model)
-    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage
+    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + shape.extra_columns
 
     start_of = initial_state(blocks, shape)
 
@@ -150,15 +157,17 @@ def _innovation(
     predicted: PredictedState,
     state: FilterState,
     z: np.ndarray,
-    sample_fraction: np.ndarray,
+    extra: np.ndarray,
     dt_s: Value,
     shape: ThetaShape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h after the low-pass, without delay."""
     innovations, jacobians, lines, offset, fraction_index = [], [], [], 0, 0
+    mean_weights = shape.mean_weights(sensors._fields, extra)
+    sample_fraction, motion = extra[WEIGHT_COLUMNS * len(shape.means) :], predicted.motion(predicted.mean)
     for k, sensor in enumerate(sensors):
-        signal, shown_h = step_signal(sensor, state.signals[k], predicted.motion(predicted.mean), dt_s)
-        h = signal.low_passed if len(signal.low_passed) else sensor.h(predicted.motion(predicted.mean))
+        signal, shown_h = read_sensor(sensor, state.signals[k], motion, dt_s, mean_weights[k])
+        h = signal.low_passed if mean_weights[k] is None and len(signal.low_passed) else sensor.h(motion)
         if shape.sample_fraction[k]:
             shown_h = shown_h + sample_fraction[fraction_index] * difference(
                 sensor, state.previous_h[k], shown_h
@@ -208,16 +217,10 @@ def _corrected_signals(
     """Return the signals and h of this row after the correction."""
     signals, previous_h = [], []
     for (signal, h), jacobian_of_h, is_needed in zip(lines, jacobians, sample_fraction, strict=True):
-        corrected_h = h + jacobian_of_h @ move
-        past = (
-            np.concatenate([corrected_h[None, :], signal.past_values[1:]])
-            if signal.past_values.shape[0]
-            else signal.past_values
-        )
-        signals.append(
-            signal._replace(
-                past_values=past, low_passed=corrected_h if len(signal.low_passed) else signal.low_passed
-            )
-        )
-        previous_h.append(corrected_h if is_needed else np.zeros(0))
+        correction, past = jacobian_of_h @ move, signal.past_values
+        if past.shape[0]:
+            past = np.concatenate([(past[0] + correction)[None, :], past[1:]])
+        low_passed = signal.low_passed + correction if len(signal.low_passed) else signal.low_passed
+        signals.append(signal._replace(past_values=past, low_passed=low_passed))
+        previous_h.append(h + correction if is_needed else np.zeros(0))
     return tuple(signals), tuple(previous_h)

@@ -3,11 +3,11 @@
     x_k = step(vehicle(θ), x_{k−1}, u_k, dt_k),   x_0 from ν₀                                             (1)
     r_k = W_k (z_k − h_θ(x_k))                                                                            (2)
 
-W is 1/σ of each channel, 0 without a measurement. A row of the kernel's input is (dt, u, z, W). For timestamps
-between ticks the row ends with `early`, a part of the step; then h = h_k + early (h_{k−1} − h_k). If a sensor's clock
-is free, h is read from a delay line (data/record.py). The model is simulated from its start to the end without a
-correction by measurements. The cost is the simulation error, `equ:cost_function` of Grotz et al.
-docs/derivations/residuals_and_sensitivities.md gives the details.
+W is 1/σ of each channel, 0 without a measurement. A row of the kernel's input is (dt, u, z, W). For timestamps between
+ticks the row ends with `early`, a part of the step; then h = h_k + early (h_{k−1} − h_k). If a sensor's clock is free,
+h is read from a delay line (data/record.py). Readings that are means are compared with means of h (data/averaging.py).
+The model is simulated from its start to the end without a correction by measurements. The cost is the simulation error,
+`equ:cost_function` of Grotz et al. docs/derivations/residuals_and_sensitivities.md gives the details.
 """
 
 from collections import OrderedDict
@@ -21,6 +21,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE_KEY
+from baqueano.identify.data.averaging import WEIGHT_COLUMNS
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import Evaluation, ThetaLayout, add, arrow_layout, diagonal_matrix
 from baqueano.identify.parallel import parallel_map
@@ -31,9 +32,9 @@ from baqueano.identify.parameters.setup import (
     initial_state,
     read_sensors,
 )
-from baqueano.identify.residuals.motion import Motions, motion_kernel, motion_rows
+from baqueano.identify.residuals.motion import Motions, mean_columns, motion_kernel, motion_rows
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
-from baqueano.sensors.sampling import Signal, difference
+from baqueano.sensors.sampling import difference
 from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
@@ -51,7 +52,7 @@ class SimulationState(NamedTuple):
     """State of the simulation."""
 
     vehicle: Tree
-    signals: tuple[Signal, ...]  # per sensor, its past
+    signals: tuple[Tree, ...]  # per sensor, its past
     previous_h: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
     lines: tuple[np.ndarray, ...]  # per sensor, h of earlier rows (slots, m); (0, m) if not needed
     steps_s: np.ndarray  # (slots,) the steps between them
@@ -292,6 +293,7 @@ def _rows(record: FitRecord, names: Sequence[str], shape: ThetaShape) -> np.ndar
     """Return rows (N, q): dt, u, z and W of all sensors, the part of the step if needed, and the battery voltage."""
     readings = [record.sensors[name] for name in names]
     columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.has for s in readings)]
+    columns += mean_columns(record, shape.means)
     for s, is_needed in zip(readings, shape.sample_fraction, strict=True):
         if is_needed:
             columns.append(
@@ -337,9 +339,10 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
         blocks_at = blocks_in_row(blocks, shape, theta, row)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
-        sample_fraction = row[1 + n + 2 * m :]
+        mean_weights = shape.mean_weights(names, row[1 + n + 2 * m :])
+        sample_fraction = row[1 + n + 2 * m + WEIGHT_COLUMNS * len(shape.means) :]
         vehicle, motion = blocks_at.model.step(state.vehicle, u, dt_s, np.zeros(3))
-        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s)
+        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
         steps_s = with_newest(state.steps_s, dt_s)
         residuals, past_h, lines, offset, fraction_index = [], [], [], 0, 0
         for k, sensor in enumerate(blocks_at.sensors):
@@ -361,8 +364,9 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
         state = SimulationState(vehicle, signals, tuple(past_h), tuple(lines), steps_s)
         return state, np.concatenate(residuals)
 
-    q = 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage
-    return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
+    return scan(
+        step, start, np.zeros(1 + n + 2 * m + shape.extra_columns), example(blocks, shape), backend=backend
+    )
 
 
 def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:

@@ -27,7 +27,7 @@ from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source,
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
 from baqueano.runs.maps.units import unit
-from baqueano.runs.run import Channel, Event, Run, TruthLog
+from baqueano.runs.run import MEANS_KEY, Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicles.drivetrain import unmix
 
@@ -208,6 +208,8 @@ def _import_part(m: ColumnMap, recording: RecordingSources, vehicle_text: str) -
         "commands": ", ".join(m.names),
         "files": ", ".join(recording.files),
     }
+    if means := [name for name, s in m.sensors.items() if s.sample == "measured" and s.is_rate]:
+        metadata[MEANS_KEY] = ", ".join(means)
     run = Run(
         recording.name, None, t_ns, applied, sensors=sensors, truth=truth, vehicle_text=vehicle_text,
         metadata=metadata
@@ -306,7 +308,7 @@ def _finite_rows(
 def _instants_ns(signal: ColumnSignal, source: Source) -> np.ndarray:
     """Return the times (rows,) [ns] of a signal: for the difference of two rows, the middle of their times."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
-    if all(entry.derivative or entry.is_absent for entry in signal.entries):
+    if signal.is_rate:
         return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
     return t_ns
 

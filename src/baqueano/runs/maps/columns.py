@@ -89,6 +89,11 @@ class ColumnSignal(NamedTuple):
     entries: tuple[Entry, ...]
     mount: Mount = Mount()  # of a truth; for a sensor only its clock
 
+    @property
+    def is_rate(self) -> bool:
+        """Return True if all values are differences of two rows: means over the time between them."""
+        return all(entry.derivative or entry.is_absent for entry in self.entries)
+
 
 class ColumnMap(NamedTuple):
     """A complete map."""
