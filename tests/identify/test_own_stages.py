@@ -17,6 +17,7 @@ from baqueano.identify import (
     random_steps,
     solve,
 )
+from baqueano.identify.estimation.least_squares import MAX_EVALUATIONS, minimise
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -58,6 +59,22 @@ def test_a_custom_solver_gives_the_same_estimate(small, run, examples):
     fit, own_fit = (identify(run, small, FREE, **options) for options in ({}, {"solver": examples.by_scipy}))
     assert own_fit.converged
     assert np.max(np.abs(own_fit.estimate - fit.estimate) / fit.sd) < 0.02
+
+
+def test_a_search_out_of_evaluations_continues_in_another_round(small, run):
+    unfinished = []
+
+    def slow(*arguments, most, **others):
+        solution = minimise(*arguments, most=most, **others)
+        if most < MAX_EVALUATIONS or unfinished:
+            return solution
+        unfinished.append(solution)
+        return solution._replace(converged=False, evaluations=most)
+
+    parameters = parameters_of(dataset([run], small), ["model.mass_kg"])
+    end = solve(Residuals.from_parameters(parameters), parameters, solver=slow)[1]
+    assert len(unfinished) == 1
+    assert end.solution.converged
 
 
 def test_a_custom_residual_tolerates_disturbances_of_three_samples(small, run, examples):

@@ -149,7 +149,8 @@ def search(
             break
         new_sigma, profile = sigma_at(task, problem, theta)
         change = float(np.max(np.abs(np.log(new_sigma / sigma))))
-        if (is_near and change < SIGMA_TOLERANCE) or (rough and change < NEAR_CHANGE):
+        is_unfinished = is_near and not solution.converged and solution.evaluations >= MAX_EVALUATIONS
+        if (is_near and change < SIGMA_TOLERANCE and not is_unfinished) or (rough and change < NEAR_CHANGE):
             break
         if reason:
             solution = solution._replace(converged=False)
