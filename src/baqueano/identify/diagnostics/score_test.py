@@ -28,7 +28,8 @@ MAX_BLOCKS = 60
 MIN_BLOCK_ROWS = 20  # rows
 PROMISING_Z = 3.0  # standard errors of white noise
 EFFECTS_AT_ONCE = 16  # effects
-MIN_OWN_FRACTION = 1e-6  # an effect with a smaller part that θ cannot explain is not tested
+# an effect with a smaller part that θ cannot explain is not tested: a variance inflation factor above 10,000
+MIN_OWN_FRACTION = 1e-4
 
 
 class NuisanceDerivatives(NamedTuple):
@@ -55,6 +56,7 @@ class FitResiduals(NamedTuple):
     inverse: np.ndarray  # A⁻¹ (k, k)
     weighted: np.ndarray  # (k + 1, N m) d w, and ψ
     power: float  # Σ ψ² / Σ w: the sum over all residuals, divided by the number that is not clipped
+    signal: float  # Σ of the squared measurements in standard deviations, about the mean of each channel
 
 
 class ScoreTest(NamedTuple):
@@ -109,7 +111,7 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     weighted_rows[-1] = psi
     products = _product(weighted_rows, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
-    residuals = [r for r, _, _ in segments]
+    residuals, signal_std = [r for r, _, _ in segments], problem.signal_std()
     return FitResiduals(
         residuals,
         psi,
@@ -122,6 +124,7 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
         pseudo_inverse(products[:-1]),
         weighted_rows,
         power,
+        float(sum(np.sum((weight * signal_std) ** 2) for weight in problem.weights)),
     )
 
 
@@ -250,10 +253,11 @@ def _score_tests(
         nuisance_ties.append(nuisance_sums @ nuisance.inverse)
         power -= np.einsum("ki,ki->k", nuisance_sums, nuisance_ties[-1])
         total = total - nuisance_ties[-1] @ _product(nuisance.d, fit.clipped_residuals[nuisance.columns])
-    is_shown = power > MIN_OWN_FRACTION * np.maximum(
-        sums.energy, 1e-300
-    )  # otherwise θ explains the effect, or it does not change a measurement
+    # otherwise θ explains the effect, so that any misfit becomes a large Δθ, or it does not change a measurement
+    is_shown = power > MIN_OWN_FRACTION * np.maximum(sums.energy, 1e-300)
     size = np.where(is_shown, total / np.where(is_shown, power, 1.0), 0.0)
+    is_shown &= size**2 * sums.energy <= fit.signal  # an effect is smaller than all that was measured
+    size = np.where(is_shown, size, 0.0)
     candidates = np.flatnonzero(
         is_shown & (np.abs(total) > PROMISING_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))
     )
