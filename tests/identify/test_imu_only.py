@@ -14,6 +14,9 @@ from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.simulate import simulate
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import car_file, car_values, drive_group, run_of_vehicle
+from baqueano.study.identification.trials import draw_car
 from baqueano.vehicle_file import load
 from tests.codes import of_code
 
@@ -174,6 +177,20 @@ def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(fitted):
     assert not is_imu_only(file, [run], ("imu", "odometer"), None)
     assert not is_imu_only(file, [run], None, ("sensors.imu.gyro_scale",))
     assert not is_imu_only(load("small"), [run], None, None)
+
+
+def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
+    car = draw_car(1, "matched").with_parameters(lag_s=np.full(1, 0.1))
+    rng, changes = np.random.default_rng([1, 50]), {"lag_s": 0.05, "delay_s": 0.05}
+    file = car_file(car).with_values({f"model.drivetrain.{name}": x for name, x in changes.items()})
+    u = np.stack([steps(rng, 0.1, 0.55, 2.0, 30.0, 50.0), steps(rng, -0.3, 0.3, 1.2, 30.0, 50.0)], axis=1)
+    u[:150] = 0.0
+    motion = drive_group(car, u[:, None], [1], tick_times(len(u), 50.0))
+    fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
+    true = {**car_values(car), "model.drivetrain.lag_s": car.lag_s}
+    names = ("model.throttle_gain", "model.linear_drag", "model.drivetrain.lag_s")
+    off = [(fit.value(n) - float(true[n][0])) / fit.sd[fit.names.index(n)] for n in names]
+    assert np.all(np.abs(off) < 2.5), off
 
 
 def test_a_free_parameter_added_with_plus_does_not_remove_default_parameters():

@@ -255,6 +255,16 @@ def test_the_battery_voltage_affects_motors_and_no_servo():
     np.testing.assert_allclose(car.drivetrain.inverse(np.array([0.2, 0.4])), [0.4, 0.4])
 
 
+def test_the_lag_of_a_motor_does_not_delay_a_servo():
+    dt_s, u = 0.01, np.array([0.4, 0.4])
+    car = Car(0.2, 5.0, 0.4, drivetrain=Drivetrain(commands=2, lag_s=0.08, delay_s=0.004, delay_slots=1))
+    state, effort = car.drivetrain.step(car.drivetrain.init(), u, dt_s)
+    np.testing.assert_allclose(effort.last, [0.4 * (1.0 - np.exp(-0.006 / 0.08)), 0.4])
+    assert effort.mean[1] == pytest.approx(0.6 * 0.4)  # 6 of 10 ms
+    _, effort = car.drivetrain.step(state, 0.0 * u, dt_s)
+    np.testing.assert_allclose(effort.last[1], 0.0, atol=1e-12)
+
+
 def test_a_time_constant_beyond_floating_point_range_is_refused():
     with refused("drivetrain.lag-tiny"):
         Drivetrain(lag_s=5e-324)

@@ -6,7 +6,7 @@
     battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)     of motors; the servos (last channels) keep w     (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
     gain      w ← gain · w / (1 − c + c |w before the dead zone|)      c = 1: coasts between two pulses   (6)
-    lag       λ ẇ_l = w − w_l, exact over each segment of a tick (effort.py)                              (7)
+    lag       λ ẇ_l = w − w_l of motors, exact over each segment of a tick (effort.py)                    (7)
     unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2           l, r: left and right channel            (8)
 
 All quantities are in the unit of u; with the defaults the effort is the command. Only (2) and (8) mix wheels; the
@@ -24,7 +24,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import INITIAL_STEP_S, check_delay, command_segments, with_newest
+from baqueano.vehicles.delay import INITIAL_STEP_S, CommandSegment, check_delay, command_segments, with_newest
 from baqueano.vehicles.effort import Effort, direct_effort, lagged_effort
 
 MIN_LAG_S = 1e-100  # a tick divided by a smaller lag exceeds the range of floating-point numbers
@@ -45,7 +45,7 @@ class DrivetrainState(NamedTuple):
     steps_s : ndarray (delay_slots,)
         Duration of each of the previous ticks.
     lag_state : ndarray (k,) [unit of u]
-        Channels after the motor lag.
+        Channels after the lag of the motors.
     """
 
     past_commands: np.ndarray
@@ -225,17 +225,22 @@ class Drivetrain:
         """Return the state and the effort over a tick of `dt_s`, during which `u` (n,) is sent.  (1)-(8)"""
         pieces = command_segments(u, state.past_commands, state.steps_s, self.delay_s, dt_s)
         pieces = [piece._replace(u=self.static_response(self.mix(piece.u))) for piece in pieces]
-        lag = (
-            lagged_effort(pieces, state.lag_state, self.lag_s, dt_s)
-            if self.has_lag
-            else direct_effort(pieces, dt_s)
-        )
+        lag = self._lagged(pieces, state.lag_state, dt_s) if self.has_lag else direct_effort(pieces, dt_s)
         next_state = DrivetrainState(
             with_newest(state.past_commands, u),
             with_newest(state.steps_s, dt_s),
             lag.last if self.has_lag else state.lag_state,
         )
         return next_state, Effort(*map(self.unmix, lag))
+
+    def _lagged(self, pieces: list[CommandSegment], lag_state: np.ndarray, dt_s: float) -> Effort:
+        """Return the effort of the channels (k,): of motors behind their lag, and of servos without it.  (7)"""
+        motors = [piece._replace(u=piece.u[self._motors]) for piece in pieces]
+        lagged = lagged_effort(motors, lag_state[self._motors], self.lag_s, dt_s)
+        if not self.servos:
+            return lagged
+        servos = [piece._replace(u=piece.u[self.channels - self.servos :]) for piece in pieces]
+        return Effort(*map(np.concatenate, zip(lagged, direct_effort(servos, dt_s), strict=True)))
 
     def static_response(self, w: np.ndarray) -> np.ndarray:
         """Return the input (k,) of the motor lag for the channels `w` (k,).  (3)-(6)"""

@@ -1,7 +1,7 @@
 """Compute the gains of the heading hold for the vehicle of a file.
 
   model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the forward limit
-                                               T = delay + lag + 1.5 ticks + LINK_DELAY_S
+                                               T = delay + lag of the motors that turn it + 1.5 ticks + LINK_DELAY_S
 
 If the turn response at half the limit is too small, as in a dead zone, the full limit is used. A model without a fit is
 a guess: the real vehicle is then assumed to turn GUESS_GAIN_FACTOR times as strongly as the model.
@@ -72,10 +72,11 @@ def heading_hold_gains(vehicle_file: VehicleFile) -> Gains | None:
             break
     else:
         return None
-    drivetrain = vehicle.drivetrain
-    dead_time_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_DELAY_S
+    drivetrain, is_servo = vehicle.drivetrain, is_steered(vehicle)
+    lag_s = 0.0 if is_servo else drivetrain.lag_s
+    dead_time_s = lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_DELAY_S
     gains = pole_placement_gains(GUESS_GAIN_FACTOR * k if vehicle_file.is_guess else k, tau_s, dead_time_s)
-    return gains._replace(speed_m_s=speed if is_steered(vehicle) else 0.0)
+    return gains._replace(speed_m_s=speed if is_servo else 0.0)
 
 
 def _command_limit(vehicle_file: VehicleFile) -> np.ndarray:
