@@ -122,6 +122,19 @@ class AugmentedEkf:
         low=0.0,
         default=0.01,
     )
+    speed_error_std: np.ndarray = parameter(
+        "m/s, 1",
+        "σ₀, σ₁: lasting error of the model's speed, at the speed of least error and per m/s away from it; "
+        "0: by the data sheets",
+        low=0.0, default=(0.0, 0.0), shape=(2,),
+    )  # fmt: skip
+    least_error_speed_m_s: float = parameter(
+        "m/s",
+        "v₀: speed at which the error of the model's speed is least",
+        low=-100.0,
+        high=100.0,
+        default=0.0,
+    )
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s", "standard deviations of (η, ν) at the start", low=0.0,
         default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),
@@ -187,7 +200,8 @@ class AugmentedEkf:
             tick.t_ns, x.mean, x.cov, mean_disturbance, model_nu, *memory, drivetrain
         )
         next_belief = tree_where(row.is_new, next_belief, belief)
-        eta_nu, J = _pose_and_velocity(next_belief.mean), jacobian(_pose_and_velocity)(next_belief.mean)
+        eta_nu = self._pose_and_velocity(next_belief.mean)
+        J = jacobian(self._pose_and_velocity)(next_belief.mean)
         nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
         reported = innovations[3:6] if len(innovations.latest) else ()
@@ -196,6 +210,10 @@ class AugmentedEkf:
         E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)
         errors = row_errors_of(innovations.update, G, E, J, row.is_new)
         return next_belief, Estimate(tick.t_ns, eta_nu[:3], eta_nu[3:], cov, *reported), errors
+
+    def _pose_and_velocity(self, x: np.ndarray) -> np.ndarray:
+        """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""
+        return np.concatenate([x[:3], x[3:6] + velocity_error(self, x[SCALE_INDEX:BIAS_INDEX], x[3:6])])
 
     @property
     def process_noise_cov(self) -> np.ndarray:
@@ -219,8 +237,3 @@ def _rest_state(x: Gaussian) -> Gaussian:
 def _moving_states(n: int) -> np.ndarray:
     """Return a mask (n,): 0 for ν and d, which are 0 at rest; 1 for the other states."""
     return np.concatenate([np.ones(3), np.zeros(SCALE_INDEX - 3), np.ones(n - SCALE_INDEX)])
-
-
-def _pose_and_velocity(x: np.ndarray) -> np.ndarray:
-    """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""
-    return np.concatenate([x[:3], x[3:6] + velocity_error(x[SCALE_INDEX:BIAS_INDEX], x[3:6])])

@@ -9,6 +9,7 @@
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
+    K ν_x = κ_v e ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,   κ_v ~ N(0, σ₁²), without a speed sensor    (8)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. l is the distance of the origin ahead of the centre of
 turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with an error during a whole bend
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 
 MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
+MIN_SPEED_M_S = 0.02  # below it, the error of the speed fades to 0
 
 
 def predict_row(
@@ -77,7 +79,7 @@ def advance_mean(
     step, d_weight = (dt_s, 0.5 * dt_s**2) if is_dynamic(vehicle) else (1.0, dt_s)
     eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
     nu_next = nu_next + step * D
-    scale_displacement = 0.5 * dt_s * velocity_error(mean[SCALE_INDEX:BIAS_INDEX], nu + nu_next)
+    scale_displacement = dt_s * velocity_error(estimator, mean[SCALE_INDEX:BIAS_INDEX], 0.5 * (nu + nu_next))
     bend_loss = (
         0.5 * dt_s * mean[BEND_INDEX] * np.sqrt(0.75) * heading_variance / (1.0 + 0.5 * heading_variance)
     )
@@ -138,9 +140,20 @@ def process_noise_cov(
     return (B * np.concatenate([walk, d, walk / 12.0])) @ B.T
 
 
-def velocity_error(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """Return K ν (3,), the error of the velocity due to scale errors and course `kappa` = (κ_v, κ_ψ, β, …).  (2)"""
-    return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
+def velocity_error(estimator: "AugmentedEkf", kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
+    """Return K ν (3,), the error of the velocity due to scale errors and course `kappa` = (κ_v, κ_ψ, β, …). (2), (8)"""
+    scale = kappa[0] * _speed_error_shape(estimator, nu[0])
+    return np.array([scale * nu[0], scale * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
+
+
+def _speed_error_shape(estimator: "AugmentedEkf", speed: Value) -> Value:
+    """Return e, the error of the speed at `speed` [m/s] relative to its scale error κ_v.  (8)"""
+    if layout(estimator).speed_is_measured:
+        return 1.0
+    std, least = estimator.speed_error_std, estimator.least_error_speed_m_s
+    magnitude, slope = np.sqrt(speed**2 + MIN_SPEED_M_S**2), np.where(std[1] > 0.0, std[1], 1.0)
+    relative = np.sqrt((std[0] / slope) ** 2 + (magnitude - least) ** 2) / magnitude
+    return np.where(std[1] > 0.0, relative, 1.0)
 
 
 def _push_matrix(vehicle: DynamicVehicle) -> np.ndarray:

@@ -25,6 +25,7 @@ from baqueano.estimators.readings.inconsistency import SPEED_AND_YAW_RATE
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     channel_indices,
+    has_speed_scale,
     measurement_jacobian,
     scale_std,
     split_use,
@@ -59,6 +60,7 @@ class Layout(NamedTuple):
     pose_groups: tuple[
         tuple[int, ...], ...
     ]  # the channels of each sensor that measures the pose: place_gate.py
+    speed_is_measured: bool  # True if a channel has its own scale of the speed
 
     @property
     def pose_error_mask(self) -> np.ndarray:
@@ -144,6 +146,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         np.where(is_leading, LEADING_GYRO_FACTOR, 1.0),
         rest_jacobian,
         pose_groups,
+        has_speed_scale(sensors, dict(zip(names, used_channels, strict=True))),
     )
 
 
@@ -152,6 +155,8 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     states = layout(estimator)
     biases = np.array([bias.value_at(estimator.sensors, bias.std) for bias in states.biases])
     scales = scale_std(estimator.sensors, dict(zip(states.names, states.entries, strict=True)))
+    if not states.speed_is_measured and estimator.speed_error_std[1] > 0.0:
+        scales[0] = estimator.speed_error_std[1]
     course = np.array([estimator.course_std, 1.0])
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
 

@@ -129,17 +129,26 @@ def scale_std(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) 
     If no channel measures the speed, the speed has the scale error of the model, which was identified with gyro and
     accelerometer.
     """
-    forward_stds, turning_stds = (
-        [
-            float(parameter.value_at(sensors, parameter.std))
-            for name, rows in used_channels.items()
-            for parameter in uncertain_parameters(sensors, name, rows, nu)
-            if not parameter.walk
-        ]
-        for nu in (FORWARD_NU, TURNING_NU)
-    )
+    forward_stds, turning_stds = (_scale_stds(sensors, used_channels, nu) for nu in (FORWARD_NU, TURNING_NU))
     turning_std = min(turning_stds, default=0.0)
     return np.array([min(forward_stds, default=np.hypot(turning_std, ACCEL_SCALE_STD)), turning_std])
+
+
+def has_speed_scale(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) -> bool:
+    """Return True if one of these channels measures the speed with a scale of its own."""
+    return bool(_scale_stds(sensors, used_channels, FORWARD_NU))
+
+
+def _scale_stds(
+    sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]], nu: np.ndarray
+) -> list[float]:
+    """Return the standard deviation of each scale that changes these channels at the velocity `nu` (3,)."""
+    return [
+        float(parameter.value_at(sensors, parameter.std))
+        for name, rows in used_channels.items()
+        for parameter in uncertain_parameters(sensors, name, rows, nu)
+        if not parameter.walk
+    ]
 
 
 def _acting_parameters(

@@ -308,7 +308,7 @@ def _tick(
     next_x = np.concatenate([eta, nu, d, x[SCALE_INDEX:BIAS_INDEX], bias])
     truth = current_motion._replace(tick=(state.motion, motions[TICK_PARTS // 2 - 1], motions[-1]))
     sensors, slots = _read_sensors(ekf, state, bias, slip, truth, draws, dt_s)
-    state_read = np.concatenate([eta, nu + velocity_error(x[SCALE_INDEX:BIAS_INDEX], nu)])
+    state_read = np.concatenate([eta, nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], nu)])
     return SimulatedState(next_x, slip, current_motion, drivetrain, sensors), (state_read, slots)
 
 
@@ -322,8 +322,8 @@ def _step_part(
     kicked_nu = nu + kick * walk[0]
     _, nu, _ = ekf.vehicle.advance(eta, kicked_nu, Effort(begin, end, end), h)
     nu = nu + h * disturbance_acceleration(ekf.vehicle, x[6:SCALE_INDEX])
-    displacement = 0.5 * h * (kicked_nu + nu)
-    displacement = displacement + velocity_error(x[SCALE_INDEX:BIAS_INDEX], displacement)
+    mean_nu = 0.5 * (kicked_nu + nu)
+    displacement = h * (mean_nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], mean_nu))
     position = eta[:2] + (map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement)[:2]
     return np.array([position[0], position[1], wrap(eta[2] + displacement[2])]), nu + kick * walk[1]
 

@@ -33,6 +33,7 @@ from baqueano.identify.noise.process_noise import (
     ticks_of,
     total_cost,
 )
+from baqueano.identify.noise.speed_error import with_speed_error
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
@@ -52,7 +53,14 @@ TURNING_NOISE = (
     ("disturbance_fade_s[1]", MIN_FADE_S, 30.0),
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
-FIELDS = ("disturbance_std", "disturbance_fade_s", "velocity_walk_std", "course_std")
+FIELDS = (
+    "disturbance_std",
+    "disturbance_fade_s",
+    "velocity_walk_std",
+    "course_std",
+    "speed_error_std",
+    "least_error_speed_m_s",
+)
 ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of model errors do not enlarge σ
 LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
 MIN_RESIDUALS = 30  # residuals for (2), (3), readings for the noise of a sensor
@@ -119,6 +127,7 @@ def filter_noise(
         ekf = (_without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer)(
             ekf, fit, inertial
         )
+    ekf = with_speed_error(ekf, fit, runs)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit))))
 
 

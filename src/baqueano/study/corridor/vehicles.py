@@ -1,7 +1,10 @@
 """Vehicles of the independent truth with the IMU of a data sheet, each identified from commands and IMU.
 
     gyro      scale uniform within ± 3 %; its bias is a random walk, and changes at each power-on
-    wheels    radii differ by 2 %; all other parts have the tolerances of real parts (truth/two_wheels.py)
+    accel     scales uniform within ± 3 %, cross-axis sensitivities within ± 2 %
+    motors    the battery sags by 3 to 8 %; in half of the vehicles the current lags, not the voltage
+    floor     a drag of cornering; radii of the wheels differ by 2 %
+    other     parts have the tolerances of real parts (truth/two_wheels.py)
 
 Of these errors the vehicle file contains only gyro_scale_std of the garage, and gyro_bias_std for the bias at power-on.
 """
@@ -17,7 +20,8 @@ from baqueano.study.driving import FREE, initial_file, merge_robots, simulate_ex
 from baqueano.study.truth import Robots, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
-SCALE_TOLERANCE = 0.03  # of the scale of an MPU-6050
+SCALE_TOLERANCE, CROSS_AXIS = 0.03, 0.02  # of the scales and cross-axis sensitivities of an MPU-6050
+SAG, MAX_CORNERING = (0.03, 0.08), 0.1  # part of the supply; kg/rad
 WHEEL_DIFFERENCE = 0.02  # of the radii of the wheels
 BIAS_WALK = 1e-5  # rad/s^1.5; a real MPU-6050 at rest has 0.4e-5: `baqueano study recordings`
 PAUSE_S = 600.0  # from the experiment to the drive
@@ -31,8 +35,20 @@ def vehicles(seeds: Sequence[int]) -> Robots:
     )
     scale = np.array([1.0 + draw.uniform(-SCALE_TOLERANCE, SCALE_TOLERANCE) for draw in draws])
     side = np.array([draw.choice([-0.5, 0.5]) * WHEEL_DIFFERENCE for draw in draws])
-    imu = robots.imu.with_parameters(gyro_scale=scale, walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)))
-    return robots.with_parameters(imu=imu, wheel=1.0 + np.stack([-side, side], axis=1))
+    accel, cross = (
+        np.stack([a * draw.uniform(-1.0, 1.0, 2) for draw in draws]) for a in (SCALE_TOLERANCE, CROSS_AXIS)
+    )
+    sag, cornering = (
+        np.array([draw.uniform(*span) for draw in draws]) for span in (SAG, (0.0, MAX_CORNERING))
+    )
+    imu = robots.imu.with_parameters(
+        gyro_scale=scale, accel_scale=1.0 + accel, cross_axis=cross,
+        walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)),
+    )  # fmt: skip
+    return robots.with_parameters(
+        imu=imu, wheel=1.0 + np.stack([-side, side], axis=1), sag=sag, cornering=cornering,
+        lagging_emf=np.array([draw.choice([0.0, 1.0]) for draw in draws]),
+    )  # fmt: skip
 
 
 def switch_on_again(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:

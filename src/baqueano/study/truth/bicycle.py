@@ -133,7 +133,8 @@ def draw_cars(n: int, seed: int) -> Cars:
         slope_heading_rad=0.0 * ones, transmission=Transmission.ideal(n),
         imu=Imus(
             place_m=np.zeros((n, 2)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.01, (n, 2)),
-            gyro_scale=ones, bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.005],
+            gyro_scale=ones, accel_scale=np.ones((n, 2)), cross_axis=np.zeros((n, 2)),
+            bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.005],
             noise=np.array([0.6, 1.1, 0.05]) * three,
             walk=0.0 * three, step=0.0 * three, low_pass_s=np.zeros(n),
         ),

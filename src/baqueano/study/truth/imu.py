@@ -6,8 +6,8 @@ It is turned by ζ to the left, then rolled by φ and pitched by θ (positive no
     f = (v̇_x − ω v_y − ω² l_x − ω̇ l_y,  v̇_y + ω v_x − ω² l_y + ω̇ l_x) − gravity along the floor          (1)
     a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = s cos φ cos θ ω (2)
 
-s is the scale of the gyro. A first-order low-pass can follow. A bias is a random walk from reading to reading; the
-converter rounds to whole steps.
+s is the scale of the gyro. The accelerometers have scales too, and each contains a small part of the other one. A
+first-order low-pass can follow. A bias is a random walk from reading to reading; the converter rounds to whole steps.
 """
 
 from dataclasses import dataclass
@@ -35,6 +35,8 @@ class Imus(Group):
     turn_rad: np.ndarray  # (n,)
     tilt_rad: np.ndarray  # (n, 2) roll, pitch
     gyro_scale: np.ndarray  # (n,)
+    accel_scale: np.ndarray  # (n, 2) of a_x and a_y
+    cross_axis: np.ndarray  # (n, 2) part of a_y in the reading of a_x, and part of a_x in the reading of a_y
     bias: np.ndarray  # (n, 3) [m/s², m/s², rad/s], like all below
     noise: np.ndarray  # (n, 3) of one reading
     walk: np.ndarray  # (n, 3) of the bias in 1 s
@@ -52,6 +54,8 @@ class Imus(Group):
         (cr, cp), (sr, sp) = np.cos(self.tilt_rad).T, np.sin(self.tilt_rad).T
         forward = cp * along - sp * GRAVITY
         left = cr * aside + sr * (sp * along + cp * GRAVITY)
+        (sx, sy), (kx, ky) = self.accel_scale.T, self.cross_axis.T
+        forward, left = sx * forward + kx * left, sy * left + ky * forward
         return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
     def readings(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:

@@ -1,17 +1,18 @@
 """Simulate robots with two wheels, with physics that is independent of the models fitted to them.
 
 The origin of the body is between the wheels, and the centre of mass is c in front of it:
-    duty of a wheel  p = V round(255 (u_x ∓ u_ψ)(t − d)) / 255,  within ±1, V the supply                  (1)
-    motor            λ ḟ = g K (p − z sign p)₊ − f,   z the dead zone of this side and direction          (2)
-    forces           X = f_l + f_r − S(v_x) − a v_x − b |v_x| v_x,   N = f_r w_r − f_l w_l − S(ω) − …       (3)
+    duty of a wheel  q = round(255 (u_x ∓ u_ψ)(t − d)) / 255,  within ±1,  p = V (1 − s (|q_l| + |q_r|)/2) q    (1)
+    motor            λ ḟ = g K (p − z sign p)₊ − γ e r − f,   z the dead zone of this side and direction     (2)
+    forces           X = Σ (f + γ e r) − S(v_x) − a v_x − b |v_x| v_x − k_c v_x |ω|,   N = f_r w_r − …      (3)
     body             m (v̇_x − ω (v_y + c ω)) = X,   m (v̇_y + c ω̇ + ω v_x) = Y,   I ω̇ = N − c Y           (4)
     dry friction     S(v) = S₀ tanh(v/v₀) (1 + (k − 1) e^−(v/v_s)²),   at rest k times that in motion     (5)
     unequal wheels   of radius r relative to their mean: each has g K / r, and half of the motors' drag a,
                      a / r² at the speed of its rim                                                       (6)
 
-A wheel that toes in also pushes sideways. While a wheel is at rest, its dead zone is multiplied by k. Between (2) and
-(3) is transmission.py, with ½ a as the back-EMF of a motor. Published values of small gear motors are 0.6 m/s and
-dead zones of 0.27 to 0.34.
+V is the supply and s its sag; e r is the back-EMF, ½ a at the speed r of the rim. With γ = 1 the current lags, so the
+back-EMF acts late too; with γ = 0 only the voltage lags. A wheel that toes in also pushes sideways. While a wheel is at
+rest, its dead zone is multiplied by k. Between (2) and (3) is transmission.py, with ½ a as the back-EMF of a motor.
+Published values of small gear motors are 0.6 m/s and dead zones of 0.27 to 0.34.
 """
 
 from collections.abc import Callable
@@ -50,9 +51,12 @@ class Robots(Group):
     lag_s: np.ndarray  # λ
     delay_s: np.ndarray  # d
     supply: np.ndarray  # V, 1 at the identification
+    sag: np.ndarray  # s, the part of the supply that is lost at full duty of both motors
+    lagging_emf: np.ndarray  # γ, the part of the back-EMF that acts after the lag
     levels: np.ndarray  # of the duty: 255 of 8 bits
     viscous: np.ndarray  # (n, 3) a along, sideways (tyres), about z [N s/m, N s/m, N m s]
     quadratic: np.ndarray  # (n, 3) b
+    cornering: np.ndarray  # k_c [kg/rad]
     dry: np.ndarray  # (n, 3) S₀ [N, N, N m]
     dry_speed_m_s: np.ndarray  # v₀; ten times that in rad/s about z
     breakaway: np.ndarray  # k
@@ -83,15 +87,18 @@ class Robots(Group):
         def rate(x: np.ndarray) -> np.ndarray:
             psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
             target, force, cos, sin, out = target_at(x), x[:, 6:8], np.cos(psi), np.sin(psi), np.empty_like(x)
+            rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
+            if self._has_lagging_emf:
+                late = self.lagging_emf[:, None] * emf * rim
+                target, force = target - late, force + late
             if not self.transmission.is_ideal:
-                rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
                 target, force, out[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
             longitudinal, lateral = force * cos_toe, force * sin_toe
             resistance, g = (
                 self._friction(x[:, 3:6]) + self._unequal_radii_friction(x[:, 3:6]),
                 self.gravity(psi),
             )
-            X = longitudinal[:, 0] + longitudinal[:, 1] - resistance[:, 0]
+            X = longitudinal[:, 0] + longitudinal[:, 1] - resistance[:, 0] - self.cornering * vx * np.abs(w)
             Y = lateral[:, 0] + lateral[:, 1] - resistance[:, 1]
             N = longitudinal[:, 1] * right - longitudinal[:, 0] * left - resistance[:, 2]
             w_dot = (N - c * Y) / I
@@ -121,6 +128,10 @@ class Robots(Group):
         return bool(np.any(self.wheel != 1.0))
 
     @cached_property
+    def _has_lagging_emf(self) -> bool:
+        return bool(np.any(self.lagging_emf != 0.0))
+
+    @cached_property
     def _has_breakaway(self) -> bool:
         return bool(np.any(self.breakaway != 1.0))
 
@@ -139,7 +150,9 @@ class Robots(Group):
     def _force_target(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the target forces (n, 2) of the motors as a function of the states.  (1), (2)"""
         duty, levels = u[:, :1] + u[:, 2:] * SIDES, self.levels[:, None]
-        duty = self.supply[:, None] * np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
+        duty = np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
+        sagging = 1.0 - self.sag * 0.5 * (np.abs(duty[:, 0]) + np.abs(duty[:, 1]))
+        duty = (self.supply * sagging)[:, None] * duty
         zone, max_force_n = (
             np.where(duty > 0.0, self.forward, self.backward),
             self.gain / self.wheel * self.stall_n[:, None],
@@ -178,8 +191,8 @@ def draw_robots(n: int, seed: int) -> Robots:
         mass_kg=0.61 * ones, inertia_kg_m2=about(0.0015, 0.1), ahead_m=about(0.008, 0.25), arm_m=np.full((n, 2), 0.06),
         toe_rad=np.zeros((n, 2)), stall_n=about(1.69, 0.1), gain=about(1.0, 0.05, 2), wheel=np.ones((n, 2)),
         forward=about(0.29, 0.14, 2), backward=about(0.31, 0.14, 2),
-        lag_s=about(0.05, 0.2), delay_s=draw.uniform(0.004, 0.017, n), supply=ones,
-        levels=255.0 * ones,
+        lag_s=about(0.05, 0.2), delay_s=draw.uniform(0.004, 0.017, n), supply=ones, sag=0.0 * ones,
+        lagging_emf=0.0 * ones, cornering=0.0 * ones, levels=255.0 * ones,
         viscous=np.stack([about(3.3, 0.1), about(40.0, 0.2), about(0.0115, 0.1)], axis=1),
         quadratic=np.stack([about(0.8, 0.1), 0.0 * ones, 0.0003 * ones], axis=1),
         dry=np.stack([about(0.25, 0.2), 0.0 * ones, about(0.01, 0.2)], axis=1), dry_speed_m_s=DRY_SPEED_M_S * ones,
@@ -187,7 +200,8 @@ def draw_robots(n: int, seed: int) -> Robots:
         slope_heading_rad=0.0 * ones, transmission=Transmission.ideal(n),
         imu=Imus(
             place_m=np.tile([0.02, 0.005], (n, 1)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.015, (n, 2)),
-            gyro_scale=ones, bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.01],
+            gyro_scale=ones, accel_scale=np.ones((n, 2)), cross_axis=np.zeros((n, 2)),
+            bias=draw.normal(0.0, 1.0, (n, 3)) * [0.1, 0.1, 0.01],
             noise=np.array([0.1, 0.1, 0.004]) * three,
             walk=0.0 * three, step=0.0 * three, low_pass_s=np.zeros(n),
         ),

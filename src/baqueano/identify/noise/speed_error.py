@@ -1,0 +1,77 @@
+"""Estimate the lasting error of the model's speed from the errors of a fit.
+
+    ∂|ν_x|/∂θ ≈ a |ν_x| + b,   a, b (p,) by least squares over the runs, forward and backward separately  (1)
+    C = Σ_i w_i [a b]ᵢᵀ P [a b]ᵢ + diag(σ_s², 0),   w_i the share of the direction i in the rows           (2)
+    var |ν_x| = C_aa ν_x² + 2 C_ab |ν_x| + C_bb = σ₀² + σ₁² (|ν_x| − v₀)²                                  (3)
+
+P is the covariance of the parameters of the model, and σ_s the relative error of the speed by the scales of gyro and
+accelerometers, if P does not contain it. Without a sensor of the speed, the filter takes the speed from the model. An
+error of a friction or a dead zone then lasts for the whole drive, and no sensor on board shows it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
+from baqueano.estimators.augmented.state import layout, start_std
+from baqueano.estimators.augmented_ekf import SCALE_INDEX, AugmentedEkf
+from baqueano.identify.data.record import FittedBlocks, record_of
+from baqueano.identify.parameters.free import substitute, value
+from baqueano.runs.run import Run
+from baqueano.signals import sensor_slots
+from baqueano.symbolic import scan
+
+if TYPE_CHECKING:
+    from baqueano.identify.result.fit_result import Fit
+
+SCALES_INCLUDED = (
+    "identifiability.accelerometer-scale"  # note of a fit whose errors contain those of the scales
+)
+
+
+def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:
+    """Return the filter with the lasting error of the model's speed. Without free parameters of the model, or with a
+    sensor of the speed, it is unchanged."""
+    entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
+    if layout(ekf).speed_is_measured or not entries:
+        return ekf
+    paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]
+    nu_x, derivatives = _speeds(fit, paths, runs)
+    moving = np.abs(nu_x) > MIN_SPEED_M_S
+    C = np.zeros((2, 2))
+    for direction in (1.0, -1.0):
+        rows = moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
+        if rows.any():
+            X = np.stack([np.abs(nu_x[rows]), np.ones(rows.sum())], axis=1)
+            B = np.linalg.lstsq(X, direction * derivatives[rows], rcond=None)[0]
+            C += B @ P @ B.T * (rows.sum() / moving.sum())
+    if not any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
+        C[0, 0] += start_std(replace(ekf, speed_error_std=np.zeros(2)))[SCALE_INDEX] ** 2
+    least = float(np.clip(-C[0, 1] / C[0, 0], -100.0, 100.0)) if C[0, 0] > 0.0 else 0.0
+    std = np.sqrt(np.maximum([C[1, 1] + least * C[0, 1], C[0, 0]], 0.0))  # C_bb − C_ab²/C_aa
+    return replace(ekf, speed_error_std=std, least_error_speed_m_s=least) if np.isfinite(std).all() else ekf
+
+
+def _speeds(fit: "Fit", paths: tuple[str, ...], runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:
+    """Return ν_x (N,) of the model along the runs, and its derivatives (N, p) by the parameters at `paths`."""
+    blocks = FittedBlocks(fit.blocks.model, sensor_slots(())())
+    theta = np.array([value(fit.blocks, path) for path in paths])
+
+    def start(theta: np.ndarray) -> Any:
+        return substitute(blocks, paths, theta).model.init()
+
+    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
+        state, motion = substitute(blocks, paths, theta).model.step(state, row[1:], row[0], np.zeros(3))
+        return state, motion.nu[:1]
+
+    kernel = scan(step, start, np.zeros(1 + blocks.model.commands), theta, backend=fit.backend)
+    records = [record_of(run, {}) for run in runs]
+    outputs = [
+        kernel.sensitivities(np.ascontiguousarray(np.column_stack([r.dt_s, r.u])), theta) for r in records
+    ]
+    nu_x, derivatives = (np.concatenate(columns) for columns in zip(*outputs, strict=True))
+    return np.asarray(nu_x)[:, 0], np.asarray(derivatives)[:, 0]

@@ -1,0 +1,65 @@
+"""The lasting error of the model's speed follows from the errors of the fit, and the filter claims it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from baqueano.estimators.augmented.motion import velocity_error
+from baqueano.estimators.augmented_ekf import SCALE_INDEX
+from baqueano.identify import random_steps
+from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.noise.speed_error import with_speed_error
+from baqueano.signals import sensor_slots
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+
+SMALL = load("small").with_values(
+    {"model.friction.coulomb": [0.0, 0.0, 0.0], "model.friction.quadratic": [0.0, 0.0, 0.0]}
+)
+RUN = simulate(SMALL, random_steps([1.0, 0.0, 0.0], 60.0, SMALL.rate_hz, 1, hold_s=2.0))
+FORCE = "model.actuator_matrix[0,0]"
+CONSTANT_SPEED = 0.3  # m/s
+
+
+def fit_with(names, sd):
+    """Return what `with_speed_error` reads of a fit with independent errors."""
+    return SimpleNamespace(
+        names=tuple(names), sd=np.array(sd), cov=np.diag(np.square(sd)), backend="auto", always_unobservable=(),
+        blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
+    )  # fmt: skip
+
+
+def claimed_std(ekf, speed):
+    """Return the claimed standard deviation of the speed at `speed` [m/s]."""
+    kappa = np.array([ekf.speed_error_std[1], 0.0, 0.0, 0.0])
+    return abs(velocity_error(ekf, kappa, np.array([speed, 0.0, 0.0]))[0])
+
+
+def test_a_wrong_force_of_the_motors_is_a_wrong_scale_of_the_speed():
+    force = SMALL.vehicle.actuator_matrix[0, 0]
+    ekf = SMALL.estimator()
+    sheet_std = np.sqrt(ekf.init().cov[SCALE_INDEX, SCALE_INDEX])
+    ekf = with_speed_error(ekf, fit_with([FORCE], [0.05 * force]), [RUN])
+    for speed in (0.2, 0.4, -0.3):
+        assert claimed_std(ekf, speed) / abs(speed) == pytest.approx(np.hypot(0.05, sheet_std), rel=0.1)
+    assert np.sqrt(ekf.init().cov[SCALE_INDEX, SCALE_INDEX]) == ekf.speed_error_std[1]
+
+
+def test_wrong_dead_zones_are_an_offset_of_the_speed():
+    """δν_x = (T/d) g δz at any speed, by pencil, for each wheel with half of the force."""
+    zones = [f"model.drivetrain.dead_zone_forward[{k}]" for k in (0, 1)]
+    zones += [f"model.drivetrain.dead_zone_backward[{k}]" for k in (0, 1)]
+    ekf = with_speed_error(SMALL.estimator(), fit_with(zones, [0.02] * 4), [RUN])
+    slope = SMALL.vehicle.actuator_matrix[0, 0] / SMALL.vehicle.friction.linear[0]
+    assert claimed_std(ekf, CONSTANT_SPEED) == pytest.approx(slope * 0.02 / np.sqrt(2.0), rel=0.3)
+    assert claimed_std(ekf, 0.1) / 0.1 > 1.5 * claimed_std(ekf, 0.4) / 0.4
+
+
+def test_without_an_error_of_the_fit_the_data_sheets_decide():
+    ekf = SMALL.estimator()
+    assert with_speed_error(ekf, fit_with([FORCE], [np.nan]), [RUN]) is ekf
+    kappa, nu = np.array([0.02, 0.01, 0.03, 0.0]), np.array([0.3, 0.1, 1.0])
+    assert velocity_error(ekf, kappa, nu) == pytest.approx([0.006, 0.011, 0.01])
+    assert velocity_error(replace(ekf, speed_error_std=np.array([0.01, 0.02])), kappa, 0.0 * nu)[0] == 0.0
