@@ -11,7 +11,7 @@ error of a friction or a dead zone then lasts for the whole drive, and no sensor
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def _speeds(fit: "Fit", paths: tuple[str, ...], runs: Sequence[Run]) -> tuple[np
     blocks = FittedBlocks(fit.blocks.model, sensor_slots(())())
     theta = np.array([value(fit.blocks, path) for path in paths])
 
-    def start(theta: np.ndarray) -> Any:
+    def start(theta: np.ndarray) -> Tree:
         return substitute(blocks, paths, theta).model.init()
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
