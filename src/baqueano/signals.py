@@ -17,6 +17,7 @@ from baqueano.contracts.values import Tree, Value
 __all__ = ["Command", "Estimate", "Motion", "Reference", "Slot", "Tick", "seconds"]
 
 NANOSECONDS = 1_000_000_000
+TICK_TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
 Entry = TypeVar("Entry")
 STANDARD_GRAVITY = 9.80665  # m/s², by definition; accelerometers are calibrated with this value
 

@@ -98,7 +98,7 @@ def test_mpc_does_not_cross_a_wall():
 def test_mpc_stays_on_its_path_for_a_lap():
     """At the rate of the file and with its estimator, MPC stays nearer to the reference along the path than the
     feed-forward law."""
-    run = repeat(SMALL, sinuous_circle(0.6, 0.08, 5, 0.2), controller=Mpc, duration_s=6.0)
+    run = repeat(SMALL, sinuous_circle(0.6, 0.08, 5, 0.2), controller=Mpc, duration_s=6.0, rest_s=0.0)
     assert run.estimate is not None
     assert run.reference is not None
     off = run.estimate.eta - run.reference.eta
@@ -133,7 +133,7 @@ def test_a_solver_failure_is_logged_in_the_run(monkeypatch):
         return None if len(calls) in (20, 21, 40) else solve(self, *args)
 
     monkeypatch.setattr(BoundedProgram, "solve", fails_twice)
-    run = repeat(SMALL, line(1.0, 0.2), controller=Mpc, duration_s=1.0)
+    run = repeat(SMALL, line(1.0, 0.2), controller=Mpc, duration_s=1.0, rest_s=0.0)
     events = [event for event in run.events if event.source == "controller"]
     assert [(event.diagnostic.code, event.level) for event in events] == [("mpc.old-plan", "warning")] * 2
     assert np.diff([event.t_ns for event in events]) == pytest.approx(20e9 / SMALL.rate_hz)

@@ -35,7 +35,8 @@ def drive_with(*changes, at=100):
     file, operator, messages = load("small"), Operator(), []
     operator.queue_mission("me", "a mission")
     observers = (ChangeObserver(operator, messages.append), Hand(operator, at, *changes))
-    return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers, duration_s=12.0), messages
+    options = {"observers": observers, "duration_s": 12.0, "rest_s": 0.0}
+    return file, repeat(file, shapes.circle(0.4, 0.3), **options), messages
 
 
 def test_a_new_gain_applies_from_the_next_tick_and_is_logged():

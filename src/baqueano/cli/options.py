@@ -31,6 +31,10 @@ seed = click.option(
     "--seed", type=numbers.count_or_none, default=0, show_default=True,
     help="Seed of the random numbers.",
 )  # fmt: skip
+rest = click.option(
+    "--rest", "rest_s", type=numbers.time_s,
+    help="Time at rest before the drive, to measure the bias of the gyro [s]; by default 2, or 0 without a gyro.",
+)  # fmt: skip
 backend = click.option(
     "--backend",
     type=click.Choice(BACKENDS),

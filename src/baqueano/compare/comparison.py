@@ -247,7 +247,7 @@ def compare(
     over_s : float
         Time span of the relative error.
     skip_s : float
-        Seconds at the start that are ignored.
+        Seconds at the start that are ignored; the rest before a drive is always ignored.
     names : sequence of str, optional
         Names that replace the names of the runs.
 
@@ -276,7 +276,7 @@ def compare(
     if not (over_s > 0.0 and skip_s >= 0.0):
         raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
     errors.align_trajectory(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
-    cut_runs = [run.cut(skip_s) if skip_s else run for run in run_list]
+    cut_runs = [run.cut(skip_s) if skip_s else run for run in (r.without_rest for r in run_list)]
     labels = list(names) if names else [run.name for run in run_list]
     if len(labels) != len(run_list):
         raise UsageError(fault("compare.names", names=len(labels), runs=len(run_list)))

@@ -18,6 +18,7 @@ from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.simulate import simulate_loop
+from baqueano.standstill import usual_rest_s
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -87,7 +88,11 @@ class CorridorForecast(Result):
 
 @checked_call("bq.forecast(robot, route)")
 def forecast_corridor(
-    vehicle_file: "VehicleFile", route: "Route", laps: int = 1, backend: str = "auto"
+    vehicle_file: "VehicleFile",
+    route: "Route",
+    laps: int = 1,
+    backend: str = "auto",
+    rest_s: float | None = None,
 ) -> CorridorForecast:
     """Predict the 95 % corridor of a vehicle on a route, before it drives there.
 
@@ -101,6 +106,8 @@ def forecast_corridor(
         Laps of a closed route.
     backend : str
         "auto", "c", "python" or "numpy".
+    rest_s : float, optional [s]
+        Time for which the vehicle stands still before the drive, as in `repeat`.
 
     Returns
     -------
@@ -121,7 +128,9 @@ def forecast_corridor(
     ([1, 2], True)
     """
     laps = laps if route.closed else 1
-    run = simulate_loop(vehicle_file, route, laps=laps, noise=False, name="forecast", backend=backend)
+    rest_s = usual_rest_s(vehicle_file.sensors) if rest_s is None else rest_s
+    options = {"laps": laps, "noise": False, "rest_s": rest_s, "backend": backend}
+    run = simulate_loop(vehicle_file, route, name="forecast", **options).without_rest
     corridor = corridor_of(run)
     if corridor is None:
         kind = vehicle_file.data["estimator"].get("kind", N_("of this vehicle"))

@@ -17,11 +17,12 @@ from baqueano.controllers.mpc import Mpc
 from baqueano.controllers.pd import Pd, PdState
 from baqueano.controllers.pd_feedforward import PdFeedforward
 from baqueano.controllers.pure_pursuit import PurePursuit
-from baqueano.controllers.schedule import Schedule
+from baqueano.controllers.schedule import DelayedController, Schedule
 from baqueano.controllers.stanley import Stanley
 
 __all__ = [
     "Controller",
+    "DelayedController",
     "HeadingHold",
     "Kanayama",
     "Lqr",

@@ -1,7 +1,7 @@
 """Send commands from a list, each at its time, for an experiment or from a recording.
 
 `Schedule` replaces the controller in the loop. So an experiment has the same loop, the same supervisor and the same
-kind of run as any other drive.
+kind of run as any other drive. `DelayedController` sends zero commands at first, and then runs a controller.
 """
 
 from collections.abc import Sequence
@@ -10,11 +10,12 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Controller
+from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.signals import NANOSECONDS, Command, Estimate, Reference
-
-TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
+from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Command, Estimate, Reference
+from baqueano.symbolic import branch
 
 
 class ScheduleState(NamedTuple):
@@ -65,8 +66,59 @@ class Schedule:
     ) -> tuple[ScheduleState, Command]:
         """Return the state and the command (n,) for the time of the estimate."""
         start = estimate.t_ns if state.t_ns < 0 else state.t_ns
-        k = int(np.searchsorted(self.t_ns, estimate.t_ns - start + TOLERANCE_NS, side="right")) - 1
+        k = int(np.searchsorted(self.t_ns, estimate.t_ns - start + TICK_TOLERANCE_NS, side="right")) - 1
         return ScheduleState(start), Command(estimate.t_ns, self.u[max(k, 0)])
+
+
+class DelayedControllerState(NamedTuple):
+    """State of a delayed controller: the time of the first tick, and the state of the inner controller."""
+
+    t_ns: int  # -1 before the first tick
+    controller: Tree
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DelayedController:
+    """Controller that sends zero commands for `rest_s`, and then runs another controller.  (1)
+
+    Parameters
+    ----------
+    controller : Controller
+        The controller that runs after the rest.
+    rest_s : float
+        Duration of the rest [s].
+    commands : int
+        Number n of commands.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> resting = DelayedController(robot.controller(), 2.0, 3)
+    >>> beside, start = Reference(0, np.ones(3), np.zeros(3), 0.0), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
+    >>> print(resting.step(resting.init(), beside, start)[1].u)
+    [0. 0. 0.]
+    """
+
+    goes_around: ClassVar[tuple[str, ...]] = ("controller",)
+
+    controller: Controller
+    rest_s: float
+    commands: int
+
+    def init(self) -> DelayedControllerState:
+        """Return the state before the first tick."""
+        return DelayedControllerState(-1, self.controller.init())
+
+    def step(self, state: Tree, reference: Reference, estimate: Estimate) -> tuple[Tree, Command]:
+        """Return the state, and the command (n,)."""
+        start_ns: Value = np.where(state.t_ns < 0, estimate.t_ns, state.t_ns)
+        is_resting = estimate.t_ns - start_ns + TICK_TOLERANCE_NS < self.rest_s * NANOSECONDS
+        inner, command = branch(
+            is_resting,
+            lambda: (state.controller, Command(estimate.t_ns, np.zeros(self.commands))),
+            lambda: self.controller.step(state.controller, reference, estimate),
+        )
+        return DelayedControllerState(start_ns, inner), command
 
 
 def script_commands(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:

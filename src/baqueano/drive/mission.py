@@ -21,6 +21,7 @@ from baqueano.drive.tasks import drive_with_driver, experiment, repeat
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
 from baqueano.runs import Run
+from baqueano.standstill import with_usual_rest
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import VehicleFile
 
@@ -52,6 +53,7 @@ class Mission:
     start: tuple[
         float, ...
     ] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; () for the first pose of the route
+    rest_s: float | None = None  # at rest before the drive along a route; None: the usual time
     precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
     vehicle: str = ""  # text of the vehicle file, after `pack`
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
@@ -69,16 +71,21 @@ class Mission:
     def to_json(self) -> str:
         """Return the mission as one line of JSON."""
         route = None if self.route is None else {k: _with_lists(v) for k, v in self.route._asdict().items()}
-        unusual = {"start": list(self.start), "precautions": self.precautions}
+        unusual = {"start": list(self.start), "rest_s": self.rest_s, "precautions": self.precautions}
         return json.dumps(
             {
                 "format": FORMAT_VERSION, "kind": self.kind, "vehicle": self.vehicle, "u": _with_lists(self.u),
                 "route": route,
                 "laps": self.laps, "hold": self.hold, "blocks": self.blocks, "texts": self.texts,
-                **{name: value for name, value in unusual.items() if value},
+                **{name: value for name, value in unusual.items() if value not in ([], None, {})},
             },
             allow_nan=False,
         )  # fmt: skip
+
+    def with_usual_rest(self, vehicle_file: VehicleFile) -> "Mission":
+        """Return the mission with its rest in seconds; only a drive along a route has a rest."""
+        usual_s = with_usual_rest({"rest_s": self.rest_s}, vehicle_file.sensors)["rest_s"]
+        return replace(self, rest_s=0.0 if self.route is None else usual_s)
 
     @classmethod
     def from_json(cls, text: str) -> "Mission":
@@ -145,6 +152,7 @@ def perform(
     >>> print(run.metadata["kind"], f"{run.truth.eta[-1, 2]:.1f} rad")
     experiment 1.2 rad
     """
+    mission = mission.with_usual_rest(vehicle_file)
     match mission.kind:
         case "experiment":
             assert mission.u is not None
@@ -155,11 +163,12 @@ def perform(
             driver = hand if mission.route is None else mission.route
             if driver is None:
                 raise UsageError(fault("mission.no-driver"))
+            options = {"rest_s": mission.rest_s} | options
             return drive_with_driver(vehicle_file, driver, mission.hold, mission.kind, **options)
     assert mission.route is not None
     care = Precautions.from_json(mission.precautions)
     arguments = {field.name: getattr(care, field.name) for field in fields(care)}
-    arguments |= {"eta": np.array(mission.start)} if mission.start else {}
+    arguments |= {"rest_s": mission.rest_s} | ({"eta": np.array(mission.start)} if mission.start else {})
     return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(arguments | options))
 
 
@@ -200,6 +209,7 @@ def _check_field(name: str, value: object) -> None:
     is_valid = {
         "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_LAPS,
         "hold": isinstance(value, bool), "blocks": is_text_dict, "texts": is_text_dict,
+        "rest_s": isinstance(value, int | float) and not isinstance(value, bool) and value >= 0,
         "start": isinstance(value, list), "precautions": isinstance(value, dict),
     }  # fmt: skip
     if not is_valid.get(name, isinstance(value, str)):

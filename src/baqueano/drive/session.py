@@ -24,7 +24,9 @@ from baqueano.loop import Blocks
 from baqueano.monitor import SensorMonitor
 from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.recorder import MemoryRecorder, RunRecorder
+from baqueano.runs.run import REST_KEY
 from baqueano.signals import Command, Reference, Tick, silent
+from baqueano.standstill import with_rest
 from baqueano.symbolic import TraceError, compile_block
 from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
@@ -41,7 +43,8 @@ class Conditions:
     `tick_times_ns` can be given. `shake` contains faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s:
     push 0.3 N s left"). An empty list yields the same drive without faults: it is bit for bit equal to a run with
     faults up to the first fault. `eta` [m, rad] is the pose at the start in the map (3,). For a moving vehicle it is
-    (6,) and contains the body velocity. For `backend` see `symbolic.compile_block`.
+    (6,) and contains the body velocity. For `backend` see `symbolic.compile_block`. The vehicle stands still for
+    `rest_s` before its drive, see standstill.py.
     """
 
     truth: VehicleFile | None = None
@@ -52,6 +55,7 @@ class Conditions:
     world: World | None = None
     tick_times_ns: Iterable[int] | None = None
     shake: Sequence[FaultLike] | None = None
+    rest_s: float = 0.0
 
     def __post_init__(self) -> None:
         if isinstance(self.truth, str):
@@ -62,9 +66,9 @@ class Conditions:
                 "expected": "a vehicle file",
             }
             raise Misuse(fault("call.kind", f'truth=bq.load("{self.truth}")', **figures))
-        is_number = isinstance(self.duration_s, int | float | np.number)
-        if self.duration_s is not None and not (is_number and 0.0 < self.duration_s < np.inf):
-            raise UsageError(fault("drive.duration", found=repr(self.duration_s)))
+        _check_duration("rest_s", self.rest_s, "≥ 0")
+        if self.duration_s is not None:
+            _check_duration("duration_s", self.duration_s, "> 0")
         if self.start.shape not in ((3,), (6,)) or not np.all(np.isfinite(self.start)):
             raise UsageError(fault("simulate.pose", name="eta", found=str(self.start.tolist())))
 
@@ -99,7 +103,15 @@ class Conditions:
         """Return the metadata of a run about these conditions: kind, seed, start and backend."""
         start_text = " ".join(map(repr, self.start.tolist()))
         backend = blocks.estimator.backend if isinstance(blocks.estimator, CompiledBlock) else "numpy"
-        return {"kind": kind, "seed": str(self.seed), "start": start_text, "backend": backend}
+        rest = {REST_KEY: repr(float(self.rest_s))} if self.rest_s else {}
+        return {"kind": kind, "seed": str(self.seed), "start": start_text, "backend": backend} | rest
+
+
+def _check_duration(name: str, duration_s: object, bound: str) -> None:
+    """Raise UsageError for a duration that is not a finite number within the bound, "≥ 0" or "> 0"."""
+    is_number = isinstance(duration_s, int | float | np.number)
+    if not (is_number and 0.0 <= duration_s < np.inf) or (duration_s == 0.0 and bound == "> 0"):
+        raise UsageError(fault("drive.duration", name=name, found=repr(duration_s), range=bound))
 
 
 CONDITION_NAMES = tuple(field.name for field in fields(Conditions))
@@ -201,6 +213,9 @@ def drive(
     blocks, sensors, notes = _prepare(blocks, vehicle_file, settings, live)
     for observer in observers:
         blocks = observer.begin(blocks)
+    blocks = with_rest(blocks, settings.rest_s, world.commands)
+    if settings.rest_s:
+        notes = [*notes, note("drive.rest", rest_s=settings.rest_s)]
     blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, observers)) if observers else blocks
     metadata = settings.metadata(kind, blocks) | own_texts
     health = Health(vehicle_file.envelope, sensors)

@@ -26,6 +26,7 @@ from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import seconds
+from baqueano.standstill import with_usual_rest
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.worlds import ReplayedWorld
 
@@ -67,8 +68,7 @@ def experiment(
 
     Examples
     --------
-    >>> from baqueano.vehicle_file import load
-    >>> run = experiment(load("small"), np.tile([0.5, 0.0, 0.0], (100, 1)))  # both wheels at half duty for 1 s
+    >>> run = experiment(bq.load("small"), np.tile([0.5, 0.0, 0.0], (100, 1)))  # both wheels at half duty for 1 s
     >>> print(run.applied.shape, f"{run.truth.nu[-1, 0]:.2f} m/s")
     (101, 3) 0.13 m/s
     """
@@ -96,8 +96,7 @@ class TeachResult(NamedTuple):
 
     Examples
     --------
-    >>> from baqueano.vehicle_file import load
-    >>> teach(load("small"), [(1.0, [0.6, 0.0, 0.0])]).route
+    >>> teach(bq.load("small"), [(1.0, [0.6, 0.0, 0.0])]).route
     Route(21 poses, 1.0 s, 0.17 m, open)
     """
 
@@ -121,9 +120,8 @@ class TeachResult(NamedTuple):
         A vehicle that follows a route closes it in its estimate only. The vehicle of the example has the scale 0.97.
 
         >>> from baqueano.guides.shapes import eight
-        >>> from baqueano.vehicle_file import load
         >>> noise = {"disturbance_std": [0.03, 0.8], "disturbance_fade_s": [1.0, 2.5], "velocity_walk_std": [0.01] * 3}
-        >>> robot = load("small").with_values({f"estimator.{key}": value for key, value in noise.items()})
+        >>> robot = bq.load("small").with_values({f"estimator.{key}": value for key, value in noise.items()})
         >>> lesson = teach(robot.with_values({"sensors.imu.gyro_scale": 0.97}), eight(0.4, 0.3), closed=True)
         >>> closure = lesson.closure(robot)
         >>> abs(closure.scale - 0.97) < 3.0 * closure.sd < 0.02
@@ -152,8 +150,8 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     closed : bool
         True if the drive returns to its start. Then `TeachResult.closure` gives the scale of the gyro.
     **options : object
-        `estimator` and `controller` as in `repeat`; `hold`: True to hold the heading by the gyro while a function
-        commands straight motion; keywords of `drive`.
+        `estimator`, `controller` and, with a route or a guide, `rest_s` as in `repeat`; `hold`: True to hold the
+        heading by the gyro while a function commands straight motion; keywords of `drive`.
 
     Returns
     -------
@@ -169,8 +167,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
 
     Examples
     --------
-    >>> from baqueano.vehicle_file import load
-    >>> run, route = teach(load("small"), [(1.0, [0.6, 0.0, 0.0]), (1.0, [0.6, 0.0, 0.1])])
+    >>> run, route = teach(bq.load("small"), [(1.0, [0.6, 0.0, 0.0]), (1.0, [0.6, 0.0, 0.1])])
     >>> run.duration_s, route.eta.shape, route.closed
     (2.0, (41, 3), False)
     """
@@ -198,6 +195,7 @@ def drive_with_driver(
     else:
         raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
     follower = vehicle_file.controller(controller) if hand is None else hand
+    options = with_usual_rest(options, vehicle_file.sensors) if hand is None else options
     blocks = Blocks(vehicle_file.estimator(estimator), guide, follower, vehicle_file.supervisor())
     return drive(blocks, vehicle_file, kind, **options)
 
@@ -228,7 +226,8 @@ def repeat(
         `check`: False to skip the check of the route; `anyway`: drive even a route that is too fast or has gaps;
         `room`: stop before the vehicle might leave it; `lead_in`: False to begin with the route at any pose;
         `way_back`: drive back to the start afterwards; `caution`: False to continue with a doubtful estimate;
-        `patience_s`: the time after which the drive of a stuck vehicle ends.
+        `patience_s`: the time after which the drive of a stuck vehicle ends; `rest_s`: the time at rest before the
+        drive, which measures the bias of the gyro; by default 2 s for a vehicle with a gyro.
         Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
@@ -248,13 +247,12 @@ def repeat(
     Examples
     --------
     >>> from baqueano.guides.shapes import circle
-    >>> from baqueano.vehicle_file import load
-    >>> run = repeat(load("small"), circle(0.3, 0.2))
+    >>> run = repeat(bq.load("small"), circle(0.3, 0.2))
     >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
-    9.4 s, 0.6 m wide
+    11.4 s, 0.6 m wide
     """
     care, options = Precautions.split_options(options)
-    options = {"eta": route.eta[0], "backend": "auto"} | options
+    options = with_usual_rest({"eta": route.eta[0], "backend": "auto"} | options, vehicle_file.sensors)
     if care.check:
         is_of_garage = vehicle_file.path is None and options.get("world") is None
         conditions = {"measured": is_of_garage or not vehicle_file.is_guess, "backend": options["backend"]}
@@ -309,15 +307,15 @@ def replay(
 
     Examples
     --------
-    >>> from baqueano.vehicle_file import load
-    >>> small = load("small")
+    >>> small = bq.load("small")
     >>> run = experiment(small, np.tile([0.5, 0.0, 0.0], (100, 1)))
     >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
     True
     """
     vehicle_file = recorded_vehicle_file(run, allow_blocks) if vehicle_file is None else vehicle_file
     world, path = ReplayedWorld(run, vehicle_file.sensors), options.pop("path", None) if smooth else None
-    options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
+    backend = run.metadata.get("backend", "auto")
+    options = {"backend": backend, "eta": initial_pose(run), "rest_s": run.rest_s} | options
     with permit_blocks(allow_blocks):
         blocks = blocks or replay_blocks(run, vehicle_file, estimator, guide, controller)
     replayed = drive(blocks, vehicle_file, "replay", world=world, tick_times_ns=world.times, **options)
@@ -345,10 +343,10 @@ def replay_blocks(
     A given `guide` receives the recorded references as a route. Without `controller` the recorded commands are
     repeated, except for a repetition whose file has gains.
     """
-    ref, log = run.guide_reference, run.reference
+    ref, log, begin = run.guide_reference, run.reference, min(run.begin_index, len(run.t_ns) - 1)
     end_ns = np.zeros(0) if log is None else log.t_ns[log.done > 0.0]
     leader = Playback(*ref) if ref is not None else Idle(
-        float(seconds(end_ns[0], run.t_ns[0])) if len(end_ns) else float("inf"))  # fmt: skip
+        float(seconds(end_ns[0], run.t_ns[begin])) if len(end_ns) else float("inf"))  # fmt: skip
     if guide is not None:
         route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, False)
         leader = vehicle_file.guide(route, guide)
@@ -357,7 +355,7 @@ def replay_blocks(
         follower = _controller_with_gains(vehicle_file)
     if follower is None:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
-        follower = Schedule(run.t_ns - run.t_ns[0], u)
+        follower = Schedule(run.t_ns[begin:] - run.t_ns[begin], u[begin:])
     return Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
 
 
@@ -377,7 +375,7 @@ def route_of(run: Run, closed: bool | None = False) -> Route:
     If `closed` is None, the route is closed if the drive returned to its start. Raise AnswerNo for a run without
     estimates or motion, or if `closed` is True and the ends are too far apart.
     """
-    log = run.estimate
+    log = run.without_rest.estimate
     if log is None or len(log.t_ns) < 2:
         raise AnswerNo(fault("route.no-estimates", name=run.name))
     speed, turn = np.hypot(log.nu[:, 0], log.nu[:, 1]), np.abs(log.nu[:, 2])

@@ -33,14 +33,14 @@ from baqueano.estimators.augmented.motion import (
 from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import branch, filter_row, row_effort, rows_before, step_in_rows, tree_where
+from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_in_rows
 from baqueano.estimators.readings.inconsistency import update_inconsistency
 from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
 from baqueano.estimators.readings.sensor_numbers import check_use
 from baqueano.estimators.smoother import RowErrors, row_errors_of
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
-from baqueano.symbolic import jacobian
+from baqueano.symbolic import branch, jacobian, tree_where
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.state import DynamicVehicle

@@ -22,7 +22,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import filter_row, rows_before, step_in_rows, tree_where
+from baqueano.estimators.pauses import filter_row, rows_before, step_in_rows
 from baqueano.estimators.readings.sensor_numbers import has_measurement
 from baqueano.estimators.readings.velocity_readings import (
     TURNING_INDEX,
@@ -33,7 +33,7 @@ from baqueano.estimators.readings.velocity_readings import (
 from baqueano.geometry import map_from_body
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
-from baqueano.symbolic import jacobian
+from baqueano.symbolic import jacobian, tree_where
 from baqueano.vehicles.state import DynamicVehicle
 
 

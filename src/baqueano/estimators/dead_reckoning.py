@@ -29,7 +29,6 @@ from baqueano.estimators.pauses import (
     row_effort,
     rows_before,
     step_in_rows,
-    tree_where,
     unmoved_cov,
 )
 from baqueano.estimators.readings.sensor_numbers import (
@@ -49,7 +48,7 @@ from baqueano.estimators.readings.velocity_readings import (
 from baqueano.geometry import map_from_body
 from baqueano.parameter import document, parameter
 from baqueano.signals import ByName, Estimate, Slot, Tick
-from baqueano.symbolic import jacobian
+from baqueano.symbolic import jacobian, tree_where
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort

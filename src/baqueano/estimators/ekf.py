@@ -34,7 +34,6 @@ from baqueano.estimators.pauses import (
     row_effort,
     rows_before,
     step_in_rows,
-    tree_where,
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import gate_limit
@@ -43,7 +42,7 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
-from baqueano.symbolic import jacobian
+from baqueano.symbolic import jacobian, tree_where
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle

@@ -10,7 +10,7 @@ MAX_ROW_S, or 1.25 row periods if that is longer. So jitter of the clock does no
 without measurements. A delay line contains one command per row period, so a pause does not shorten a delay.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from math import ceil
 from typing import NamedTuple
@@ -19,6 +19,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
+from baqueano.symbolic import branch
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.rk4 import MAX_ROW_S, row_rate_hz
@@ -29,7 +30,6 @@ JITTER_PERIODS = 1.25  # longest row in row periods
 # m², rad²: beyond this a pose is unknown, and rounding would destroy the smaller variances of the matrix
 MAX_POSE_VARIANCE = 1e6
 INTEGER_TYPES = (int, np.integer)  # types of a time with a known value, in contrast to a traced time
-BOOLEAN_TYPES = (bool, np.bool_)  # types of a condition with a known value, in contrast to a traced condition
 
 
 def max_row_s(rate_hz: float) -> float:
@@ -171,21 +171,3 @@ def rows_before(since_ns: Value, tick: Tick, rate_hz: float) -> Sequence[Tick]:
     return (
         () if is_known and 0 <= tick.t_ns - since_ns <= MAX_ROW_NS else silent_rows(since_ns, tick, rate_hz)
     )
-
-
-def tree_where(condition: Value, a: Tree, b: Tree) -> Tree:
-    """Return a tree with np.where(condition, …) of each pair of leaves; `a` and `b` are trees of NamedTuples."""
-    if isinstance(a, tuple):
-        return tuple.__new__(type(a), [tree_where(condition, x, y) for x, y in zip(a, b, strict=True)])
-    leaf = None if a is None else np.where(condition, a, b)
-    return leaf[()] if isinstance(leaf, np.ndarray) else leaf
-
-
-def branch(condition: Value, if_true: Callable[[], Tree], if_false: Callable[[], Tree]) -> Tree:
-    """Return if_true() if the condition is true, else if_false().
-
-    While a step is traced, compute both and return `tree_where` of them.
-    """
-    if isinstance(condition, BOOLEAN_TYPES):
-        return if_true() if condition else if_false()
-    return tree_where(condition, if_true(), if_false())

@@ -32,7 +32,6 @@ from baqueano.estimators.pauses import (
     row_effort,
     rows_before,
     step_in_rows,
-    tree_where,
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import gate_limit
@@ -42,6 +41,7 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
+from baqueano.symbolic import tree_where
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort

@@ -5,9 +5,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from baqueano.signals import NANOSECONDS, Estimate, Reference
-
-TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
+from baqueano.contracts.values import Value
+from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Estimate, Reference
 
 
 class IdleState(NamedTuple):
@@ -45,6 +44,7 @@ class Idle:
 
     def step(self, state: IdleState, estimate: Estimate) -> tuple[IdleState, Reference]:
         """Return the state, and the pose of the vehicle, at rest."""
-        start = estimate.t_ns if state.t_ns < 0 else state.t_ns
-        is_over = estimate.t_ns - start + TOLERANCE_NS >= self.duration_s * NANOSECONDS
-        return IdleState(start), Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(is_over))
+        start_ns: Value = np.where(state.t_ns < 0, estimate.t_ns, state.t_ns)
+        waited_ns = estimate.t_ns - start_ns + TICK_TOLERANCE_NS
+        is_over: Value = np.where(waited_ns >= self.duration_s * NANOSECONDS, 1.0, 0.0)
+        return IdleState(start_ns), Reference(estimate.t_ns, estimate.eta, np.zeros(3), is_over)

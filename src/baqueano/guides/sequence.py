@@ -17,6 +17,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.guides.drive_to import DriveTo
 from baqueano.guides.route import Route
 from baqueano.signals import NANOSECONDS, Estimate, Reference
+from baqueano.symbolic import branch
 
 
 class GuideSequenceState(NamedTuple):
@@ -76,17 +77,20 @@ class GuideSequence:
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference of the present guide: `first` until it is done, then `second`.  (1)"""
-        first, first_reference = self.first.step(state.first, estimate)
-        is_first_over: Value = np.where((state.is_first_over > 0.0) | (first_reference.done > 0.0), 1.0, 0.0)
-        entry = _select(state.is_first_over > 0.0, state.second, self._entry(first, estimate))
-        second, second_reference = self.second.step(entry, estimate)
-        reference = _select(
-            is_first_over > 0.0, second_reference, first_reference._replace(done=0.0 * first_reference.done)
+        was_first_over = state.is_first_over > 0.0
+        over = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 1.0)
+        first, reference = branch(
+            was_first_over, lambda: (state.first, over), lambda: self.first.step(state.first, estimate)
         )
-        first_state = _select(state.is_first_over > 0.0, state.first, first)
-        return GuideSequenceState(
-            first_state, _select(is_first_over > 0.0, second, state.second), is_first_over
-        ), reference
+
+        def begun() -> Tree:
+            entry = branch(was_first_over, lambda: state.second, lambda: self._entry(first, estimate))
+            return (*self.second.step(entry, estimate), 1.0)
+
+        second, reference, is_first_over = branch(
+            reference.done > 0.0, begun, lambda: (state.second, reference._replace(done=0.0), 0.0)
+        )
+        return GuideSequenceState(first, second, is_first_over), reference
 
     def _entry(self, first: Tree, estimate: Estimate) -> Tree:
         """Return the state at which the second guide begins.  (2)"""
@@ -98,13 +102,3 @@ class GuideSequence:
             return entry_at(estimate.t_ns, tau_s)
         shifted_estimate = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
         return self.second.step(self.second.init(), shifted_estimate)[0]
-
-
-def _select(condition: Value, a: Tree, b: Tree) -> Tree:
-    """Return `a` if the condition is true, else `b`, leaf by leaf; both trees have the same structure."""
-    if isinstance(a, tuple):
-        branches = [_select(condition, x, y) for x, y in zip(a, b, strict=True)]
-        return tuple(branches) if type(a) is tuple else type(a)(*branches)
-    if isinstance(a, dict):
-        return {name: _select(condition, a[name], b[name]) for name in a}
-    return a if a is None else np.where(condition, a, b)

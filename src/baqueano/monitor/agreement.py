@@ -24,13 +24,13 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.correction import USABLE_RANGE, predict_measurement
 from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
-from baqueano.estimators.pauses import filter_row, tree_where
+from baqueano.estimators.pauses import filter_row
 from baqueano.monitor.channel_properties import ChannelProperties, channels_of
 from baqueano.monitor.log_odds import log_odds
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, is_stuck
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
-from baqueano.symbolic import jacobian
+from baqueano.symbolic import jacobian, tree_where
 
 GATE_SIGMA = 4.0
 SLOW_RATE, FAST_RATE = 0.5, 2.0  # of (3)

@@ -68,6 +68,7 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
 
     The estimate of the run `beside` is also drawn. Data that the run does not contain are not drawn.
     """
+    run = run.without_rest
     lines: dict[str, np.ndarray] = {}
     band, end = None, None
     if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:

@@ -30,13 +30,14 @@ from baqueano.runs.logs import (
     reference_shapes,
     truth_shapes,
 )  # fmt: skip
-from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
+from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Slot, Tick, seconds, sensor_slots
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 MEANS_KEY = "means"  # in the metadata: the names of the channels whose readings are means over an interval
+REST_KEY = "rest_s"  # of the metadata
 MAX_AGE_S = 0.25  # an older measurement has the timestamp of another clock
 
 
@@ -181,12 +182,32 @@ class Run(Result):
         return seconds(self.t_ns, self.start_ns)
 
     @property
+    def rest_s(self) -> float:
+        """Return the time for which the vehicle stood still before its drive [s]; 0 without a rest."""
+        return float(self.metadata.get(REST_KEY, 0.0))
+
+    @property
+    def begin_index(self) -> int:
+        """Return the index of the first tick after the rest."""
+        return int(np.searchsorted(self.t_ns, self._instant(self.rest_s) - TICK_TOLERANCE_NS))
+
+    @property
+    def without_rest(self) -> "Run":
+        """Return the run from the beginning of its drive on."""
+        return self.cut(self.rest_s) if self.rest_s else self
+
+    @property
     def guide_reference(self) -> ReferenceLog | None:
-        """Return the reference of the guide, or None if it equals the estimate, as in a drive without a guide."""
+        """Return the reference of the guide after the rest, or None if it equals the estimate, as in a drive without a
+        guide.
+        """
         ref, log = self.reference, self.estimate
-        if ref is None or log is None or not np.array_equal(ref.eta, log.eta, equal_nan=True):
+        if ref is not None and log is not None and np.array_equal(ref.eta, log.eta, equal_nan=True):
+            return None
+        if ref is None or not self.rest_s:
             return ref
-        return None
+        begins = self._instant(self.rest_s) - TICK_TOLERANCE_NS
+        return ReferenceLog(*(column[ref.t_ns >= begins] for column in ref))
 
     def ticks(self) -> Iterator[Tick]:
         """Yield the ticks as in the loop, with the newest measurement of each sensor since the previous tick,
@@ -209,6 +230,7 @@ class Run(Result):
             is_within = (log.t_ns >= low) & (log.t_ns < high)
             return type(log)(*(None if column is None else column[is_within] for column in log))
 
+        rest = {REST_KEY: repr(max(self.rest_s - from_s, 0.0))} if REST_KEY in self.metadata else {}
         sensors = {}
         for name, channel in self.sensors.items():
             is_within = (channel.arrival_ns > previous_ns) & (channel.arrival_ns < high)
@@ -225,7 +247,7 @@ class Run(Result):
             reference=part(self.reference),
             truth=part(self.truth),
             events=tuple(e for e in self.events if low <= e.t_ns < high),
-            metadata=self.metadata | {"cut": f"{from_s:g} s to {to_s:g} s of {self.name}"},
+            metadata=self.metadata | rest | {"cut": f"{from_s:g} s to {to_s:g} s of {self.name}"},
         )
 
     def _instant(self, t_s: float) -> int:

@@ -24,7 +24,7 @@ from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import in_english
 from baqueano.messages.printable import baqueano_command
-from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
+from baqueano.runs.run import REST_KEY, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.simulate.open_loop import channels, draw_noise, envelope_events, metadata, tick_times
@@ -37,6 +37,7 @@ from baqueano.simulate.system import (
     parameter_vector,
     with_parameters,
 )
+from baqueano.standstill import with_rest
 from baqueano.supervisor import REASONS, diagnostic_of
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
@@ -91,6 +92,7 @@ def simulate_loops(
     eta0: np.ndarray | None = None,
     controller: Controller | None = None,
     noise: bool = True,
+    rest_s: float = 0.0,
     name: str = "closed loop",
     backend: str = "auto",
 ) -> Iterator[Run]:
@@ -116,6 +118,8 @@ def simulate_loops(
         Controller that replaces the controller of the file.
     noise : bool
         False: simulate without the noise of vehicle and sensors.
+    rest_s : float [s]
+        Time for which the vehicle stands still before the drive.
     name : str
         Name of the runs.
     backend : str
@@ -139,10 +143,18 @@ def simulate_loops(
     [10, 10]
     """
     system = loop_system(vehicle_file, route, laps, perfect, controller=controller)
-    rate = vehicle_file.rate_hz
-    ticks = tick_count_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
-    t_ns = tick_times(ticks, rate)
     eta0 = start_pose(system) if eta0 is None else np.array(eta0, dtype=float)
+    rate = vehicle_file.rate_hz
+    rest_ticks = int(np.ceil(rest_s * rate - 1e-6))
+    ticks = (
+        max(1, round(duration_s * rate))
+        if duration_s is not None
+        else rest_ticks + tick_count_of(system, rate)
+    )
+    check_compilable(backend, **system.blocks._asdict())
+    blocks = with_rest(system.blocks, rest_s, system.model.commands)
+    system = system._replace(guide=blocks.guide, controller=blocks.controller)
+    t_ns = tick_times(ticks, rate)
     start = begin(system, eta0)
     kernel = closed_loop(system, rate, noise=noise, backend=backend)
     for seed in seeds:
@@ -151,6 +163,7 @@ def simulate_loops(
         )
         last_state, outputs = kernel.run(inputs, carry=start)
         run_metadata = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
+        run_metadata |= {REST_KEY: repr(rest_s)} if rest_s else {}
         run = as_run(name, t_ns, outputs, run_metadata)
         events = _stop_event(last_state.blocks.supervisor, int(t_ns[-1])) + envelope_events(vehicle_file, run)
         yield replace(run, vehicle_text=vehicle_file.text, events=events)
@@ -188,8 +201,7 @@ def closed_loop(
     a function of θ; without it, or for another state, pass the state as `carry`. Raise UsageError for a block that
     cannot be compiled.
     """
-    if resolve_backend(backend) != "numpy":
-        check_compilable(**system.blocks._asdict())
+    check_compilable(backend, **system.blocks._asdict())
     dt_s = 1.0 / rate_hz
     example = Input(1, no_noise(system.sensors, rows_of_tick(dt_s)) if noise else None)
 
@@ -222,10 +234,10 @@ def start_by_parameters(
     return None if is_constant else start
 
 
-def check_compilable(**blocks: Tree) -> None:
-    """Raise UsageError, with a command to use instead, if the step of a block must not be compiled."""
+def check_compilable(backend: str, **blocks: Tree) -> None:
+    """Raise UsageError, with a command to use instead, if the step of a block must not be compiled for `backend`."""
     for role, block in blocks.items():
-        if optional.attribute(block, "as_written"):
+        if optional.attribute(block, "as_written") and resolve_backend(backend) != "numpy":
             line = f"--{role}", f"file.py:{type(block).__name__}"
             command = baqueano_command("repeat", "lab", *line)
             raise UsageError(fault("simulate.as-written", command, role=role, block=type(block).__name__))

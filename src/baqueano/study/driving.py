@@ -239,9 +239,7 @@ def driving(
     """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
     `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
-    check_compilable(
-        controller=initial_file().controller(controller)
-    )  # raises an error before the first drive
+    check_compilable(backend, controller=initial_file().controller(controller))  # before the first drive
     jobs = [
         range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
     ]

@@ -83,6 +83,7 @@ def _drive(job: SweepJob) -> "Run":
         "lead_in": False,
         "caution": False,
         "patience_s": np.inf,
+        "rest_s": 0.0,
     }  # only the blocks are compared
     return repeat(
         job.file_text.parse(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,

@@ -15,6 +15,7 @@ A call passes through the modules from top to bottom; each module imports only m
 """
 
 from baqueano.symbolic.arrays.array import interp, where
+from baqueano.symbolic.branch import branch, tree_where
 from baqueano.symbolic.derivatives.dual import jacobian
 from baqueano.symbolic.errors import TraceError
 from baqueano.symbolic.function import compile_block, function
@@ -22,4 +23,15 @@ from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.paths import value_at_path, with_value
 from baqueano.symbolic.scan import Scan, scan
 
-__all__ = ["Scan", "TraceError", "compile_block", "function", "interp", "jacobian", "scan", "where"]
+__all__ = [
+    "Scan",
+    "TraceError",
+    "branch",
+    "compile_block",
+    "function",
+    "interp",
+    "jacobian",
+    "scan",
+    "tree_where",
+    "where",
+]

@@ -13,7 +13,7 @@ from baqueano.cli.driving.route import (
     start_option,
     start_pose_of,
 )
-from baqueano.cli.driving.targets import open_target, print_fault_detections
+from baqueano.cli.driving.targets import announce_rest, open_target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_time_progress
@@ -78,6 +78,7 @@ from baqueano.diagnostics import note
     "--controller", metavar="FILE:CLASS", help="Controller that replaces the controller of the vehicle file."
 )
 @click.option("--guide", metavar="FILE:CLASS", help="Guide that replaces the guide of the vehicle file.")
+@options.rest
 @options.seed
 @options.shake
 @options.backend
@@ -89,9 +90,9 @@ from baqueano.diagnostics import note
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
     start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
-    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, seed: int,
-    shake: tuple[str, ...], backend: str, folder: str, out: Path | None, report: ReportFiles, shown: bool, pace: float,
-    as_json: bool,
+    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, rest_s: float | None,
+    seed: int, shake: tuple[str, ...], backend: str, folder: str, out: Path | None, report: ReportFiles, shown: bool,
+    pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
@@ -109,14 +110,15 @@ def command(
     own_kinds = {role: options.block_kind(vehicle_file, role, kind) for role, kind in own_kinds.items()}
     mission = Mission(
         "repeat", route=taught_route, laps=laps, blocks={role: k for role, k in own_kinds.items() if k is not None},
-        start=start_pose_of(taught_route, stand), precautions=care.to_json(),
+        start=start_pose_of(taught_route, stand), rest_s=rest_s, precautions=care.to_json(),
     )  # fmt: skip
     with (
         live.live_page(shown, robot, vehicle_file, folder, pace) as watching,
         open_target(robot, vehicle_file, seed, backend, page=watching, shake=shake) as target,
     ):
         path = options.run_path(out, folder, "repeat")
-        with show_time_progress(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
+        duration_s = announce_rest(mission, vehicle_file) + laps * float(taught_route.t_s[-1])
+        with show_time_progress(note("cli.repeat"), duration_s) as progress:
             run = target.drive(mission, vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)

@@ -132,6 +132,14 @@ def open_target(
             yield RemoteTarget(remote, attended, page)
 
 
+def announce_rest(mission: "Mission", vehicle_file: "VehicleFile") -> float:
+    """Print that the vehicle first stands still, and return for how long [s]; 0 without a rest."""
+    rest_s = mission.with_usual_rest(vehicle_file).rest_s or 0.0
+    if rest_s:
+        print_message(note("drive.rest", rest_s=rest_s))
+    return rest_s
+
+
 def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
     """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
     if not shake:

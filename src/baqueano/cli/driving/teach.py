@@ -17,7 +17,7 @@ from baqueano.cli.driving.manual_drive import (
     scale_from_lap,
     scales_from_marks,
 )
-from baqueano.cli.driving.targets import open_target
+from baqueano.cli.driving.targets import announce_rest, open_target
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
@@ -72,6 +72,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
     help="You drive a lap back to its start, with the same heading; the lap then gives the scale of the gyro.",
 )
 @click.option("--update", is_flag=True, help="Write the scale from the lap into the vehicle file.")
+@options.rest
 @options.seed
 @options.backend
 @options.runs_folder
@@ -80,8 +81,8 @@ SHAPES = (  # of guides.shapes, which loads numpy
 @options.as_json
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, pad: str | None,
-    hold: bool, speed_m_s: float, size_m: float, closed: bool, update: bool, seed: int, backend: str, folder: str,
-    out: Path | None, shown: bool, pace: float, as_json: bool,
+    hold: bool, speed_m_s: float, size_m: float, closed: bool, update: bool, rest_s: float | None, seed: int,
+    backend: str, folder: str, out: Path | None, shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import replay, route_of
     from baqueano.drive.mission import Mission
@@ -91,6 +92,8 @@ def command(
         raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
     if driver not in SHAPES:
         options.refuse_together(f"--driver {driver}", "speed_m_s", "size_m")
+    if driver == "keys":
+        options.refuse_together("--driver keys", "rest_s")
     if shown:
         options.refuse_together("--page", "pad")
     vehicle_file = options.load_vehicle(vehicle, settings)
@@ -106,14 +109,10 @@ def command(
             open_target(robot, vehicle_file, seed, backend, page=page) as target,
         ):
             path = options.run_path(out, folder, "teach")
-            with show_time_progress(note("cli.teach"), float(target_route.t_s[-1])) as progress:
-                run = target.drive(
-                    Mission("teach", route=target_route),
-                    vehicle_file,
-                    path,
-                    progress,
-                    eta=target_route.eta[0],
-                )
+            mission = Mission("teach", route=target_route, rest_s=rest_s)
+            duration_s = announce_rest(mission, vehicle_file) + float(target_route.t_s[-1])
+            with show_time_progress(note("cli.teach"), duration_s) as progress:
+                run = target.drive(mission, vehicle_file, path, progress, eta=target_route.eta[0])
         is_closed = target_route.closed
     print_message(note("cli.run", path=path))
     finish_manual_drive(run, path, robot) if driver == "keys" else options.raise_stop(run, path)

@@ -14,12 +14,13 @@ from baqueano.diagnostics import note
 @click.option(
     "--laps", type=numbers.count, default=1, show_default=True, help=("Number of laps of a closed route.")
 )
+@options.rest
 @options.backend
 @report_options
 @options.as_json
 def command(
-    route: str, vehicle: str | None, settings: tuple[str, ...], laps: int, backend: str, report: ReportFiles,
-    as_json: bool,
+    route: str, vehicle: str | None, settings: tuple[str, ...], laps: int, rest_s: float | None, backend: str,
+    report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare.corridor_forecast import forecast_corridor
 
@@ -27,7 +28,7 @@ def command(
     options.advise_to_measure(vehicle_file)
     taught_route = options.find_route(route)
     with show_activity(note("cli.driving-ahead", laps=laps)):
-        corridor = forecast_corridor(vehicle_file, taught_route, laps, backend)
+        corridor = forecast_corridor(vehicle_file, taught_route, laps, backend, rest_s)
     print_answer(corridor, as_json)
     if report:
         from baqueano.report.run_report import page_of_run

@@ -159,7 +159,8 @@ class DriveDoor:
 
     def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:
         """Record that a drive begins, or that it has ended if `mission` is None."""
-        self._mission, self._record, self._reason = mission, None, reason
+        self._mission = None if mission is None else mission.with_usual_rest(self._file)
+        self._record, self._reason = None, reason
         manual_state = (
             DoorState.MANUAL
             if mission is not None and mission.kind in MANUAL_MISSIONS and mission.route is None

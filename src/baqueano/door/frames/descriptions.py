@@ -101,15 +101,16 @@ def drive_description(mission: "Mission | None", rate_hz: float, record: "Record
 def _mission_description(mission: "Mission | None", rate_hz: float, t_s: float) -> JsonObject:
     if mission is None:
         return {"mission": None, "laps": None, "t_s": None, "left_s": None}
-    whole_s = None
+    whole_s, rest_s = None, mission.rest_s or 0.0
     if mission.u is not None:
         whole_s = len(mission.u) / rate_hz
     elif mission.route is not None:
         laps = mission.laps if mission.kind == "repeat" and mission.route.closed else 1
-        whole_s = laps * float(mission.route.t_s[-1]) if laps else None
+        whole_s = rest_s + laps * float(mission.route.t_s[-1]) if laps else None
     left_s = None if whole_s is None else round(max(0.0, whole_s - t_s), 2)
     laps = mission.laps if mission.kind == "repeat" else None
-    return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": left_s}
+    rest = {"rest_s": rest_s} if t_s < rest_s else {}
+    return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": left_s, **rest}
 
 
 def _motion_description(record: "Record | None") -> JsonObject:

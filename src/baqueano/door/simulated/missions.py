@@ -55,6 +55,9 @@ class MissionPlan:
     faults: tuple[Fault, ...] = ()
     fast_until_s: float = 0.0  # drive time until which the ticks do not wait
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mission", self.mission.with_usual_rest(self.vehicle_file))
+
     @property
     def start(self) -> np.ndarray:
         """Return the pose (3,) at the start."""

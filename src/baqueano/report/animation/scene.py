@@ -44,6 +44,7 @@ def scene(run: Run) -> Scene:
     Raise AnswerNo for a run without a pose, or with less than two ticks.
     """
     nothing = AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
+    run = run.without_rest
     if len(run.t_ns) < 2:
         raise nothing
     corridor = corridor_of(run) if run.estimate is not None else None

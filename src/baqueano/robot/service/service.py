@@ -238,7 +238,7 @@ class Service:
             self.set_watchdog_timeout(PREPARE_TIMEOUT_S)
             body = configure_body(vehicle_file, self.uno, self.sleep)
             world, lateness = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), TickDelays()
-            self._mission, self._rate_hz = mission, vehicle_file.rate_hz
+            self._mission, self._rate_hz = mission.with_usual_rest(vehicle_file), vehicle_file.rate_hz
             self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # marks before the drive
             self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes

@@ -122,7 +122,7 @@ def forecast(vehicle_file: VehicleFile, fix: str, route: Route, count: int, back
     the first laps. It is 0 if the filter loses the vehicle in these laps.
     """
     corridor = forecast_corridor(
-        with_fix(vehicle_file, fix, route), route, min(count, SETTLING_LAPS), backend
+        with_fix(vehicle_file, fix, route), route, min(count, SETTLING_LAPS), backend, rest_s=0.0
     ).corridor
     if np.isfinite(corridor.lost_s):
         return 0.0

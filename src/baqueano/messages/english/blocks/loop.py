@@ -32,6 +32,7 @@ TEMPLATES: dict[str, str] = {
         "the standard deviation of the position is {std_m:.2f} m; at {most_m:.2f} m the supervisor stops "
         "the vehicle"
     ),
+    "drive.rest": "the vehicle stands still for {rest_s:g} s, to measure the bias of its gyro",
     "drive.on-mark": "on the mark",
     "drive.disk-full": (
         "the disk is full, so the rest of this run is not stored ({error}); the drive continues"

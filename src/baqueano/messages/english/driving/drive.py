@@ -14,7 +14,7 @@ TEMPLATES: dict[str, str] = {
     "keys.no-terminal": (
         "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, use ssh -t."
     ),
-    "drive.duration": "duration_s = {found}: expected a number of seconds above 0.",
+    "drive.duration": "{name} = {found}: expected a finite number of seconds {range}.",
     "drive.seed": "seed = {found}: expected a whole number, 0 or more.",
     "marks.too-few": "{name} has {marks} marks: at rest on the mark, press m before and after a lap.",
     "marks.no-gyro": "{name} or its vehicle file does not have a gyro, so this run cannot calibrate one.",

@@ -1,0 +1,125 @@
+"""A vehicle with a gyro is at rest before its drive, so that the filter measures the bias of the gyro."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import baqueano as bq
+from baqueano.door.frames.descriptions import drive_description
+from baqueano.drive.mission import Mission, perform
+from baqueano.guides.shapes import circle, eight
+from baqueano.loop import Record
+from baqueano.signals import Command, Estimate, Reference, Tick
+from baqueano.standstill import REST_S, usual_rest_s
+from baqueano.web.feed import Feed
+from baqueano.web.sentence import state_message
+from tests.codes import refused
+
+SMALL, LAP = bq.load("small"), eight(0.3, 0.2)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return bq.repeat(SMALL, LAP, laps=2, truth=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}))
+
+
+def test_the_command_is_exactly_zero_during_the_rest_and_then_the_guide_begins(run):
+    resting = run.t_ns < run.t_ns[0] + 2_000_000_000
+    assert not run.requested[resting].any()
+    assert run.requested[~resting][0, 0] > 0.1
+    assert np.array_equal(run.reference.eta[resting], run.estimate.eta[resting])
+    assert run.duration_s == pytest.approx(REST_S + 2.0 * LAP.t_s[-1], abs=0.02)
+    assert [e.diagnostic.code for e in run.events if e.source == "drive"] == ["drive.rest"]
+
+
+def test_the_rest_measures_the_bias_of_the_gyro(run):
+    """The bias of 0.004 rad/s turns the estimated heading by 0.07 rad; the scale of the gyro cancels on an eight."""
+    without = bq.repeat(SMALL, LAP, 2, truth=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}), rest_s=0.0)
+    assert without.rest_s == 0.0
+    at_rest, at_once = (bq.compare(r).runs[0] for r in (run, without))
+    assert at_rest.ate_heading_rad < 0.2 * at_once.ate_heading_rad
+    assert at_rest.corridor.heading_rad[-1] < 0.3 * at_once.corridor.heading_rad[-1]
+
+
+def test_laps_and_errors_begin_after_the_rest(run):
+    comparison = bq.compare(run).runs[0]
+    assert comparison.duration_s == pytest.approx(2.0 * LAP.t_s[-1], abs=0.02)
+    assert [lap.duration_s for lap in comparison.laps] == pytest.approx([LAP.t_s[-1]] * 2, abs=0.05)
+    assert run.cut(1.0).rest_s == 1.0
+    assert run.without_rest.rest_s == 0.0
+
+
+def test_a_replay_repeats_the_rest_bit_by_bit(run):
+    replayed = bq.replay(run)
+    for log in ("requested", "sent"):
+        assert np.array_equal(getattr(replayed, log), getattr(run, log))
+    assert np.array_equal(replayed.reference.eta, run.reference.eta)
+    commands_of_run = bq.replay(replace(run, metadata=run.metadata | {"kind": "teach"}))
+    assert np.array_equal(commands_of_run.requested, run.requested)
+
+
+def test_a_taught_route_begins_with_the_motion():
+    lesson = bq.teach(bq.load("car"), circle(1.5, 1.0), seed=1)
+    assert lesson.run.rest_s == REST_S
+    assert lesson.route.t_s[-1] == pytest.approx(2.0 * np.pi * 1.5, abs=0.1)
+
+
+def test_a_forecast_has_the_rest_of_the_drive(run):
+    ahead = bq.forecast(SMALL, LAP, backend="python").rows()[0]
+    driven = bq.compare(run).runs[0].corridor
+    assert ahead["t_s"] == LAP.t_s[-1]
+    driven_rad = driven.heading_rad[np.searchsorted(driven.t_s, LAP.t_s[-1])]
+    assert ahead["heading_rad"] == pytest.approx(driven_rad, rel=0.05)
+
+
+class Counting:
+    """A user's controller in plain Python, with a state that is not a number."""
+
+    def init(self):
+        return ["begins"]
+
+    def step(self, state, reference, estimate):
+        return [*state, "drives"][-2:], Command(
+            estimate.t_ns, np.array([0.1 if "drives" in state else 0.2, 0.0, 0.0])
+        )
+
+
+def test_a_controller_in_plain_python_begins_after_the_rest():
+    requested = bq.repeat(SMALL, LAP, controller=Counting(), duration_s=0.14, rest_s=0.1).requested[:, 0]
+    assert requested.tolist() == [0.0] * 10 + [0.2] + [0.1] * 3
+
+
+def test_only_a_vehicle_at_rest_with_a_gyro_has_a_rest():
+    assert usual_rest_s(SMALL.sensors, np.zeros(3)) == REST_S
+    assert usual_rest_s(SMALL.sensors, np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])) == 0.0
+    assert usual_rest_s((), np.zeros(3)) == 0.0
+    with refused("drive.duration", bq.errors.UsageError, name="rest_s"):
+        bq.repeat(SMALL, LAP, rest_s=-1.0)
+
+
+def test_a_mission_contains_its_rest():
+    usual, none = (Mission("repeat", route=LAP, rest_s=rest_s) for rest_s in (None, 0.0))
+    assert "rest_s" not in usual.to_json()
+    assert Mission.from_json(none.to_json()).rest_s == 0.0
+    assert perform(none, SMALL, duration_s=0.1).rest_s == 0.0
+    assert perform(usual, SMALL, duration_s=0.1).rest_s == REST_S
+    assert Mission("teach").with_usual_rest(SMALL).rest_s == 0.0
+
+
+def test_the_page_says_that_the_vehicle_stands_still():
+    def state_at(t_s):
+        t_ns, zero = round(1e9 * t_s), np.zeros(3)
+        record = Record(
+            Tick(t_ns, zero, ()), Command(t_ns, zero), Command(t_ns, zero),
+            Estimate(t_ns, zero, zero, np.eye(6)), Reference(t_ns, zero, zero, 0.0),
+        )  # fmt: skip
+        return drive_description(Mission("repeat", route=LAP, laps=1).with_usual_rest(SMALL), 100.0, record)
+
+    resting, driving = state_at(1.0), state_at(2.0)
+    assert (resting["rest_s"], "rest_s" in driving) == (2.0, False)
+    assert resting["left_s"] == pytest.approx(1.0 + LAP.t_s[-1], abs=0.01)
+    common = {"state": "MISSION", "why": None}
+    sentences = [state_message(common | state, Feed(), None, [])["sentence"] for state in (resting, driving)]
+    assert "2 s" in sentences[0]
+    assert sentences[0] != sentences[1]
