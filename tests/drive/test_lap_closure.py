@@ -94,7 +94,7 @@ def test_a_run_at_rest_does_not_identify_a_scale(file, lap, std):
 
 
 def test_a_run_that_does_not_return_is_refused(file, lap):
-    half = lap.cut(0.0, 0.3 * lap.duration_s)
+    half = lap.cut(0.0, lap.rest_s + 0.3 * lap.without_rest.duration_s)
     with refused("marks.lap-open", AnswerNo, gyro="imu"):
         lap_closure(half, file)
 

@@ -21,7 +21,7 @@ POINTS_PER_IN, PHONE_PX, LEAST_PX = 72.0, 334.0, 6.5
 
 @pytest.fixture(scope="module")
 def drive():
-    return repeat(load("small"), circle(0.3, 0.3), laps=3)
+    return repeat(load("small"), circle(0.3, 0.3), laps=3, rest_s=0.0)
 
 
 def lines_of(svg):

@@ -30,8 +30,8 @@ class Idle:
     >>> guide = Idle(2.0)
     >>> here = Estimate(0, np.array([1.0, 0.0, 0.0]), np.zeros(3), np.eye(6))
     >>> state, reference = guide.step(guide.init(), here)
-    >>> reference.eta, guide.step(state, here._replace(t_ns=2_000_000_000))[1].done
-    (array([1., 0., 0.]), 1.0)
+    >>> print(reference.eta, guide.step(state, here._replace(t_ns=2_000_000_000))[1].done)
+    [1. 0. 0.] 1.0
     """
 
     as_written: ClassVar[bool] = True

@@ -59,6 +59,7 @@ def drive_figures(
     run: "Run", laps: int = 1, alignment: str = "none", window_s: float = 1.0
 ) -> tuple[dict[str, float], dict[str, ErrorSegments]]:
     """Return the results of a drive or a replay by name, and the segments of those in RMS_FIGURES."""
+    run = run.without_rest
     series = _estimate_errors(run, alignment, window_s)
     single = dict.fromkeys(SINGLE_FIGURES, NAN)
     if run.metadata.get("kind") != "replay":
