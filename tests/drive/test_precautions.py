@@ -11,8 +11,9 @@ from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience
 from baqueano.drive.safety.precautions import PlainRoom, Precautions, drive_to_limits
-from baqueano.drive.safety.room_watch import CHI_SQUARE_95, RoomWatch, stopping_distance
+from baqueano.drive.safety.room_watch import RoomWatch, stopping_distance
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.guides import Idle
 from baqueano.guides.shapes import circle, line
 from baqueano.loop import Blocks, Record

@@ -93,6 +93,15 @@ def test_decorrelation_preserves_the_information_of_measurements():
     assert (rows.T / q) @ rows == pytest.approx(H.T @ np.linalg.solve(Q, H))
 
 
+@pytest.mark.parametrize("Q", [np.zeros(0), np.zeros((0, 0))], ids=["variances", "matrix"])
+def test_a_measurement_without_channels_changes_nothing(Q):
+    P = _case(3)[0]
+    correction = correct(P, np.zeros(0), np.zeros((0, 6)), Q)
+    assert not correction.move.any()
+    assert np.array_equal(correction.cov, P)
+    assert (correction.gain.shape, correction.H.shape, correction.e.shape) == ((0, 6), (0, 6), (0,))
+
+
 def test_boxplus_wraps_only_the_heading():
     x = boxplus(np.array([3.0, -4.0, 3.0, 5.0]), np.array([1.0, -1.0, 1.0, 1.0]))
     assert x == pytest.approx([4.0, -5.0, 4.0 - 2.0 * np.pi, 6.0])

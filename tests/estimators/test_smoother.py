@@ -59,6 +59,11 @@ class Linear:
         )
 
 
+def smoothed(block, belief, ticks):
+    """Return the smoothed mean (N, n) and covariance (N, n, n) of each row."""
+    return smooth_backward(run_forward(block, belief, ticks, "python"))
+
+
 def drive(n, seed, turn_rad=0.0):
     """Return commands and measurements with gaps of a vehicle with the heading `turn_rad`."""
     rng, x, u, z = np.random.default_rng(seed), np.array([0, 0, turn_rad, 0, 0, 0.0]), [], []
@@ -96,7 +101,7 @@ def batch(ticks, start, cov):
 def test_the_smoother_equals_the_least_squares_solution_over_the_whole_run():
     ticks, start = drive(40, 61), np.zeros(N)
     block = Linear(start, P0)
-    mean, cov, _ = smooth(block, block.init(), ticks, "python")
+    mean, cov = smoothed(block, block.init(), ticks)
     x, P = batch(ticks, start, P0)
     np.testing.assert_allclose(mean, x, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(cov, P, rtol=0.0, atol=1e-9)
@@ -146,7 +151,7 @@ def test_states_with_zero_variance_retain_zero_variance():
     certain[0, 0] = certain[3, 3] = 0.0
     ticks = drive(30, 62)
     block = Linear(np.zeros(N), certain)
-    mean, cov, _ = smooth(block, block.init(), ticks, "python")
+    mean, cov = smoothed(block, block.init(), ticks)
     x, P = batch(ticks, np.zeros(N), certain + 1e-12 * np.diag([1.0, 0, 0, 1.0, 0, 0]))
     np.testing.assert_allclose(mean, x, atol=1e-6)
     np.testing.assert_allclose(cov, P, atol=1e-6)
@@ -192,8 +197,8 @@ def test_a_camera_reading_at_the_end_corrects_the_earlier_path_across_pi(kind):
     start, n = np.array([1.0, 2.0, 2.5]), 300
     truth, ticks = circle(n, 63, start)
     block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
-    mean, cov, _ = smooth(block, block.init(eta=start), ticks, "python")
-    unsmoothed = smooth(block, block.init(eta=start), blind(ticks), "python")[0]
+    mean, cov = smoothed(block, block.init(eta=start), ticks)
+    unsmoothed, _ = smoothed(block, block.init(eta=start), blind(ticks))
 
     def rms(x):
         return np.sqrt(np.mean(wrap(x[:, 2] - truth[:, 2]) ** 2)), np.sqrt(
@@ -234,9 +239,9 @@ def blind(ticks):
 def test_shifting_and_rotating_the_map_moves_the_smoothed_estimate_equally():
     _, ticks = circle(60, 64, np.zeros(3))
     block, start = Ekf(SMALL, SENSORS, NOISE), np.array([3.0, -2.0, 2.9])
-    original, *_ = smooth(block, block.init(), ticks, "python")
-    moved_estimate, *_ = smooth(block, block.init(eta=start), ticks, "python")
-    moved_poses = np.array([compose(start, eta) for eta in original[:, :3]])
+    original = smooth(block, block.init(), ticks, "python").eta
+    moved_estimate = smooth(block, block.init(eta=start), ticks, "python").eta
+    moved_poses = np.array([compose(start, eta) for eta in original])
     np.testing.assert_allclose(moved_estimate[:, :2], moved_poses[:, :2], atol=1e-9)
     np.testing.assert_allclose(wrap(moved_estimate[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-9)
 

@@ -3,7 +3,7 @@
     position   (p − p̂)ᵀ P_p⁻¹ (p − p̂) ≤ χ²₂,  an ellipse of the area π χ²₂ √det P_p                       (1)
     across     ± 1.96 √(nᵀ P_p n),  n to the left of the heading;   heading   ± 1.96 σ_ψ                   (2)
 
-χ²₂ = 5.991 and 1.96 are the 95 % quantiles. If σ_ψ exceeds MAX_HEADING_STD_RAD, the heading is unusable and the vehicle
+χ²₂ and 1.96 are the 95 % quantiles. If σ_ψ exceeds MAX_HEADING_STD_RAD, the heading is unusable and the vehicle
 is lost. From then on the ellipse does not bound a region, so the corridor ends.
 """
 
@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import wrap
 from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
 MAX_HEADING_STD_RAD = 0.5
-CHI_SQUARE_95, QUANTILE_95 = 5.991, 1.960
+QUANTILE_95 = 1.960
 RETURN_DISTANCE_M, RETURN_ANGLE_RAD = (
     0.03,
     0.15,

@@ -43,7 +43,7 @@ def smooth_run(
         raise UsageError(fault("smooth.not-kalman", who=block_name))
     rows, tick_rows = rows_of_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
-        estimate = smooth(estimator, belief, rows, backend)[2]
+        estimate = smooth(estimator, belief, rows, backend)
     except TraceError as error:
         raise UsageError(fault("smooth.not-compiled", who=block_name, cause=error.diagnostic)) from error
     log = EstimateLog(run.t_ns, *(column[tick_rows] for column in estimate[1:4]))

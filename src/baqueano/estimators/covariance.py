@@ -17,6 +17,7 @@ from baqueano.errors import Invalid
 from baqueano.messages.language import translate as _
 
 ROUNDING_SHARE = 1e-14  # of a variance
+CHI_SQUARE_95 = 5.991  # 95 % quantile of χ² with two degrees of freedom: of a position
 
 
 def covariance(matrix: Value, size: int, name: str) -> np.ndarray:

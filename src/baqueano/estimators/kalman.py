@@ -15,7 +15,7 @@ weight w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has n
 docs/derivations/kalman.md. Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968 for (4); Schmidt 1966 for E.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -97,7 +97,7 @@ def correct(
         noise = q[c] * K if weight is None else PH * (1.0 - cross * (w / s[c]))  # (q_c + s (1/w − 1)) K
         noise = noise if weight is None or E is None else E[c] * noise
         P = mirror_upper(D + (noise - D @ H[c])[:, None] * K[None, :])
-    return Correction(move, P, np.array(e), np.array(s), np.array(weights), np.stack(gains), H)
+    return Correction(move, P, np.array(e), np.array(s), np.array(weights), _rows(gains, H), H)
 
 
 def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -117,7 +117,12 @@ def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray
             rows[i] = rows[i] - factor * rows[k]
             for j in range(k + 1, m):
                 remainder[i][j] = remainder[i][j] - factor * remainder[k][j]
-    return np.array(values), np.stack(rows), np.array(q)
+    return np.array(values), _rows(rows, H), np.array(q)
+
+
+def _rows(rows: Sequence[np.ndarray], H: np.ndarray) -> np.ndarray:
+    """Return the rows (m, n) as an array with the shape of H, even without a row."""
+    return np.stack(rows) if rows else H
 
 
 def boxplus(mean: np.ndarray, move: np.ndarray) -> np.ndarray:

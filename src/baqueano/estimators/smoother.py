@@ -71,10 +71,8 @@ def can_be_smoothed(estimator: Estimator, belief: Tree, tick: Tick) -> bool:
     return estimator.step(belief, tick)[1].innovation is not None
 
 
-def smooth(
-    estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto"
-) -> tuple[np.ndarray, np.ndarray, Estimate]:
-    """Return mean (N, n), covariance (N, n, n) and Estimate of each row from all measurements.
+def smooth(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> Estimate:
+    """Return the Estimate of each row from all measurements.
 
     The leaves of `ticks` and of the Estimate have N rows. Raise TraceError for an estimator that cannot be compiled.
     """
@@ -86,7 +84,7 @@ def smooth(
     eta[:, HEADING_INDEX] = wrap(eta[:, HEADING_INDEX])
     change = J @ (cov - forward.cov) @ np.swapaxes(J, 1, 2)
     output_cov = np.array([mirror_upper(P) for P in estimate.cov + change])
-    return mean, cov, Estimate(estimate.t_ns, eta, nu, output_cov)
+    return Estimate(estimate.t_ns, eta, nu, output_cov)
 
 
 def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:

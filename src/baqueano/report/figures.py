@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.messages.language import translate as _
 from baqueano.report.libraries import panel, panels, with_style
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 SECOND_COLOUR = "#7c3aed"  # the estimate of another run
 MAX_POINTS = 1600
-CHI_SQUARE_95 = 5.991  # of two degrees of freedom
 MAX_PERCENT = 100.0  # %: a longer interval is cut off in the figure of estimates
 LEGEND_ABOVE: "JsonObject" = {
     "loc": "lower left",

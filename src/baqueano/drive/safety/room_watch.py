@@ -18,6 +18,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.observers import Observer
+from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import map_from_body
 from baqueano.guides.route import Route
 from baqueano.loop import Record
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.routes.examine import Walls
 
-CHI_SQUARE_95 = 5.991  # 95 % quantile with two degrees of freedom
 STOPPING_S = 0.3
 MIN_DECELERATION_M_S2 = 0.01  # of a model without friction
 SPEED_COUNT = 64

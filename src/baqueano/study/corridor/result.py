@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.compare.corridor import CHI_SQUARE_95, MAX_HEADING_STD_RAD, QUANTILE_95
+from baqueano.compare.corridor import MAX_HEADING_STD_RAD, QUANTILE_95
 from baqueano.diagnostics import Verdict
+from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 
