@@ -26,7 +26,7 @@ def fitted_file(firmware):
 @pytest.mark.parametrize("route", [sinuous_circle(0.5, 0.05, 5, 0.2), rectangle(1.0, 0.6, 0.2, 0.3)])
 def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route):
     world, tick_times_ns = world_of(firmware, vehicle_file.load("small"), seed=5)
-    run = repeat(fitted_file, route, world=world, tick_times_ns=tick_times_ns)
+    run = repeat(fitted_file, route, world=world, tick_times_ns=tick_times_ns).without_rest
     world.robot.close()
     going = run.reference.done < 1.0
     true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
