@@ -167,7 +167,7 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_complete(
     project, tmp_path, room, line, u, message
 ):
     (tmp_path / "mine.py").write_text(ROOMS[room].format(line=line, u=u), encoding="utf-8")
-    end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--json")
+    end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--rest", "0", "--json")
     assert end.code == 5, end.err
     assert (end.reason.code, end.fix) == (
         "cli.stopped",
@@ -187,7 +187,7 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_complete(
 def test_a_block_failure_after_one_second_loses_no_recorded_data(project, tmp_path):
     line = "assert estimate.t_ns < 1_000_000_000, 'late'"
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line=line, u="np.zeros(3)"), encoding="utf-8")
-    end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
+    end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL, "--rest", "0")
     assert end.code == 5
     assert end.cause.figures["error"] == "AssertionError: late"
     assert read_run(tmp_path / "runs" / "0001-repeat.mcap").duration_s == pytest.approx(2.0, abs=0.05)
