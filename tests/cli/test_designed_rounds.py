@@ -1,14 +1,10 @@
 """`experiment --signal designed --rounds N --update` writes the last fit to the vehicle file."""
 
 import tomllib
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from baqueano.cli.driving.experiment import undetermined_damping, with_uncertain_gains
 from baqueano.identify.design import plan as planning
-from baqueano.identify.design.vehicle_cloud import possible_vehicles
 from baqueano.identify.result import assemble as summary
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load
@@ -61,29 +57,3 @@ def test_the_room_is_checked_before_the_drive(baqueano, tmp_path, room, code, si
     end = baqueano("experiment", "--signal", signal, "--room", room)
     assert (end.code, end.reason.code) == (2, code)
     assert not list(tmp_path.glob("runs/*.mcap"))
-
-
-def test_a_fit_that_does_not_show_how_the_vehicle_stops_is_not_used_for_a_plan():
-    """Of the parameters that slow a car, one is 0 at its bound with a large error, and one is not determined."""
-    names = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
-    blocks = SimpleNamespace(model=load("car").vehicle)
-    estimate, poorly = np.array([5.0, 0.0, np.nan, 0.0]), np.array([True, True, False, True])
-    fit = SimpleNamespace(
-        names=names,
-        estimate=estimate,
-        poorly_identified=poorly,
-        bound=np.array([0, -1, 0, -1]),
-        blocks=blocks,
-    )
-    assert undetermined_damping(fit) == ["model.linear_drag", "model.coulomb_m_s2"]
-    fit.estimate, fit.bound = np.array([5.0, 1.2, 0.3, 0.0]), np.array([0, 0, 0, -1])
-    assert undetermined_damping(fit) == []
-
-
-@pytest.mark.parametrize(("name", "count"), [("car", 2), ("small", 0)])
-def test_a_plan_with_rough_gains_takes_the_other_guesses_as_uncertain_by_a_half(name, count):
-    rough_file = with_uncertain_gains(load(name))
-    draws = possible_vehicles(rough_file, vehicle_count=200)
-    std = np.std(np.log(draws.theta[1:, count:] / draws.theta[0, count:]), axis=0)
-    assert len(rough_file.parameter_cov.names) == count
-    assert np.median(std) == pytest.approx(0.5, rel=0.1)

@@ -12,17 +12,13 @@ from baqueano.cli.driving.iterate import drive_in_rounds
 from baqueano.cli.driving.targets import Target, open_target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
-from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.diagnostics import fault, nearest, note
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.identify import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
-
-
-ROUGH_GAIN_STD = 0.3  # of a gain of a first drive, relative to its value
 
 
 @click.command(help="Drive the vehicle with a signal that excites its dynamics; write a run.")
@@ -198,6 +194,7 @@ def make_first_drive(
     from baqueano.drive import estimate_first_drive, with_rough_gains
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
+    from baqueano.identify.design.rough_gains import planning_file, undetermined_damping
 
     path = path_of("first-drive")
     print_message(note("cli.first-drive", name=vehicle_file.name))
@@ -214,35 +211,4 @@ def make_first_drive(
     print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
     if names := undetermined_damping(fit):
         print_message(note("cli.rough-gains", names=names))
-        return with_uncertain_gains(rough_file), first_result.run
-    return (rough_file if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first_result.run
-
-
-def with_uncertain_gains(rough_file: "VehicleFile") -> "VehicleFile":
-    """Return the file with the standard errors of its rough gains; a plan then takes other guesses as more uncertain.
-
-    See `possible_vehicles`: the first drive measured the response at low speed only.
-    """
-    from baqueano.parameter import all_parameters
-    from baqueano.vehicle_file import ParameterCov
-
-    scalar_gains = {
-        path: float(rough_file.value(path))
-        for path, p in all_parameters(rough_file.vehicle, "model")
-        if p.role == "gain" and np.ndim(rough_file.value(path)) == 0
-    }
-    variances = (ROUGH_GAIN_STD * np.array(list(scalar_gains.values()))) ** 2
-    return rough_file.with_values({}, parameter_cov=ParameterCov(tuple(scalar_gains), np.diag(variances)))
-
-
-def undetermined_damping(fit: "Fit") -> list[str]:
-    """Return the parameters that slow a forward motion, if the fit does not determine them or found only a bound 0.
-
-    A plan with such a fit expects vehicles that never stop.
-    """
-    from baqueano.vehicles.freedoms import damping_derivatives
-
-    fields = {name.partition("[")[0] for name in fit.names}
-    damping = {path for path, slope in damping_derivatives(fit.blocks.model, fields) if slope[0] > 0.0}
-    is_unknown = ~np.isfinite(fit.estimate) | (fit.poorly_identified & (fit.bound < 0))
-    return [name for name, unknown in zip(fit.names, is_unknown, strict=True) if unknown and name in damping]
+    return planning_file(fit, rough_file), first_result.run

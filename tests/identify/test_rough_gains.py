@@ -1,0 +1,43 @@
+"""Tests of the vehicle file with which the experiment after a first drive is planned."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from baqueano.diagnostics import Verdict
+from baqueano.identify.design.rough_gains import planning_file, undetermined_damping, with_uncertain_gains
+from baqueano.identify.design.vehicle_cloud import possible_vehicles
+from baqueano.vehicle_file import load
+
+
+def test_a_fit_that_does_not_show_how_the_vehicle_stops_is_not_used_for_a_plan():
+    """Of the parameters that slow a car, one is 0 at its bound with a large error, and one is not determined."""
+    names = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
+    blocks = SimpleNamespace(model=load("car").vehicle)
+    estimate, poorly = np.array([5.0, 0.0, np.nan, 0.0]), np.array([True, True, False, True])
+    fit = SimpleNamespace(
+        names=names,
+        estimate=estimate,
+        poorly_identified=poorly,
+        bound=np.array([0, -1, 0, -1]),
+        vehicle_file=load("car"),
+        blocks=blocks,
+    )
+    assert undetermined_damping(fit) == ["model.linear_drag", "model.coulomb_m_s2"]
+    rough_file = load("car")
+    assert len(planning_file(fit, rough_file).parameter_cov.names) == 2
+    fit.estimate, fit.bound = np.array([5.0, 1.2, 0.3, 0.0]), np.array([0, 0, 0, -1])
+    assert undetermined_damping(fit) == []
+    for verdict, expected in ((Verdict.REFUSED, rough_file), (Verdict.WARN, fit.vehicle_file)):
+        fit.verdict = verdict
+        assert planning_file(fit, rough_file) is expected
+
+
+@pytest.mark.parametrize(("name", "count"), [("car", 2), ("small", 0)])
+def test_a_plan_with_rough_gains_takes_the_other_guesses_as_uncertain_by_a_half(name, count):
+    rough_file = with_uncertain_gains(load(name))
+    draws = possible_vehicles(rough_file, vehicle_count=200)
+    std = np.std(np.log(draws.theta[1:, count:] / draws.theta[0, count:]), axis=0)
+    assert len(rough_file.parameter_cov.names) == count
+    assert np.median(std) == pytest.approx(0.5, rel=0.1)
