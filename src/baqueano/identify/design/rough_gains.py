@@ -1,7 +1,7 @@
 """Choose the vehicle file with which the experiment after a first drive is planned.
 
 The fit to a first drive can lack the parameters that slow the vehicle down. A plan with such a fit expects vehicles
-that never stop, so it uses the rough gains of the first drive instead, with their standard error
+that never stop. It then uses the rough gains of the first drive, with their standard error
 
     σ = ROUGH_GAIN_STD · gain                                                                             (1)
 
