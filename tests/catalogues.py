@@ -2,6 +2,7 @@
 
 `make catalogues` reads the templates of messages, the help of the command line, and the texts of click. It also reads
 the texts in `_(…)` and `N_(…)` of the source. It updates src/baqueano/locale/*/LC_MESSAGES/baqueano.po and compiles it.
+It also updates docs/site/*.po, with the docstrings of `import baqueano as bq` for the site.
 An entry is fuzzy if its English text changed: translate it again and remove the mark.
 """
 
@@ -23,6 +24,7 @@ from baqueano.cli import SUBCOMMANDS, baqueano, command_of
 from baqueano.identify.parameters.free import AXIS_NAMES, ORDINALS
 from baqueano.messages import templates
 from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES
+from docs.site.reference import catalogue_file, texts_to_translate
 
 SOURCE = CATALOGUES.parent
 OF_CLICK = {"_": None, "ngettext": (1, 2)}
@@ -65,6 +67,16 @@ def required_catalogue() -> Catalog:
     return catalogue
 
 
+def required_reference() -> Catalog:
+    """Return all texts of the reference of Python names that must be translated."""
+    catalogue = Catalog(
+        project="baqueano", charset="utf-8", copyright_holder="The baqueano developers", fuzzy=False
+    )
+    for words in texts_to_translate():
+        catalogue.add(words)
+    return catalogue
+
+
 def words_in(path: Path) -> Iterator[str]:
     """Yield what is marked in a file: literals in `_(…)` and `N_(…)`, also in f-strings, and words of parameters."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -102,9 +114,9 @@ def help_of(command: click.Command) -> Iterator[str]:
         yield from help_of(verb)
 
 
-def read_catalogue(language: str) -> Catalog:
-    """Return the catalogue of a language as its file contains it."""
-    path, _ = places(language)
+def read_catalogue(language: str, path: Path | None = None) -> Catalog:
+    """Return the catalogue of a language as its file contains it; by default that of the package."""
+    path = path or places(language)[0]
     if not path.exists():
         return Catalog(locale=language, charset="utf-8", fuzzy=False)
     return read_po(io.BytesIO(path.read_bytes()), locale=language)
@@ -117,19 +129,17 @@ def compiled(catalogue: Catalog) -> bytes:
     return out.getvalue()
 
 
-def update(language: str) -> Catalog:
-    """Write the catalogue of a language again, with all texts that must be translated at present."""
-    catalogue = read_catalogue(language)
+def update(language: str, path: Path, required: Catalog) -> Catalog:
+    """Write a catalogue again, with all texts that must be translated at present."""
+    catalogue = read_catalogue(language, path)
     created = catalogue.creation_date  # a file with equal entries is not changed
-    catalogue.update(required_catalogue(), no_fuzzy_matching=False, update_header_comment=False)
+    catalogue.update(required, no_fuzzy_matching=False, update_header_comment=False)
     catalogue.creation_date = created
     catalogue.obsolete.clear()
-    po, mo = places(language)
-    po.parent.mkdir(parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     out = io.BytesIO()
     write_po(out, catalogue, width=120, sort_output=True, omit_header=False)
-    po.write_bytes(out.getvalue())
-    mo.write_bytes(compiled(catalogue))
+    path.write_bytes(out.getvalue())
     return catalogue
 
 
@@ -186,8 +196,16 @@ def fields(template: str) -> set[str]:
 
 
 if __name__ == "__main__":
+    to_do = 0
     for language in LANGUAGES:
         if language != "en":
-            faulty = faults(update(language))
-            print(f"{places(language)[0]}: {len(faulty)} to do", *faulty, sep="\n  ")
-            sys.exit(bool(faulty))
+            po, mo = places(language)
+            for path, required in (
+                (po, required_catalogue()),
+                (catalogue_file(language), required_reference()),
+            ):
+                faulty = faults(update(language, path, required), required)
+                print(f"{path}: {len(faulty)} to do", *faulty, sep="\n  ")
+                to_do += len(faulty)
+            mo.write_bytes(compiled(read_catalogue(language)))
+    sys.exit(bool(to_do))

@@ -10,7 +10,8 @@ from babel.messages import Catalog
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.messages import language, text
 from baqueano.messages.language import LANGUAGES, current_language, number, translate
-from tests.catalogues import compiled, differs, faults, places, read_catalogue
+from docs.site.reference import catalogue_file
+from tests.catalogues import compiled, differs, faults, places, read_catalogue, required_reference
 
 OTHERS = [language for language in LANGUAGES if language != "en"]
 
@@ -28,6 +29,13 @@ def test_a_catalogue_is_complete_and_compiled(language):
     catalogue = read_catalogue(language)
     assert not faults(catalogue), "type: make catalogues, and translate what it lists"
     assert places(language)[1].read_bytes() == compiled(catalogue), "type: make catalogues"
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_the_reference_of_the_front_door_is_completely_translated(language):
+    assert not faults(read_catalogue(language, catalogue_file(language)), required_reference()), (
+        "type: make catalogues, and translate what it lists"
+    )
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import sys
 from html.parser import HTMLParser
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -179,6 +180,27 @@ def test_the_reference_describes_the_public_names(site):
 
 
 @needs_sphinx
+def test_the_spanish_reference_describes_each_function_of_the_front_door(site):
+    import baqueano as bq
+
+    page = site / "es/reference/baqueano.html"
+    door = page.read_text(encoding="utf-8")
+    functions = [name for name in bq.__all__ if not isinstance(getattr(bq, name), ModuleType)]
+    assert not [name for name in functions if f'id="baqueano.{name}"' not in door]
+    assert "Repite una ruta con los bloques del archivo." in door
+    assert "Return " not in door
+    links = {link.rstrip("#") for link in page_parts(page).links}
+    assert {"../../reference/baqueano.html", "../../reference/estimators.html"} <= links
+    assert "../es/reference/baqueano.html" in page_parts(site / "reference/baqueano.html").links
+
+
+@needs_sphinx
+def test_an_entry_that_cites_equations_of_its_module_shows_them(site):
+    text = re.sub(r"<[^>]*>", "", (site / "reference/estimators.html").read_text(encoding="utf-8"))
+    assert "ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)" in text
+
+
+@needs_sphinx
 def test_the_search_index_of_each_language_contains_its_words(site):
     assert "first-evening" in (site / "searchindex.js").read_text(encoding="utf-8")
     spanish = (site / "es/searchindex.js").read_text(encoding="utf-8")
@@ -215,10 +237,11 @@ def test_a_docstring_is_converted_to_markdown():
     from docs.site.docstring import markdown
 
     text = markdown(
-        "Return *x*_1 of `a_b`.\n\n    P = G P\n\n    R = 1\n\nParameters\n----------\nrun : Run\n    One drive.\n"
+        "Return *x*_1 of `a_b`: docs/derivations/kalman.md\n\n    P = G P\n\n    R = 1\n\n"
+        "Parameters\n----------\nrun : Run\n    One drive.\n"
         "\nExamples\n--------\n>>> 1 + 1\n2\n"
     )
-    assert r"\*x\*\_1 of `a_b`" in text
+    assert r"\*x\*\_1 of `a_b`: [docs/derivations/kalman.md](../derivations/kalman.md)" in text
     assert "```text\nP = G P\n\nR = 1\n```" in text
     assert "- `run`, Run: One drive." in text
     assert "```pycon\n>>> 1 + 1\n2\n```" in text

@@ -1,6 +1,7 @@
 """Sentences and names for users are plain: at most 25 words, and the terms of the field."""
 
 import ast
+import doctest
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -11,7 +12,8 @@ import pytest
 
 from baqueano.messages import templates
 from baqueano.messages.language import LANGUAGES
-from tests.catalogues import read_catalogue
+from docs.site.reference import catalogue_file
+from tests.catalogues import places, read_catalogue
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 WORDS = 25  # of a sentence; a figure counts as one
@@ -95,11 +97,19 @@ def test_texts_of_the_reference_and_of_the_promises_are_in_plain_language():
         assert not OLD.search(text), f"{name}: {text}"
 
 
-@pytest.mark.parametrize("language", [language for language in LANGUAGES if language != "en"])
-def test_a_text_of_the_catalogue_is_in_short_sentences(language):
+CATALOGUES = [
+    (language, path)
+    for language in LANGUAGES
+    if language != "en"
+    for path in (places(language)[0], catalogue_file(language))
+]
+
+
+@pytest.mark.parametrize(("language", "path"), CATALOGUES, ids=lambda value: getattr(value, "name", value))
+def test_a_text_of_a_catalogue_is_in_short_sentences(language, path):
     long = [
         sentence
-        for entry in read_catalogue(language)
+        for entry in read_catalogue(language, path)
         for texts in (entry.id, entry.string)
         for text in ((texts,) if isinstance(texts, str) else texts)
         for sentence in sentences_of(re.sub(r"\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd]", "x", text))
@@ -230,16 +240,36 @@ def test_no_function_or_argument_is_a_verb_of_saying():
 
 
 PAST = re.compile(r"[a-z]+ed")  # a participle alone, which lacks its verb or its noun
-VERBS_IN_ED = {"feed", "speed", "embed", "exceed"}
+WORDS_IN_ED = {"feed", "speed", "embed", "exceed", "seed"}
 
 
 def test_a_function_name_is_not_a_participle():
     participles = {
         f"{file}: {name}"
         for file, kind, name in contents_of(SOURCE).names
-        if issubclass(kind, FUNCTIONS) and PAST.fullmatch(name) and name not in VERBS_IN_ED
+        if issubclass(kind, FUNCTIONS) and PAST.fullmatch(name) and name not in WORDS_IN_ED
     }
     assert not participles, f"a verb, or the quantity that is returned: {participles}"
+
+
+FENCE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def test_a_name_in_an_example_is_neither_a_verb_of_saying_nor_a_participle():
+    parse = doctest.DocTestParser().get_examples
+    examples = [(file, example.source) for file, text in docstrings() for example in parse(text)]
+    examples += [
+        (page, code) for page in PAGES for code in FENCE.findall((DOCS / page).read_text(encoding="utf-8"))
+    ]
+    names = {
+        f"{file}: {name}"
+        for file, code in examples
+        for node in ast.walk(ast.parse(code))
+        for name in defined_names(node)
+        if isinstance(node, ast.Name) and (name in VERBS or PAST.fullmatch(name)) and name not in WORDS_IN_ED
+    }
+    assert len(examples) > 200
+    assert not names, f"name what it contains: {sorted(names)}"
 
 
 PARTICIPLE = re.compile(r"_?[A-Z][a-z]+(ed|aught|old|eld|een|own|awn)")  # a word alone, which lacks its noun

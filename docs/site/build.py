@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from docs.site.pages import ROOT, Edition
+from docs.site.reference import SHARED, reference
 
 HERE = Path(__file__).parent
 NAMES = {"en": "English", "es": "Español"}
@@ -29,6 +30,7 @@ THEME_TEXTS = {  # texts of the theme, which exists only in English
         "Previous": "Anterior",
         "Skip to content": "Ir al contenido",
         "Toggle Light / Dark / Auto color theme": "Cambiar el tema: claro, oscuro o automático",
+        "Toggle navigation of ": "Mostrar u ocultar las páginas de ",  # the title of a page follows
         "Toggle site navigation sidebar": "Mostrar u ocultar el índice del sitio",
         "Toggle table of contents sidebar": "Mostrar u ocultar el contenido de la página",
     }
@@ -37,13 +39,11 @@ THEME_TEXTS = {  # texts of the theme, which exists only in English
 
 def build(out: Path) -> bool:
     """Write the site into `out` and return True; after a warning keep the old site and return False."""
-    from docs.site.reference import reference
-
     out = out.resolve()
     with tempfile.TemporaryDirectory(prefix="baqueano-site-") as folder:
         build_folder = Path(folder)
         Edition("en").write(build_folder / "en", reference())
-        Edition("es").write(build_folder / "es")
+        Edition("es").write(build_folder / "es", reference("es"))
         fine = all(
             [
                 _sphinx(build_folder / "en", build_folder / "site", "en"),
@@ -86,7 +86,9 @@ def theme_in(page: str, language: str) -> str:
     """
     texts = THEME_TEXTS[language]
     english = "|".join(map(re.escape, sorted(texts, key=len, reverse=True)))
-    return re.sub(rf'(?<=[>"])(\s*)({english})(?=\s*[<"])', lambda match: match[1] + texts[match[2]], page)
+    return re.sub(
+        rf'(?<=[>"])(\s*)({english})(?:(?=\s*[<"])|(?<= ))', lambda match: match[1] + texts[match[2]], page
+    )
 
 
 def settings(language: str) -> dict[str, Any]:
@@ -104,6 +106,7 @@ def settings(language: str) -> dict[str, Any]:
         "myst_dmath_double_inline": True,
         "html_math_renderer": "mathml",
         "highlight_language": "none",
+        "smartquotes": False,  # a quoted text of the reference is a value to copy
         "html_theme": "furo",
         "html_title": "baqueano",
         "html_static_path": [str(HERE / "static")],
@@ -127,7 +130,7 @@ def _languages(app: Any, page: str, _template: str, context: dict[str, Any], _tr
     """Add a link to the other language above each page: to the same page, or to the first page if it is missing."""
     language = app.config.language
     second = "es" if language == "en" else "en"
-    target_page = page if page in {*Edition(second).sources, "search", "genindex"} else "index"
+    target_page = page if page in {*Edition(second).sources, *SHARED, "search", "genindex"} else "index"
     up = "../" * page.count("/")
     target = f"{up}es/{target_page}.html" if second == "es" else f"../{up}{target_page}.html"
     switch = (

@@ -1,14 +1,20 @@
-"""Generate the API reference from signatures and docstrings of all public names, a page for each module."""
+"""Generate the API reference from signatures and docstrings of all public names, a page for each module.
+
+In another language the reference has one page, that of `import baqueano as bq`, from the catalogue LANGUAGE.po of this
+folder. It links to the English pages of the other modules.
+"""
 
 import dataclasses
 import importlib
 import inspect
+import io
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from docs.site.docstring import markdown
+from docs.site.docstring import LISTED, Translate, markdown
 
 ROOMS = {  # module → its purpose; the first one that offers a name describes it
     "baqueano": "the commands of the command line, as functions",
@@ -41,41 +47,92 @@ ROOMS = {  # module → its purpose; the first one that offers a name describes 
     "baqueano.runs": "runs and routes as files",
     "baqueano.diagnostics": "messages as data, and verdicts",
 }
+DOOR = "baqueano"
+SHARED = "reference/index", f"reference/{DOOR}"  # pages in all languages
+TITLE = "Reference of the Python names"
+INTRODUCTION = "These pages are generated from the code. `help(bq.repeat)` shows the same text."
 MODULES = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
+WORDS = {*LISTED, "Examples", "Notes", "References", "module", "content"}  # other words alone are types
 LONG = 24  # letters of the longest default value that is shown
 
 
-def reference() -> dict[str, str]:
+def reference(language: str = "en", translate: Translate | None = None) -> dict[str, str]:
     """Return the text of each page by its name; each object is described once."""
+    translate = translate or translation(language)
+    names = [name for name in ROOMS if language == "en" or name == DOOR]
     described: dict[int, str] = {}
-    pages = {f"reference/{_file(name)}": _page(name, about, described) for name, about in ROOMS.items()}
-    rows = "".join(f"| [{name}]({_file(name)}.md) | {about} |\n" for name, about in ROOMS.items())
-    tree = "\n".join(_file(name) for name in ROOMS)
+    pages = {f"reference/{_file(name)}": _page(name, described, translate, language) for name in names}
+    rows = "".join(
+        f"| [{name}]({_address(name, language)}) | {translate(about)} |\n" for name, about in ROOMS.items()
+    )
+    tree = "\n".join(map(_file, names))
     pages["reference/index"] = (
-        "# Reference of the Python names\n\nThese pages are generated from the code. "
-        "`help(bq.repeat)` shows the same text.\n\n"
-        f"| module | content |\n|---|---|\n{rows}\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+        f"# {translate(TITLE)}\n\n{translate(INTRODUCTION)}\n\n"
+        f"| {translate('module')} | {translate('content')} |\n|---|---|\n{rows}\n"
+        f"```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
     )
     return pages
+
+
+def catalogue_file(language: str) -> Path:
+    """Return the catalogue of the texts of the reference in another language than English."""
+    return Path(__file__).with_name(f"{language}.po")
+
+
+def translation(language: str) -> Translate:
+    """Return the function that translates a text of the reference; it raises KeyError for a text without entry."""
+    if language == "en":
+        return str
+    from babel.messages.pofile import read_po
+
+    catalogue = read_po(io.BytesIO(catalogue_file(language).read_bytes()), locale=language)
+    texts = {entry.id: str(entry.string) for entry in catalogue if entry.id and not entry.fuzzy}
+    return lambda text: texts[text] if _is_translated(text) else text
+
+
+def texts_to_translate() -> list[str]:
+    """Return the texts of the reference in another language than English."""
+    texts: list[str] = []
+
+    def collect(text: str) -> str:
+        texts.append(text)
+        return text
+
+    reference("", collect)
+    return [text for text in texts if _is_translated(text)]
+
+
+def _is_translated(text: str) -> bool:
+    return " " in text or text in WORDS
 
 
 def _file(module: str) -> str:
     return module.removeprefix("baqueano.")
 
 
-def _page(name: str, about: str, described: dict[int, str]) -> str:
+def _address(module: str, language: str) -> str:
+    """Return the target of a link from a page of the reference to the page of a module."""
+    is_here = language == "en" or module == DOOR
+    return f"{_file(module)}.md" if is_here else f"en:../reference/{_file(module)}.html"
+
+
+def _page(name: str, described: dict[int, str], translate: Translate, language: str) -> str:
     module = importlib.import_module(name)
-    parts = [f"# {name}\n\n{about[0].upper()}{about[1:]}.\n", markdown(inspect.getdoc(module) or "")]
+    about = translate(ROOMS[name])
+    parts = [
+        f"# {name}\n\n{about[0].upper()}{about[1:]}.\n",
+        markdown(inspect.getdoc(module) or "", translate),
+    ]
     for word in public(module):
         thing = getattr(module, word)
         if inspect.ismodule(thing):
-            parts.append(f"`{word}`: [its page]({_file(thing.__name__)}.md)\n")
+            parts.append(f"`{word}`: [{translate('its page')}]({_address(thing.__name__, language)})\n")
         elif id(thing) in described and callable(thing):
             target_name = described[id(thing)]
             parts.append(f"`{word}`: see {{py:obj}}`{target_name}`\n")
         elif callable(thing):
             described[id(thing)] = f"{name}.{word}"
-            parts.append(_entry(f"{name}.{word}", thing))
+            parts.append(_entry(f"{name}.{word}", thing, translate))
     return "\n".join(parts)
 
 
@@ -92,19 +149,28 @@ def public(module: ModuleType) -> list[str]:
     ]
 
 
-def _entry(name: str, thing: Any) -> str:
+def _entry(name: str, thing: Any, translate: Translate) -> str:
     """Return the description of a function or class."""
-    if not inspect.isclass(thing):
-        return _directive("function", name + signature(thing), markdown(inspect.getdoc(thing) or ""))
     text = inspect.getdoc(thing) or ""
+    equations = _equations(name, thing, text, translate)
+    if not inspect.isclass(thing):
+        return _directive("function", name + signature(thing), markdown(text, translate) + equations)
     is_dataclass = dataclasses.is_dataclass(thing) and text.startswith(
         f"{thing.__name__}("
     )  # by Python, not by a person
-    body = ["" if is_dataclass else markdown(text), *_parameters(thing)]
-    body += [_directive("method", word + signature(method, True), markdown(text), 3)
+    body = ["" if is_dataclass else markdown(text, translate) + equations, *_parameters(thing, translate)]
+    body += [_directive("method", word + signature(method, True), markdown(text, translate), 3)
              for word, method, text in _methods(thing)]  # fmt: skip
     protocol = getattr(thing, "_is_protocol", False)
     return _directive("class", name + ("" if protocol else signature(thing)), "\n".join(body), 4)
+
+
+def _equations(name: str, thing: Any, text: str, translate: Translate) -> str:
+    """Return the equations of another module than that of the page, if the docstring refers to them by their number."""
+    module = inspect.getmodule(thing)
+    if "of the module" not in text or module is None or name.startswith(f"{module.__name__}."):
+        return ""
+    return f"\n**`{module.__name__}`**\n\n{markdown(inspect.getdoc(module) or '', translate)}"
 
 
 def _directive(kind: str, head: str, body: str, ticks: int = 4) -> str:
@@ -149,12 +215,12 @@ def _default(value: Any) -> str:
     return text if len(text) <= LONG and "<" not in text and "\n" not in text else "..."
 
 
-def _parameters(thing: Any) -> Iterator[str]:
+def _parameters(thing: Any, translate: Translate) -> Iterator[str]:
     """Yield the table of the fields of a block, from the metadata that the loader of vehicle files reads."""
     if not dataclasses.is_dataclass(thing):
         return
     rows = [
-        f"| `{field.name}` | {parameter.unit.replace('|', '')} | {markdown(parameter.meaning).strip()} |"
+        f"| `{field.name}` | {parameter.unit.replace('|', '')} | {markdown(parameter.meaning, translate).strip()} |"
         for field in dataclasses.fields(thing)
         if (parameter := field.metadata.get("parameter")) is not None
     ]

@@ -266,8 +266,8 @@ def compare(
     >>> from baqueano.drive import repeat
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
-    >>> judged = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
-    >>> print(f"{100 * judged.across_true.rms_m:.0f} cm rms across its route, NIS {judged.consistency.nis.mean:.1f}")
+    >>> errors = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
+    >>> print(f"{100 * errors.across_true.rms_m:.0f} cm rms across its route, NIS {errors.consistency.nis.mean:.1f}")
     0 cm rms across its route, NIS 0.4
     """
     run_list = [runs] if not isinstance(runs, Sequence) else list(runs)

@@ -163,7 +163,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     UsageError
         If `driver` has another type.
     AnswerNo
-        If the vehicle did not move, or a closed drive ended farther from its start than CLOSE_M and CLOSE_RAD.
+        If the vehicle did not move, or a closed drive ended farther from its start than 0.3 m or 0.6 rad.
 
     Examples
     --------

@@ -167,7 +167,7 @@ class Ekf:
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
+        """Return the rows without measurements that fill a pause before this tick."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:

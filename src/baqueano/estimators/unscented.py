@@ -126,7 +126,7 @@ class Unscented:
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
+        """Return the rows without measurements that fill a pause before this tick."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:

@@ -74,9 +74,9 @@ def identify(
     options : FitOptions
         Bounds, noise, cost and other options.
     residuals : type of Residuals
-        Class that replaces the stage of the residuals.
+        Class that computes the residuals; by default `Residuals`.
     solver : Minimiser
-        Solver that replaces `minimise`.
+        Function that searches the minimum; by default `minimise`.
     progress : callable, optional
         Receives the progress as text; True from it ends the search.
 

@@ -27,25 +27,25 @@ class FitOptions:
     per_run : sequence of str
         Paths that are estimated for each run separately.
     biases : bool
-        Estimate the biases of the IMU run by run; the bias of a car's gyro is measured at rest (data/rest.py).
+        Estimate the biases of the IMU run by run; the bias of a car's gyro is measured at rest.
     at_rest : bool
         The runs begin at rest.
     clocks : sequence of str
-        Sensors whose clock offset, up to ± 0.25 s, is estimated for each run (data/record.py).
+        Sensors whose clock offset, up to ± 0.25 s, is estimated for each run.
     segment_s : float, optional
         Length of segments with their own start; default: 5 s if a pose is used, else whole runs.
     measured : sequence of str
-        Measurements made by hand, such as "end: 2.31 m, 95 deg" (data/hand_measurements.py).
+        Measurements made by hand, such as "end: 2.31 m, 95 deg": docs/identification.md.
     sigma : mapping of str to array (m,), optional
         Sensor → standard deviation of its noise; None estimates it.
     speed_noise : bool
-        The noise can grow with the speed (residuals/noise_level.py).
+        The noise can grow with the speed.
     cost : str
-        "simulation", or "innovations" with process noise (estimation/prediction_error.py).
+        "simulation", or "innovations" with process noise: docs/derivations/one_likelihood.md.
     gyro_leads : bool, optional
-        The gyro gives the simulated yaw rate (imu_only.py); None: only for a car with an IMU as its only sensor.
+        The gyro gives the simulated yaw rate; None: only for a car with an IMU as its only sensor.
     diagnose : bool
-        Test at the end for effects that the model lacks (diagnostics/residual_checks.py); it takes as long as the
+        Test at the end for effects that the model lacks; it takes as long as the
         fit.
     backend : str
         "auto", "c", "python" or "numpy".

@@ -19,7 +19,7 @@ MIN_RATIO, MIN_EXPLAINED = 0.15, 0.7
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A channel of a sensor that has disagreed with the model for at least 0.5 s (EVENT_S in memory.py).
+    """A channel of a sensor that has disagreed with the model for at least 0.5 s.
 
     Attributes
     ----------

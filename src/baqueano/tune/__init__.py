@@ -1,8 +1,8 @@
 """Tune the gains of a vehicle file's controller on its identified model.
 
-tuned = tune(vehicle_file, route)
-print(tuned.table())
-tuned.save()                     # writes the gains into the vehicle file
+result = tune(vehicle_file, route)
+print(result.table())
+result.save()                    # writes the gains into the vehicle file
 """
 
 from baqueano.tune.gains import tune

@@ -72,14 +72,14 @@ def tune(
     References
     ----------
     Grotz et al., `equ:controller_cost_function`, with a weight on jerks and a start beside the route. jerk_m2=0 and
-    aside_m=0 select the cost of the paper (cost.py).
+    aside_m=0 select the cost of the paper.
 
     Examples
     --------
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
-    >>> tuned = tune(load("small"), circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False, duration_s=2.0)
-    >>> tuned.cost < tuned.cost_before, tuned.gains[0].unit
+    >>> result = tune(load("small"), circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False, duration_s=2.0)
+    >>> result.cost < result.cost_before, result.gains[0].unit
     (True, '1/s')
     """
     rehearsal = tuning_objective(vehicle_file, route, **options)

@@ -101,9 +101,9 @@ class TuneResult(Result):
 
     Examples
     --------
-    >>> tuned = bq.tune(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False,
+    >>> result = bq.tune(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False,
     ...                 duration_s=2.0)
-    >>> list(tuned.values), tuned.loop
+    >>> list(result.values), result.loop
     (['k_chi'], 'perfect pose')
     """
 

@@ -72,8 +72,8 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
     Examples
     --------
     >>> from baqueano.controllers import PdFeedforward
-    >>> checked = check(PdFeedforward)
-    >>> checked.role, str(checked.verdict)
+    >>> result = check(PdFeedforward)
+    >>> result.role, str(result.verdict)
     ('controller', 'USABLE')
     """
     if not isinstance(block, str | type) and getattr(block, "step", None) is None:

@@ -190,8 +190,8 @@ class VehicleFile:
         """Return True if no value of its model was measured by a fit that was not refused.
 
         >>> small = load("small")
-        >>> fitted = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
-        >>> small.is_guess, small.with_values({}, fitted).is_guess
+        >>> origin = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
+        >>> small.is_guess, small.with_values({}, origin).is_guess
         (True, False)
         """
         return not is_measured(self.provenance)

@@ -105,9 +105,9 @@ def compare_noise(
     >>> from baqueano.simulate import simulate
     >>> from baqueano.vehicle_file import load
     >>> u = [random_steps((paper := load("case-study-1")).command.limit, 10.0, 100.0, seed) for seed in (1, 2)]
-    >>> seen, unseen = (simulate(paper, one, k, name=f"run {k}") for k, one in enumerate(u))
-    >>> noise = measure_noise(fit := identify(seen, paper, ["model.mass_kg"]), seen)
-    >>> print(compare_noise(fit, {"R": noise, "100 R": replace(noise, process=100 * noise.process)}, unseen).best)
+    >>> first, second = (simulate(paper, one, k, name=f"run {k}") for k, one in enumerate(u))
+    >>> noise = measure_noise(fit := identify(first, paper, ["model.mass_kg"]), first)
+    >>> print(compare_noise(fit, {"R": noise, "100 R": replace(noise, process=100 * noise.process)}, second).best)
     R
     """
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)

@@ -76,7 +76,7 @@ class Noise(Result):
     units : dict of str to str
         Unit of each channel, such as "imu[0]".
     fields : dict of str to ndarray (k,)
-        Noise of the recommended filter (noise/filter_noise.py).
+        Noise of the recommended filter.
     speed : SpeedChannels, optional
         Accelerometers that correct the speed in the recommended filter.
     accepted : Acceptance, optional
@@ -187,8 +187,8 @@ def measure_noise(
     source : str
         Source of R: "truth" of a simulation, "innovations", or "auto": the truth if a run has one.
     held_out : sequence of Run
-        Runs that were not used in the fit. They decide which accelerometers are used to correct the speed
-        (speed_channels.py), and if the noise is correct (acceptance.py).
+        Runs that were not used in the fit. They decide which accelerometers are used to correct the speed,
+        and if the noise is correct.
     backend : str
         "auto", "c", "python" or "numpy".
 

@@ -157,8 +157,8 @@ def import_run(
     ... files.log = { time = "t_ms", time_unit = "ms" }
     ... command = { names = ["u"], in_force = "from", u = [{ column = "duty", unit = "raw", scale = 0.01 }] }
     ... ''')
-    >>> found = import_run("log.toml", ["log.csv"])
-    >>> found.run.t_s.tolist(), found.run.applied.ravel().tolist(), found.verdict
+    >>> log = import_run("log.toml", ["log.csv"])
+    >>> log.run.t_s.tolist(), log.run.applied.ravel().tolist(), log.verdict
     ([0.0, 0.02, 0.04], [0.0, 0.5, 0.5], 'USABLE')
     """
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
