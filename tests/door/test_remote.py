@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.diagnostics import note
+from baqueano.diagnostics import Severity, note
 from baqueano.door.operator import Operator
 from baqueano.door.remote import connect
 from baqueano.door.sockets import Door
+from baqueano.door.wire import decode, encode
 from baqueano.drive.mission import Mission, pack
 from baqueano.errors import UsageError
 from baqueano.runs import Run, write_run
+from baqueano.worlds.silent_encoders import FIX
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
@@ -101,3 +103,14 @@ def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mis
     assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 2)
     assert about.fix.startswith("baqueano robot setup ")
     assert vehicle.operator.pop_mission() is None
+
+
+@pytest.mark.parametrize(
+    ("address", "fix"), [("pi@rover", "baqueano robot settings pi@rover --encoders none"),
+                         ("", "baqueano robot settings --encoders none")],
+)  # fmt: skip
+def test_a_command_advised_by_a_vehicle_contains_its_address(address, fix):
+    line = encode({"is": "event", "said": note("encoders.both-silent", Severity.WARNING, FIX)})
+    message = decode(line, address)
+    assert message is not None
+    assert message["said"].fix == fix

@@ -171,6 +171,13 @@ def test_an_endless_repetition_ends_when_the_clock_ends():
     assert np.all(run.reference.done == 0.0)
 
 
+@pytest.mark.parametrize("laps", [0, -1])
+def test_a_repetition_in_memory_without_an_end_is_refused(laps):
+    with pytest.raises(UsageError) as error:
+        repeat(FILE, ROUTE, laps=laps)
+    assert error.value.diagnostic.code == "drive.laps"
+
+
 @pytest.mark.parametrize("verb", ["repeat", "experiment", "teach"])
 def test_es12_a_replay_with_the_same_blocks_is_bit_identical(verb, tmp_path):
     path = tmp_path / "José Núñez" / "run.mcap"

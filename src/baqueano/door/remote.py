@@ -266,9 +266,10 @@ class Remote:
         return self.receive(("runs",), 10.0)["runs"]
 
     def _read_messages(self) -> None:
+        address = "" if "/" in self.name else self.name  # a command at the vehicle itself needs no address
         with suppress(OSError, ValueError):
             while (line := self._source.readline(MAX_LINE_BYTES)).endswith(b"\n"):
-                if (message := decode(line)) is None:
+                if (message := decode(line, address)) is None:
                     continue
                 while message["is"] != "state" and self.inbox.qsize() >= MAX_WAITING:  # the reader is busy
                     time.sleep(SET_POINT_PERIOD_S)

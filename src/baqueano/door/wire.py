@@ -1,10 +1,11 @@
 """Encode and decode the messages between a vehicle and its clients: lines of JSON, with diagnostics as data."""
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic
-from baqueano.messages.printable import printable_json
+from baqueano.messages.printable import printable_json, shell_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -24,12 +25,17 @@ def encode(message: "JsonObject") -> bytes:
     return json.dumps(finite_message, default=_plain_data).encode() + b"\n"
 
 
-def decode(line: bytes) -> "JsonObject | None":
-    """Return the message in a line, with each text printable and on one line; None if the message is invalid."""
+def decode(line: bytes, host: str = "HOST") -> "JsonObject | None":
+    """Return the message in a line, with each text printable and on one line; None if the message is invalid.
+
+    The commands that its diagnostics advise contain `host`, the address of the vehicle.
+    """
     try:
         message = printable_json(json.loads(line))
         message |= {
-            k: Diagnostic.of_json(message[k]) for k in DIAGNOSTIC_FIELDS if isinstance(message.get(k), dict)
+            k: _with_host(Diagnostic.of_json(message[k]), host)
+            for k in DIAGNOSTIC_FIELDS
+            if isinstance(message.get(k), dict)
         }
         is_valid = all(
             isinstance(message[name], kind) for name, kind in REQUIRED_FIELDS[message["is"]].items()
@@ -39,6 +45,11 @@ def decode(line: bytes) -> "JsonObject | None":
         return message if is_valid else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
+
+
+def _with_host(diagnostic: Diagnostic, host: str) -> Diagnostic:
+    words = [host if word == "HOST" else word for word in diagnostic.fix.split()]
+    return replace(diagnostic, fix=shell_command(*filter(None, words))) if host in words else diagnostic
 
 
 def _plain_data(value: object) -> object:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 ROUTE_RATE_HZ = 20.0  # poses per second of a taught route
 STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive is removed
+ENDS = {"duration_s", "tick_times_ns", "world", "path"}  # conditions of a drive without a last lap
 CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start is closed
 MIN_LOOP_M = 1.2  # a shorter drive that ends near its start is not a loop
 
@@ -218,7 +219,7 @@ def repeat(
     route : Route
         The path and its times.
     laps : int
-        Laps of a closed route; 0 repeats it without end.
+        Laps of a closed route. With 0 the drive ends after `duration_s`, or by Ctrl-C if it has a `path` or `world`.
     estimator, guide, controller : str, type or block, optional
         A block in place of the file's: a built-in kind, "file.py:Class", a class, which is built with the values of the
         file, or a finished block. The run records the text of each block that is not built in.
@@ -242,15 +243,16 @@ def repeat(
     FileError
         If the file lacks gains or noise: `tune` and `identify` find them.
     UsageError
-        If a block has another role.
+        If a block has another role, or if no condition ends the drive.
 
     Examples
     --------
-    >>> from baqueano.guides.shapes import circle
-    >>> run = repeat(bq.load("small"), circle(0.3, 0.2))
+    >>> run = bq.repeat(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2))
     >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
     11.4 s, 0.6 m wide
     """
+    if laps < 0 or (laps == 0 and not ENDS & options.keys()):
+        raise UsageError(fault("drive.laps", found=laps))
     care, options = Precautions.split_options(options)
     options = with_usual_rest({"eta": route.eta[0], "backend": "auto"} | options, vehicle_file.sensors)
     if care.check:

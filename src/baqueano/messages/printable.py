@@ -12,22 +12,22 @@ from collections.abc import Iterable
 from typing import Any
 
 
-def baqueano_command(*printable_json: object) -> str:
+def baqueano_command(*words: object) -> str:
     """Return a baqueano command with these arguments, quoted for the shell of this machine.
 
     >>> baqueano_command("runs", "show", "my runs/0001.mcap")
     "baqueano runs show 'my runs/0001.mcap'"
     """
-    return shell_command("baqueano", *printable_json)
+    return shell_command("baqueano", *words)
 
 
-def shell_command(*printable_json: object) -> str:
+def shell_command(*words: object) -> str:
     """Return a command of these words, quoted for the shell of this machine.
 
     >>> shell_command("cd", "my lab")
     "cd 'my lab'"
     """
-    line = list(map(str, printable_json))
+    line = list(map(str, words))
     return " ".join(map(_for_powershell, line)) if os.name == "nt" else shlex.join(line)
 
 

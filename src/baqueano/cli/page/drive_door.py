@@ -29,6 +29,7 @@ from baqueano.drive.observers import EventLine, Observer
 from baqueano.drive.session import Conditions
 from baqueano.errors import RobotUnreachable, SafetyStop
 from baqueano.loop import Blocks, Record
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.door.remote import Remote
@@ -217,7 +218,9 @@ class DriveDoor:
 
     def _on_set(self, client: object, message: "JsonObject") -> "JsonObject":
         if self._robot is not None:
-            raise SafetyStop(note("cli.page-set", Severity.ERROR))
+            raise SafetyStop(
+                note("cli.page-set", Severity.ERROR, baqueano_command("serve", "--robot", self._robot.name))
+            )
         self.operator.set_gain(client, str(message["path"]), message["value"])
         return {"is": "heard", "do": "set"}
 

@@ -258,10 +258,7 @@ TEMPLATES: dict[str, str] = {
     "cli.page-over": "This drive is over. Its run is in the folder {folder}",
     "cli.page-gone": "The page process has ended.",
     "cli.page-by-hand": 'This page is for manual driving. Press "Manual" on it.',
-    "cli.page-set": (
-        "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on the page of another "
-        "command."
-    ),
+    "cli.page-set": ("The gains of a robot are set on its own page. Type: {fix}"),
     "cli.page-time": "A real vehicle runs in real time: its time cannot be paused, slowed down or sped up.",
     "cli.page-replayed": "the page shows both runs until its last tab is closed; Ctrl-C ends it",
     "cli.motion": "the page shows the other drives; Ctrl-C ends it",

@@ -15,6 +15,10 @@ TEMPLATES: dict[str, str] = {
         "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, use ssh -t."
     ),
     "drive.duration": "{name} = {found}: expected a finite number of seconds {range}.",
+    "drive.laps": (
+        "laps = {found}: expected 1 or more. With laps=0 the route is repeated without end, so add the time at which "
+        "the drive ends, such as duration_s=60.0."
+    ),
     "drive.seed": "seed = {found}: expected a whole number, 0 or more.",
     "marks.too-few": "{name} has {marks} marks: at rest on the mark, press m before and after a lap.",
     "marks.no-gyro": "{name} or its vehicle file does not have a gyro, so this run cannot calibrate one.",
