@@ -18,7 +18,7 @@ from baqueano.vehicle_file import load
         (r"mass_kg = 0.61", "mass_g = 610", "line 21, [model]", "vehicle.unit-other"),
         (r"mass_kg = 0.61", "mass_kg = 610.0", "line 21, [model]", "vehicle.too-heavy"),
         (r"mass_kg = 0.61", "mass_kg = nan", "line 21, [model]", "vehicle.not-finite"),
-        (r"mass_kg = 0.61", 'mass_kg = "heavy"', "line 21, [model]", "vehicle.number-in-quotes"),
+        (r"mass_kg = 0.61", 'mass_kg = "heavy"', "line 21, [model]", "vehicle.not-number"),
         (r"mass_kg = 0.61", "mass_kg = = 1", "line 21", "toml.syntax"),
         (r'kind = "pd_feedforward"', 'kind = "pid"', "[controller]", "block.unknown"),
     ],

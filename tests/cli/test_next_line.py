@@ -94,6 +94,11 @@ def test_a_decimal_comma_is_reported_and_corrected(baqueano, line, right):
     assert end.fix.startswith(f"baqueano {right}")
 
 
+def test_numbers_of_a_list_get_brackets(baqueano):
+    end = baqueano("simulate", "--vehicle", "small", "--set", "model.friction.linear=1,2.5,3")
+    assert end.fix == "baqueano simulate --vehicle small --set 'model.friction.linear=[1,2.5,3]'"
+
+
 def test_two_numbers_of_a_bound_are_not_read_as_a_decimal_comma():
     args = ["identify", "1", "--bound", "model.mass_kg=0,10"]
     assert next_command(fault("cli.usage"), 2, args).code == "next.options"

@@ -18,6 +18,7 @@ USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["route"], ["study"], ["blocks"], ["robot"])
 MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
 DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
+UNBRACKETED = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
 ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")
 MAX_LISTED_FILES = 5  # files of a folder that are named
 
@@ -37,6 +38,8 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
         return fault("next.put-right", baqueano_command(*args, "--figures", "figures"))
     if any(cause.code in ALLOWABLE_CODES for cause in causes):
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
+    if code == USAGE and (corrected_args := [UNBRACKETED.sub(r"=[\1]", arg) for arg in args]) != args:
+        return fault("next.put-right", baqueano_command(*corrected_args))
     missing_paths = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
     for path in missing_paths:
         if (near_path := _nearest_file(path)) is not None and str(path) in args:

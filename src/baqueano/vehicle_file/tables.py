@@ -190,12 +190,21 @@ def _nested_table(report: ReadReport, path: KeyPath, block_class: type, value: o
     return arguments(report, path, keys_of(block_class, DERIVED_KEYS), value, other_keys=())
 
 
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> Any:
     p = key.parameter
     assert p is not None
     if p.shape == ():
         if isinstance(value, bool) or not isinstance(value, int | float):
-            code = "vehicle.number-in-quotes" if isinstance(value, str) else "vehicle.not-number"
+            is_quoted = isinstance(value, str) and _is_number(value)
+            code = "vehicle.number-in-quotes" if is_quoted else "vehicle.not-number"
             report.add_problem(path, code, found=_text_of(value), in_unit=p.unit, meaning=p.meaning)
             return None
         array = np.array(_float_or_nan(value))
