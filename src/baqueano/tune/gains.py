@@ -90,10 +90,10 @@ def tune(
         raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
     worst = None
     if len(rehearsal.vehicles) > 1:
-        seed, sharp = options.get("seed", 0), descents[0].gains
+        seed, nominal_gains = options.get("seed", 0), descents[0].gains
         rehearsal = replace(rehearsal, space=nominal.space, cases=nominal.cases)
-        rehearsal, robust = search_gains(rehearsal, [sharp, *initial_gains], 1, False)
-        worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, sharp, seed)
+        rehearsal, robust = search_gains(rehearsal, [nominal_gains, *initial_gains], 1, False)
+        worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, nominal_gains, seed)
     else:
         rehearsal = nominal
     fresh = None
@@ -140,18 +140,22 @@ def _within_bounds(rehearsal: Objective, best: Descent, preferred: np.ndarray) -
 
 
 def rank_by_worst_case(
-    vehicle_file: "VehicleFile", rehearsal: Objective, robust: list[Descent], sharp: np.ndarray, seed: int
+    vehicle_file: "VehicleFile",
+    rehearsal: Objective,
+    robust: list[Descent],
+    nominal_gains: np.ndarray,
+    seed: int,
 ) -> tuple[WorstCase, list[Descent]]:
     """Return the largest costs over other vehicles, and the descents in the order of these costs, the least first.
 
-    The nominal gains `sharp` are one of the candidates.
+    `nominal_gains` are one of the candidates.
     """
     system = rehearsal.cases[0].system
     judges = replace(
         rehearsal, vehicles=draw_vehicles(vehicle_file, system, VALIDATION_VEHICLES, seed + SEED_OFFSET)[1]
     )
-    cost = rehearsal.cost(sharp)
-    ends = [Descent(sharp, sharp, cost, np.array([cost]), 0.0), *robust]
+    cost = rehearsal.cost(nominal_gains)
+    ends = [Descent(nominal_gains, nominal_gains, cost, np.array([cost]), 0.0), *robust]
     vehicle_costs = judges.vehicle_costs(np.array([end.gains for end in ends]))
     worst = np.where(np.isfinite(vehicle_costs).all(axis=1), np.max(vehicle_costs, axis=1), DIVERGED_COST)
     order = np.argsort(worst, kind="stable")

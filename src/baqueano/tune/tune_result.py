@@ -220,7 +220,7 @@ class TuneResult(Result):
         return [
             _(
                 "cost {before}{cost:.4g} m²{over}, {standing:.4g} m² without control; a heading error of 1 "
-                "rad counts as {radian_m:.3g} m; {loop}",
+                "rad counts as {radian_m:.3g} m; tuned with: {loop}",
                 before=cost_before_text, cost=self.cost, over=worst_case_text, standing=self.cost_uncontrolled,
                 radian_m=w.radian_m,
                 loop=_(self.loop),

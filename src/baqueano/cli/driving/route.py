@@ -182,10 +182,10 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
     type=numbers.Number("m", exclude_low=False),
     default=0.0,
     show_default=True,
-    help="Start of the part that is kept [m].",
+    help="Start of the part to keep [m].",
 )
 @click.option(
-    "--to", "to_m", type=numbers.length, help=("End of the part that is kept; default: the end of the whole.")
+    "--to", "to_m", type=numbers.length, help=("End of the part to keep [m]; default: the end of the route.")
 )
 @new_name
 @options.as_json

@@ -55,13 +55,13 @@ def show(run: str, folder: str, as_json: bool) -> None:
     type=numbers.time_s,
     default=0.0,
     show_default=True,
-    help="Start of the part that is kept [s].",
+    help="Start of the part to keep [s].",
 )
 @click.option(
     "--to",
     "to_s",
     type=numbers.Number("s"),
-    help=("End of the part that is kept; default: the end of the whole."),
+    help=("End of the part to keep [s]; default: the end of the run."),
 )
 @options.runs_folder
 @options.out
@@ -339,10 +339,10 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
 @click.argument("run")
 @click.option(
     "--from", "from_s", type=numbers.time_s, default=0.0, show_default=True,
-    help="Start of the part that is kept [s].",
+    help="Start of the part to use [s].",
 )  # fmt: skip
 @click.option(
-    "--to", "to_s", type=numbers.Number("s"), help="End of the part that is kept; default: the end of the whole."
+    "--to", "to_s", type=numbers.Number("s"), help="End of the part to use [s]; default: the end of the run."
 )  # fmt: skip
 @options.vehicle
 @options.runs_folder
