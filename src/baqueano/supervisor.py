@@ -17,8 +17,8 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Block
-from baqueano.contracts.values import Tree, Value
-from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.contracts.values import Tree, Value, array_text
+from baqueano.diagnostics import Diagnostic, StopReason, note, stop
 from baqueano.errors import error_text, from_outside
 from baqueano.messages.language import translate as _
 from baqueano.parameter import INF, document, parameter
@@ -183,7 +183,7 @@ class GuardedBlock:
             command_count = len(self.zeros.get("u", ()))
             replace(self, block=_with_guarded_parts(self.role, text, command_count)).step(state, *inputs)
 
-    def _return_fault(self, result_text: str, expected: str) -> BlockFault:
+    def _return_fault(self, result_text: str, expected: Diagnostic | str) -> BlockFault:
         reason = stop(
             StopReason.BLOCK_RETURNED, block=_block_place(self), found=result_text, expected=expected
         )
@@ -236,22 +236,24 @@ class FallbackBlock:
         return None, Command(t_ns, np.zeros(self.command_count))
 
 
-def _output_problem(output: Tree, output_class: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
+def _output_problem(
+    output: Tree, output_class: type, zeros: dict[str, np.ndarray]
+) -> tuple[str, Diagnostic | str] | None:
     """Return a description of the fault of `output` and the expected value; None without a fault."""
     if not isinstance(output, output_class):
         fields = ", ".join(
             f for f in output_class.__annotations__ if not f.startswith(("innovation", "weight"))
         )
-        return f"{_text_of(output)} as its output", f"{output_class.__name__}({fields})"
+        return f"(state, {_text_of(output)})", f"(state, {output_class.__name__}({fields}))"
     for field, zero in zeros.items():
         value, shape = getattr(output, field), zero.shape
         is_plain = type(value) is np.ndarray and value.shape == shape and value.dtype is zero.dtype
         if is_plain and np.vdot(value, zero) == 0.0:  # NaN · 0 and ∞ · 0 are NaN: all entries are finite
             continue
         if np.shape(value) != shape:
-            return f"{output_class.__name__}.{field} with shape {np.shape(value)}", str(shape)
+            return f"{output_class.__name__}.{field}.shape = {np.shape(value)}", str(shape)
         if not _is_finite(value):
-            return f"{output_class.__name__}.{field} = {np.asarray(value).tolist()}", "finite numbers"
+            return f"{output_class.__name__}.{field} = {array_text(value)}", note("block.finite")
     return None
 
 
@@ -264,8 +266,8 @@ def _is_finite(value: Value) -> bool:
 
 def _text_of(value: object) -> str:
     if type(value) is tuple:
-        return f"a tuple of {len(value)}"
-    return "nothing" if value is None else type(value).__name__
+        return f"({', '.join('…' for _part in value)})"
+    return "None" if value is None else type(value).__name__
 
 
 def _block_place(guard: GuardedBlock, error: BaseException | None = None) -> str:

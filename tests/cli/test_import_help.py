@@ -175,6 +175,15 @@ def test_a_draft_reads_the_unit_of_the_time_from_its_steps(tmp_path, times, unit
     assert scales == [pytest.approx(1 / 255, rel=1e-5)] * 2
 
 
+def test_a_draft_reads_the_abbreviations_of_spanish_columns(tmp_path):
+    head = "tiempo_s;pwm_izq;pwm_der;giro_gps;vel_m_s"
+    (tmp_path / "log.csv").write_text(head + "\n" + "0,02;1;2;3;0,5\n" * 9, encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert [entry["column"] for entry in tables["command"]["wheels"]] == ["pwm_izq", "pwm_der"]
+    assert tables["sensors"]["imu"]["z"][2]["unit"] == "deg/s"
+    assert tables["sensors"]["odometer"]["z"] == [{"column": "vel_m_s", "unit": "m/s"}]
+
+
 @pytest.mark.parametrize("name", ["a\\b left", 'the "left"', "left #1", "it's left"])
 def test_a_draft_is_valid_toml_with_any_column_name(tmp_path, name):
     head = "t,{0} rpm,right rpm,{0} pwm".format(name.replace('"', '""'))

@@ -11,7 +11,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import baqueano as bq
-from baqueano.contracts.result import MAX_LINES, Result
+from baqueano.contracts.result import MAX_LINES, Result, shorten
 from baqueano.diagnostics import Severity, note
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
@@ -320,6 +320,12 @@ def test_a_route_and_a_vehicle_file_are_printed_in_one_line(results):
     assert repr(bq.load("small")) == (
         "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty], sensors imu"
     )
+
+
+def test_a_long_line_is_wrapped_if_there_is_space_and_cut_if_not():
+    sentence = "a long word " * 12
+    assert shorten([], [sentence], []).replace("\n ", "").split() == sentence.split()
+    assert shorten([], [sentence] * MAX_LINES, []).splitlines()[0].endswith(" …")
 
 
 def test_the_residuals_of_a_fit_are_drawn_over_time(results):

@@ -137,8 +137,8 @@ WRONG_STEPS = {
         "trace.leaf-shape",
         {"path": "carry[1]", "found": "(2,)", "expected": "(3,)"},
     ),
-    "another kind of tree": (lambda c, x: ([c[0], c[1]], x), "tree.branch", {"expected": "a tuple of 2"}),
-    "a longer tree": (lambda c, x: ((*c, 1.0), x), "tree.branch", {"expected": "a tuple of 2"}),
+    "another kind of tree": (lambda c, x: ([c[0], c[1]], x), "tree.branch", {"expected": "(…, …)"}),
+    "a longer tree": (lambda c, x: ((*c, 1.0), x), "tree.branch", {"expected": "(…, …)"}),
     "no tuple": (lambda c, x: [c, x], "trace.pair", {"kind": "list"}),
     "nothing": (lambda c, x: ((None, c[1]), x), "trace.value", {"path": "carry[0]", "found": "None"}),
     "an array for a number": (

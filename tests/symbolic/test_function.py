@@ -156,7 +156,7 @@ WRONG = {
         (ARGUMENTS[0]._replace(note="x"), *ARGUMENTS[1:]),
         ("tree.value", {"path": "belief.note", "found": "'x'", "expected": "None"}),
     ),
-    "a longer tuple": ((*ARGUMENTS[:3], (1.0, 2.0, 3.0)), ("tree.branch", {"expected": "a tuple of 2"})),
+    "a longer tuple": ((*ARGUMENTS[:3], (1.0, 2.0, 3.0)), ("tree.branch", {"expected": "(…, …)"})),
     "another type": (
         (*ARGUMENTS[:2], 3.0, ARGUMENTS[3]),
         ("tree.branch", {"path": "box", "found": "3.0", "expected": "Box(low, high)"}),

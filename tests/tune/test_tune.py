@@ -90,7 +90,7 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
     assert rows[0]["unit"] == "unit of u per m"
     assert len(tuning.history) == rows[0]["evaluations"]
     assert tuning.history[:, 1].min() == pytest.approx(tuning.cost)
-    assert "a heading error of 1 rad counts as 0.06 m; tuned with: perfect pose" in tuning.table()
+    assert "tuned with: perfect pose; a heading error of 1 rad counts as 0.06 m" in tuning.table()
     gain = f"cost {tuning.cost_before:.4g} → {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} m² without control; "
     assert gain in tuning.table()
     assert rows[0]["cost_before"] > rows[0]["cost"]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.source import outside_accesses, place
+from baqueano.contracts.values import array_text
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import error_text, from_outside
 
@@ -115,7 +116,7 @@ class Trial:
             raise CheckAborted
         if not np.all(np.isfinite(array)):
             self.add_fault(
-                "check.not-finite", method_name, what=quantity, found=str(array.tolist()), when=context
+                "check.not-finite", method_name, what=quantity, found=array_text(array), when=context
             )
             raise CheckAborted
         return array

@@ -59,8 +59,7 @@ class Result:
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        lines = self.table().splitlines()
-        return shorten([], lines, []) if len(lines) > MAX_LINES else in_lines(map(_shorten_line, lines))
+        return shorten([], self.table().splitlines(), [])
 
     def _repr_html_(self: Tabular) -> str:
         """Return the HTML summary that a notebook shows."""
@@ -92,12 +91,17 @@ def shorten(
 ) -> str:
     """Return a text of at most `line_count` lines: `head`, as many `rows` as fit, how many more exist, and `tail`.
 
+    Long lines are wrapped if there is space for them, and cut if not.
+
     >>> print(shorten(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], line_count=4))
     gains
     a 1
     3 more lines: .table()
     USABLE
     """
+    whole = [part for line in (*head, *rows, *tail) for part in _parts(line)]
+    if len(whole) <= line_count:
+        return in_lines(whole)
     row_count = max(1, line_count - len(head) - len(tail))
     if len(rows) > row_count:
         rows = [*rows[: row_count - 1], text(note("front.more", lines=len(rows) - row_count + 1))]
@@ -118,6 +122,10 @@ def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]
             line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
         )
     ]
+
+
+def _parts(line: str) -> list[str]:
+    return wrap_sentences([line]) if len(line) > MAX_LETTERS else [line]
 
 
 def _shorten_line(line: str) -> str:

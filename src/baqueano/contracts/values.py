@@ -2,6 +2,8 @@
 
 from typing import Any, TypeAlias
 
+import numpy as np
+
 Value: TypeAlias = Any
 """A scalar or an array, numeric (NumPy) or symbolic (`symbolic`). A block is traced with symbolic values to compile it.
 The two kinds share their operators, but no common NumPy type. A function of `Value` accepts both.
@@ -17,3 +19,13 @@ TableRow: TypeAlias = dict[str, Any]
 
 JsonObject: TypeAlias = dict[str, Any]
 """A JSON object or a TOML table: key → number, text, boolean, None, list, or nested object."""
+
+
+def array_text(value: Value) -> str:
+    """Return an array as text on one line, without its middle if it is long.
+
+    >>> array_text(np.full((6, 6), np.nan))
+    '[[nan, ..., nan], ..., [nan, ..., nan]]'
+    """
+    text = np.array2string(np.asarray(value), threshold=6, edgeitems=1, separator=", ")
+    return " ".join(text.split())

@@ -333,7 +333,7 @@ def recorded_vehicle_file(run: Run, allow_blocks: bool = False) -> VehicleFile:
     if not run.vehicle_text:
         raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
     with permit_blocks(allow_blocks):
-        return parse(run.vehicle_text, f"the vehicle file of {run.name}")
+        return parse(run.vehicle_text, f"{run.name}: vehicle.toml")
 
 
 def replay_blocks(

@@ -66,7 +66,9 @@ def plot(
                 from baqueano.report.canvas import at_width
 
                 return at_width(figure, width)
-    raise UsageError(fault("front.nothing-to-draw", result=name, kind=f": {kind}" if kind else ""))
+    if kind:
+        raise UsageError(fault("front.no-data", result=name, found=kind, kinds=[*drawings]))
+    raise UsageError(fault("front.nothing-to-draw", result=name))
 
 
 @singledispatch

@@ -243,7 +243,7 @@ class SweepResult(Result):
         if row["cell"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
             return "  1" if row["cell"] == self.reference else "  -"
         texts = [f"{number(row[f'{main}_{end}']):.2f}" for end in ("ratio", "low", "high")]
-        interval = f"[{texts[1]}, {texts[2]}]" if np.isfinite(row[f"{main}_low"]) else _("cannot tell")
+        interval = f"[{texts[1]}, {texts[2]}]" if np.isfinite(row[f"{main}_low"]) else _("interval unknown")
         return f"  {texts[0]} {interval}"
 
 

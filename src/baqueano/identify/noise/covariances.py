@@ -195,7 +195,7 @@ def measure_noise(
     Returns
     -------
     Noise
-        Q in motion and at rest, and R.
+        Q in motion and at rest, and R; `.updated_file(fit.vehicle_file)` returns the vehicle file with them.
 
     Raises
     ------

@@ -37,7 +37,8 @@ TEMPLATES: dict[str, str] = {
     "front.card-validation": "Test on held-out runs",
     "front.card-history": "{vehicle} over {runs} runs",
     "front.plot-unknown": "A {result} does not have the plot {found}. {near}.",
-    "front.nothing-to-draw": "This {result} does not contain the data for a plot{kind}.",
+    "front.no-data": "This {result} does not contain the data for the plot {found}. Its plots are {kinds}.",
+    "front.nothing-to-draw": "This {result} does not contain the data for a plot.",
     "report.animation-ending": "{found}: expected a name that ends in .svg. Type: {fix}",
     "report.nothing-moves": (
         "Run {name} contains neither an estimate nor a truth, so it cannot be animated. Type: {fix}"

@@ -15,16 +15,18 @@ from baqueano.runs.tables.table import LogTable, read_table
 UNKNOWN = "?"
 UNIT_OF_ENDING = {  # ends of names → unit
     "ms": "ms", "us": "us", "ns": "ns", "s": "s", "sec": "s", "mm": "mm", "cm": "cm", "m": "m", "deg": "deg",
+    "grados": "deg", "gps": "deg/s", "grados_s": "deg/s",
     "rad": "rad", "dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rads": "rad/s", "rps": "turn/s", "rpm": "rpm",
     "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
     "mm_s": "mm/s", "cm_s": "cm/s", "v": "V", "mv": "mV",
 }  # fmt: skip
 TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros)(_|$)"
-LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izquierda|l)(_|$)", r"(^|_)(right|derecha|r)(_|$)"
+LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l)(_|$)", r"(^|_)(right|der(ech[ao])?|r)(_|$)"
 COMMAND_PATTERN, SPEED_PATTERN = (
     r"pwm|duty|cmd|command|comando|throttle|^u_",
     r"rpm|speed|vel|encoder|wheel|rps",
 )
+FORWARD_PATTERN = r"(^|_)(speed|vel(ocity|ocidad)?(_x)?)(_|$)"
 IMU_PATTERNS = (
     r"(^|_)(ax|acc(el)?_x)(_|$)",
     r"(^|_)(ay|acc(el)?_y)(_|$)",
@@ -103,6 +105,8 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     """Yield the tables of the sensors and of the truth, and remove their columns from `free_columns`."""
     if wheels := _take_pair(free_columns, f"{SPEED_PATTERN}|{COUNT_PATTERN}"):
         yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(table, column) for column in wheels)}\n]"
+    elif speed := _take_column(free_columns, FORWARD_PATTERN):
+        yield f"\n[sensors.odometer]\nz = [\n  {_entry(speed, 'speed')},\n]"
     for title, key, names in (("sensors.imu", "z", IMU_PATTERNS), ("truth", "eta", POSE_PATTERNS)):
         columns = [_take_column(free_columns, name) for name in names]
         if any(columns):

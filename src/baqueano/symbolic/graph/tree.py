@@ -233,7 +233,8 @@ def _are_equal(a: Tree, b: Tree) -> bool:
 
 def _description(shape: Branch) -> str:
     if shape.kind in (tuple, list):
-        return f"a {shape.kind.__name__} of {len(shape.keys)}"
+        parts = ", ".join("…" for _key in shape.keys)
+        return f"({parts})" if shape.kind is tuple else f"[{parts}]"
     return f"{shape.kind.__name__}({', '.join(map(str, shape.keys))})"
 
 

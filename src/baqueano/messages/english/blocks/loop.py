@@ -12,6 +12,7 @@ TEMPLATES: dict[str, str] = {
     S.OWN_REASON: "{words}",
     S.BLOCK_RAISED: "{block} raised {error}",
     S.BLOCK_RAISED_IN_INIT: "{block} raised {error} in init()",
+    "block.finite": "finite numbers",
     S.BLOCK_RETURNED: "{block} returned {found}, expected {expected}",
     S.INTERRUPTED: "ended by the user",
     S.DRIVER: "stopped by the driver",
