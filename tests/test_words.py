@@ -13,7 +13,7 @@ import pytest
 from baqueano.messages import templates
 from baqueano.messages.language import LANGUAGES
 from docs.site.reference import catalogue_file
-from tests.catalogues import places, read_catalogue
+from tests.catalogues import fields, places, read_catalogue
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 WORDS = 25  # of a sentence; a figure counts as one
@@ -225,6 +225,17 @@ def test_no_name_in_the_code_is_a_verb_of_saying():
         if name.lstrip("_") in VERBS
     }
     assert not names, f"name what it holds: {sorted(names)}"
+
+
+def test_no_figure_of_a_message_is_a_verb_of_saying():
+    """`found` stays: each error states what was found, and what was expected."""
+    names = {
+        f"{code}: {name}"
+        for code, template in templates().items()
+        for name in fields(template)
+        if {*re.split(r"[_\[\].]", name)} & (VERBS - {"found"})
+    }
+    assert not names, f"name the figure: {sorted(names)}"
 
 
 SPEECH = {"say", "tell", "ask", "hear", "want", "know", "believe", "feel"}  # of a function or an argument

@@ -110,6 +110,10 @@ FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
 )  # fmt: skip
+FORMER_FIGURES = {  # figure in older runs and robots → its present name
+    "known": "valid", "meant": "similar", "heard": "received", "held": "content", "asked": "requested",
+    "believed_cm": "bound_cm", "unseen": "unidentified", "said": "reply",
+}  # fmt: skip
 WITH_ROLE = (  # messages in runs whose figure `role` was called `room`
     "drive.not-compiled", "drive.says-failed", "drive.text-unknown", "door.swapped",
 )  # fmt: skip
@@ -169,6 +173,7 @@ class Diagnostic:
             code, subject, fix = texts
             if code in WITH_ROLE and "room" in figures:
                 figures["role"] = figures.pop("room")
+            figures = {FORMER_FIGURES.get(name, name): value for name, value in figures.items()}
             return cls(code_of_today(code), Severity(values["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
@@ -247,7 +252,7 @@ def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnosti
     close_names = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     known_names = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
     return (
-        note("name.near", meant=close_names[0], known=known_names)
+        note("name.near", similar=close_names[0], valid=known_names)
         if close_names
-        else note("name.unknown", known=known_names)
+        else note("name.unknown", valid=known_names)
     )

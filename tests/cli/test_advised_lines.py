@@ -169,7 +169,7 @@ def test_an_unknown_block_is_refused_with_the_list_of_blocks(baqueano, lab):
 def test_the_keys_are_a_driver_and_not_a_route(baqueano):
     end = baqueano("tune", "--vehicle", "small", "--route", "keys")
     assert end.reason.code == "cli.driver-unknown"
-    assert "keys" not in end.reason.figures["near"].figures["known"]
+    assert "keys" not in end.reason.figures["near"].figures["valid"]
 
 
 @pytest.mark.parametrize(

@@ -175,7 +175,7 @@ def test_an_unknown_back_end_in_the_environment_is_reported(baqueano, monkeypatc
     end = baqueano("runs", "ls")
     assert end.code == 2
     assert dict(end.reason.figures) == {
-        "variable": "BAQUEANO_BACKEND", "found": "rust", "known": "auto, c, python, numpy",
+        "variable": "BAQUEANO_BACKEND", "found": "rust", "valid": "auto, c, python, numpy",
     }  # fmt: skip
 
 

@@ -161,7 +161,7 @@ def test_an_unknown_run_is_reported_with_the_newest_runs(project):
     assert dict(end.reason.figures) == {
         "found": "77",
         "folder": "runs",
-        "known": "0001-experiment, 0002-teach",
+        "valid": "0001-experiment, 0002-teach",
     }
 
 

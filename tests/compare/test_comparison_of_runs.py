@@ -176,7 +176,7 @@ def test_an_invalid_covariance_is_named():
         (lambda: compare(run_with(), over_s=0.0), ("compare.times", {"over_s": 0.0, "skip_s": 0.0})),
         (
             lambda: compare(run_with(), alignment="sim"),
-            ("compare.alignment", {"known": "none, start, rigid"}),
+            ("compare.alignment", {"valid": "none, start, rigid"}),
         ),
         (
             lambda: compare(run_with(), names=["a", "b"]),

@@ -187,7 +187,7 @@ def test_a_missing_pad_is_reported_with_the_examined_devices(plug):
     candidates = (
         'event0 "AT keyboard" (no stick), event1 "Touchpad" (no front buttons), event2 "Wheel" (no stick)'
     )
-    with refused("pad.not-among", UsageError, looked=candidates):
+    with refused("pad.not-among", UsageError, devices=candidates):
         find_pad(folder=folder)
 
 

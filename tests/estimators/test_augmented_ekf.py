@@ -176,7 +176,7 @@ def test_the_filter_of_a_kinematic_vehicle_follows_its_sensors():
 
 
 def test_an_unknown_sensor_name_is_refused():
-    with refused("field.use", ValueError, known="imu, odometer"):
+    with refused("field.use", ValueError, valid="imu, odometer"):
         AugmentedEkf(SMALL, BOTH(IMU, ODOMETER), use=("camera[2]",))
 
 

@@ -220,7 +220,7 @@ def test_sensor_rows_are_selected_by_their_measured_velocities():
     assert rows_shown(wheels=WHEELS) == [("wheels", (0, 1), (0, 2))]
     assert rows_shown(pose=Pose(noise_std=np.full(3, 0.01)), odometer=ODOMETER) == [("odometer", (0,), (0,))]
     assert rows_shown(imu=IMU, odometer=ODOMETER, use=("odometer",)) == [("odometer", (0,), (0,))]
-    with refused("field.use", ValueError, found="gps", known="imu"):
+    with refused("field.use", ValueError, found="gps", valid="imu"):
         reckoning(use=("gps",))
 
 

@@ -181,8 +181,8 @@ def test_the_estimator_models_the_drivetrain_delay_of_the_vehicle():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"mode": "papr"}, ("ekf.mode", {"found": "papr", "known": "default, paper"})),
-        ({"use": ("gps",)}, ("field.use", {"found": "gps", "known": "imu"})),
+        ({"mode": "papr"}, ("ekf.mode", {"found": "papr", "valid": "default, paper"})),
+        ({"use": ("gps",)}, ("field.use", {"found": "gps", "valid": "imu"})),
         ({"gate_sigma": 0.0}, ("ekf.positive", {"gate_sigma": 0.0})),
         ({"initial_std": np.zeros(9)}, ("ekf.initial-std", {})),
         (

@@ -316,7 +316,7 @@ def test_an_unreadable_measurement_line_is_refused(line, code):
 
 
 def test_a_measurement_line_for_several_runs_must_name_its_run():
-    with pytest.raises(UsageError, check=of_code("tape.of-no-run", known="a, b")):
+    with pytest.raises(UsageError, check=of_code("tape.of-no-run", valid="a, b")):
         read_line("4 s: 1 m", [Ten("a"), Ten("b")])
 
 

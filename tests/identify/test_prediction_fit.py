@@ -109,7 +109,7 @@ def test_the_innovations_cost_works_with_segments_and_several_runs(disturbed_dri
 
 def test_a_free_clock_or_an_unknown_cost_is_refused(case):
     run = simulate(case, random_steps(case.command.limit, 5.0, case.rate_hz, 1), 1)
-    with pytest.raises(UsageError, check=of_code("cost.unknown", known="simulation, innovations")):
+    with pytest.raises(UsageError, check=of_code("cost.unknown", valid="simulation, innovations")):
         identify(run, case, options=FitOptions(cost="likelihood"))
     with pytest.raises(UsageError, check=of_code("cost.free-clock", clocks="imu")):
         identify(run, load("case-study-1"), options=FitOptions(cost="innovations", clocks=("imu",)))

@@ -134,7 +134,7 @@ def test_a_run_without_readings_among_others_is_refused_by_name(small):
         identify([run, empty], small)
     with pytest.raises(UsageError, check=of_code("use.not-in-all", runs="empty, deaf")):
         identify([run, empty, deaf], small)
-    with pytest.raises(UsageError, check=of_code("use.nothing-common", known="imu")):
+    with pytest.raises(UsageError, check=of_code("use.nothing-common", valid="imu")):
         identify(empty, small)
     single, both = (
         identify(runs, small, use=("imu",), options=FitOptions(diagnose=False))
@@ -150,7 +150,7 @@ def test_a_run_without_readings_among_others_is_refused_by_name(small):
 def test_a_correction_is_proposed_for_a_misspelled_parameter_name(fit, name):
     with pytest.raises(UsageError, check=of_code("fit.not-fitted")) as error:
         fit.value(name)
-    assert error.value.diagnostic.figures["near"].figures["meant"] == "model.friction.linear[0]"
+    assert error.value.diagnostic.figures["near"].figures["similar"] == "model.friction.linear[0]"
 
 
 @pytest.mark.parametrize("name", ["model.mass_kg", "model.friction.coulomb"])

@@ -177,7 +177,7 @@ def test_a_camera_identifies_the_gyro_scale_and_the_camera_clock(filmed_run, sma
 
 
 def test_a_free_clock_of_an_unused_sensor_is_refused(case, case_run):
-    with pytest.raises(UsageError, check=of_code("clock.unreliable", known="imu")):
+    with pytest.raises(UsageError, check=of_code("clock.unreliable", valid="imu")):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 

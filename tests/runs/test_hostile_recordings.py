@@ -74,7 +74,7 @@ def test_a_malformed_csv_gives_a_message(tmp_path, data, message):
     reason = refusal(tmp_path, data)
     assert includes(reason, code, **figures), reason
     if code == "table.no-column":
-        assert reason.figures["known"].endswith("'c29', …"), "not all 900 names are listed"
+        assert reason.figures["valid"].endswith("'c29', …"), "not all 900 names are listed"
 
 
 @pytest.mark.parametrize(

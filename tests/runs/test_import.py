@@ -197,7 +197,7 @@ def missing(place, expected, **figures):
 
 
 def unknown(place, near):
-    return "map.unknown-key", {"map": "lab.toml", "place": place}, "name.near", {"meant": near}
+    return "map.unknown-key", {"map": "lab.toml", "place": place}, "name.near", {"similar": near}
 
 
 def other(code, **figures):
@@ -213,9 +213,9 @@ def other(code, **figures):
         ("[command]", "[comand]", unknown("comand", "command")),
         ("[files.board]", "[files]\nboard = 3\n[files.bord]",
          wrong("[files.board]", "3", "expect.table", key="files.board")),
-        (SECONDS, "", missing("[files.board] time_unit", "expect.time-unit", known="s, ms, us, ns, min")),
+        (SECONDS, "", missing("[files.board] time_unit", "expect.time-unit", valid="s, ms, us, ns, min")),
         (SECONDS, 'time_unit = "hours"',
-         wrong("[files.board] time_unit", "'hours'", "expect.time-unit", known="s, ms, us, ns, min")),
+         wrong("[files.board] time_unit", "'hours'", "expect.time-unit", valid="s, ms, us, ns, min")),
         ('time = "t"', "", missing("[files.board] time", "expect.time")),
         (PATH, PATH + '\ndecimal = ";"',
          wrong("[files.board] decimal", "';'", "expect.one-of", key="decimal", allowed='".", ","')),
@@ -237,7 +237,7 @@ def other(code, **figures):
          wrong("[ticks] file", "'bord'", "expect.file", first="board")),
         ("[sensors.imu]", "[sensors.imu]\nrate = 3", unknown("[sensors.imu] rate", "sample")),
         ("[sensors.imu]", "[sensors.1mu]", wrong("[sensors.1mu]", "'1mu'", "expect.sensor-name")),
-        (RATE, '"wz"', missing(f"{GYRO} unit", "expect.unit-of", known="rad/s, deg/s, mrad/s, rpm, turn/s")),
+        (RATE, '"wz"', missing(f"{GYRO} unit", "expect.unit-of", valid="rad/s, deg/s, mrad/s, rpm, turn/s")),
         (RATE, '"wz", unit = "rad"',
          wrong(f"{GYRO} unit", "'rad'", "expect.measures-or-rate", measures="angular rate")),
         (RATE, '"wz", unit = "radps"',

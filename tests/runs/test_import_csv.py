@@ -93,7 +93,7 @@ def rows(last, sep=","):
         (
             HEAD.replace("speed", "Speed [m/s]") + rows("0"),
             "table.column-mistyped",
-            {"column": "speed", "meant": "'steer', 'Speed [m/s]'"},
+            {"column": "speed", "similar": "'steer', 'Speed [m/s]'"},
         ),
         (b"\xff\xfet,\xd8", "table.not-encoded", {"encoding": "utf-16"}),
         ("t,señal\n0,0\n".encode("cp1252"), "table.not-encoded", {"encoding": "utf-8-sig"}),

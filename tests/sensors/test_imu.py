@@ -202,7 +202,7 @@ def test_a_step_never_changes_its_arguments():
 
 
 ERRORS = [
-    ("imu.model", {"found": "'exact'", "known": "physical, paper"}, lambda: Imu(measurement_model="exact")),
+    ("imu.model", {"found": "'exact'", "valid": "physical, paper"}, lambda: Imu(measurement_model="exact")),
     (
         "field.range",
         {"where": "Imu.gyro_noise_std", "found": "-0.1", "low": 0.0, "high": 100.0},

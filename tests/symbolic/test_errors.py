@@ -211,7 +211,7 @@ def test_an_unsupported_request_to_a_scan_is_refused(backend):
         scan(lambda c, x: (c, c), 0.0, None, backend=backend).run(None)
     with refused("engine.theta-vector", ValueError, found="()"):
         scan(step, 0.0, 0.0, 1.0, backend=backend)
-    with refused("engine.backend", ValueError, found="fortran", known="auto, c, python, numpy"):
+    with refused("engine.backend", ValueError, found="fortran", valid="auto, c, python, numpy"):
         scan(step, 0.0, 0.0, np.ones(1), backend="fortran")
 
 

@@ -87,10 +87,10 @@ def test_traced_values_can_be_put_into_blocks_and_arrays():
 @pytest.mark.parametrize(
     ("path", "kind", "near"),
     [
-        ("model.friction.lineer", "Friction", note("name.near", meant="linear", known="linear, dry")),
+        ("model.friction.lineer", "Friction", note("name.near", similar="linear", valid="linear, dry")),
         ("model.mass.x", "float", note("name.none")),
-        ("sensors.gps", "dict", note("name.unknown", known="imu")),
-        ("model.computed", "Body", note("name.unknown", known="friction, mass")),
+        ("sensors.gps", "dict", note("name.unknown", valid="imu")),
+        ("model.computed", "Body", note("name.unknown", valid="friction, mass")),
     ],
 )
 def test_an_unknown_name_is_refused_with_valid_names(path, kind, near):

@@ -23,19 +23,19 @@ def refused_as(old, new, text=SMALL):
 
 
 CASES = {
-    "unknown key": ("mass_kg", "masss_kg", "vehicle.key-unknown", {"meant": "mass_kg", "found": "masss_kg"}),
+    "unknown key": ("mass_kg", "masss_kg", "vehicle.key-unknown", {"similar": "mass_kg", "found": "masss_kg"}),
     "unknown table": ("[controller]", "[controler]",
-        "vehicle.table-unknown", {"meant": "controller", "found": "controler"}),
+        "vehicle.table-unknown", {"similar": "controller", "found": "controler"}),
     "unknown key above the tables": ("rate_hz = 100.0\n", "rate = 100.0\n",
         "vehicle.unit-missing", {"key": "rate_hz"}),
     "unknown key of friction": ("quadratic =", "quadrati =",
-        "vehicle.key-unknown", {"meant": "quadratic", "found": "quadrati"}),
+        "vehicle.key-unknown", {"similar": "quadratic", "found": "quadrati"}),
     "unknown key of geometry": ("track_m", "trak_m",
-        "vehicle.key-unknown", {"meant": "track_m", "found": "trak_m"}),
+        "vehicle.key-unknown", {"similar": "track_m", "found": "trak_m"}),
     "unknown kind": ('kind = "planar"', 'kind = "planr"',
-        "block.unknown", {"meant": "planar", "found": "planr"}),
+        "block.unknown", {"similar": "planar", "found": "planr"}),
     "unknown sensor": ('kind = "imu"', 'kind = "imo"',
-        "block.unknown", {"meant": "imu", "role": "sensor", "found": "imo"}),
+        "block.unknown", {"similar": "imu", "role": "sensor", "found": "imo"}),
     "kind is no text": ('kind = "planar"', "kind = 3", "vehicle.kind-not-text", {"found": "3"}),
     "kind is missing": ('[model]\nkind = "planar"\n', "[model]\n", "vehicle.no-kind", {}),
     "mass is missing": ("mass_kg = 0.61", "", "vehicle.model-lacks", {"keys": "mass_kg", "model": "Planar"}),
@@ -112,8 +112,8 @@ CASES = {
     "newer format": ("format = 1\n", "format = 2\n", "vehicle.newer-format", {"expected": 1}),
     "strange format": ("format = 1\n", 'format = "one"\n',
         "vehicle.other-format", {"found": "'one'", "expected": 1}),
-    "misspelt table": ("[model]", "[modell]", "vehicle.table-unknown", {"meant": "model", "found": "modell"}),
-    "no command": ("[command]", "[comand]", "vehicle.table-unknown", {"meant": "command"}),
+    "misspelt table": ("[model]", "[modell]", "vehicle.table-unknown", {"similar": "model", "found": "modell"}),
+    "no command": ("[command]", "[comand]", "vehicle.table-unknown", {"similar": "command"}),
     "no model": (SMALL[SMALL.index("[model]") :], "", "vehicle.no-table", {}),
     "sensor name": ("[sensors.imu]", '[sensors."the imu"]', "vehicle.sensor-name", {}),
     "bad choice": ('mixing = "two_wheels"', 'mixing = "tank"', "vehicle.refused", {"block": "Drivetrain"}),
@@ -125,7 +125,7 @@ CASES = {
         "vehicle.out-of-range", {"found": "-1", "low": 1.0, "in_unit": "1"}),
     "unknown sensor in use": ('kind = "augmented_ekf"', 'kind = "augmented_ekf"\nuse = ["gps"]',
         "vehicle.refused", {}),
-    "supervisor key": ("max_speed_m_s", "max_sped_m_s", "vehicle.key-unknown", {"meant": "max_speed_m_s"}),
+    "supervisor key": ("max_speed_m_s", "max_sped_m_s", "vehicle.key-unknown", {"similar": "max_speed_m_s"}),
 }  # fmt: skip
 
 

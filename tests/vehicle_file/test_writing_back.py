@@ -163,7 +163,7 @@ def test_an_invalid_value_is_not_written():
 @pytest.mark.parametrize(
     ("key", "code", "figures"),
     [
-        ("model.friction.liner", "name.near", {"meant": "model.friction.linear"}),
+        ("model.friction.liner", "name.near", {"similar": "model.friction.linear"}),
         ("mass", "vehicle.unknown-key", {"file": "small", "found": "mass"}),
         ("model.friction.linear[7]", "vehicle.no-entry", {"shape": "(3,)", "entry": "[7]"}),
     ],
@@ -290,10 +290,10 @@ def history(extra):
 @pytest.mark.parametrize(
     ("extra", "code", "figures"),
     [
-        ('[provenance."model.friction.liner"]\nrun = ""', "name.near", {"meant": "model.friction.linear"}),
+        ('[provenance."model.friction.liner"]\nrun = ""', "name.near", {"similar": "model.friction.linear"}),
         ('[provenance."model.fricton"]\nrun = ""', "vehicle.key-unknown", {"found": "model.fricton"}),
         ('[provenance]\n"model.mass_kg" = 3', "vehicle.provenance-not-table", {}),
-        ('[provenance."model.mass_kg"]\nrn = ""', "name.near", {"meant": "run"}),
+        ('[provenance."model.mass_kg"]\nrn = ""', "name.near", {"similar": "run"}),
         ('[provenance."model.mass_kg"]\nrun = 3', "vehicle.not-text", {"found": "3"}),
         ('[provenance."model.mass_kg"]\ndate = "x"', "vehicle.not-date", {"found": "'x'"}),
         ('[provenance."model.mass_kg"]\nsd = -1', "vehicle.not-sd", {"found": "-1"}),
@@ -303,7 +303,7 @@ def history(extra):
             "vehicle.cov-size",
             {"expected": 1},
         ),
-        ("[parameter_cov]\nname = []", "name.near", {"meant": "names"}),
+        ("[parameter_cov]\nname = []", "name.near", {"similar": "names"}),
         (
             "[parameter_cov]\nnames = ['model.mass_kg', 'rate_hz', 'model.slope_rad']\nsd = [1, 1, 1]\n"
             "correlation = [[1], [0.9, 1], [0.9, -0.9, 1]]",

@@ -167,12 +167,12 @@ def test_a_step_never_changes_its_arguments():
 ERRORS = [
     (
         "drivetrain.battery",
-        {"found": "'full'", "known": "steady, logged"},
+        {"found": "'full'", "valid": "steady, logged"},
         lambda: Drivetrain(battery="full"),
     ),
     (
         "drivetrain.mixing",
-        {"found": "'three_wheels'", "known": "none, two_wheels"},
+        {"found": "'three_wheels'", "valid": "none, two_wheels"},
         lambda: Drivetrain(mixing="three_wheels"),
     ),
     ("drivetrain.commands", {"commands": 2}, lambda: Drivetrain(mixing="two_wheels", commands=2)),

@@ -156,7 +156,7 @@ def _check_rate(trial: Trial, block: Any, answer_count: int) -> None:
     if abs(answer_count - expected) > 2.0 + 0.05 * expected:
         lasted_s, rate_hz = TICK_COUNT * DT_S, block.rate_hz
         trial.add_fault(
-            "check.rate", "step", answers=answer_count, lasted_s=lasted_s, rate_hz=rate_hz, wanted=expected
+            "check.rate", "step", answers=answer_count, lasted_s=lasted_s, rate_hz=rate_hz, expected=expected
         )
 
 

@@ -60,7 +60,7 @@ def unknown_subcommand_error(verb: str, verbs: list[str], ctx: click.Context) ->
     from baqueano.errors import UsageError
 
     suggestion = nearest(verb, verbs)
-    fix = "" if "meant" in suggestion.figures else f"{ctx.command_path} --help"
+    fix = "" if "similar" in suggestion.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
     return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=suggestion))
 
@@ -186,7 +186,7 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
 
             unset = f"unset {variable}"
             raise UsageError(
-                fault("cli.unknown-setting", unset, variable=variable, found=setting, known=choices)
+                fault("cli.unknown-setting", unset, variable=variable, found=setting, valid=choices)
             )
 
 

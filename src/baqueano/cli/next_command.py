@@ -44,7 +44,7 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
     for path in missing_paths:
         if (near_path := _nearest_file(path)) is not None and str(path) in args:
             corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
-            return fault("next.near-file", baqueano_command(*corrected_args), meant=near_path)
+            return fault("next.near-file", baqueano_command(*corrected_args), similar=near_path)
     if code == USAGE and (corrected_args := _with_decimal_points(args)) != args:
         return fault("next.decimal-comma", baqueano_command(*corrected_args))
     if any(cause.fix for cause in causes):
@@ -70,7 +70,7 @@ def _causes(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
 def _corrected_args(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with the mistyped word corrected; None if no known word is similar to this word."""
     mistyped_word, suggestion_note = str(cause.figures.get("found", "")), cause.figures.get("near")
-    suggestion = suggestion_note.figures.get("meant") if isinstance(suggestion_note, Diagnostic) else None
+    suggestion = suggestion_note.figures.get("similar") if isinstance(suggestion_note, Diagnostic) else None
     for k, arg in enumerate(args):
         if (
             mistyped_word

@@ -56,7 +56,7 @@ class AdjustableController:
         role, _, name = path.partition(".")
         paths = [f"{ROOM}.{name}" for name in adjustable_names(inner_block)]
         if role != ROOM or path not in paths:
-            raise Invalid(fault("door.not-settable", path=repr(path), known=paths))
+            raise Invalid(fault("door.not-settable", path=repr(path), valid=paths))
         old_value = np.asarray(getattr(inner_block, name))
         try:
             new_value = np.asarray(value, dtype=float)

@@ -60,7 +60,7 @@ class Mission:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise UsageError(fault("mission.kind", kind=self.kind, known=KINDS))
+            raise UsageError(fault("mission.kind", kind=self.kind, valid=KINDS))
         if len(self.start) not in (0, 3):
             raise UsageError(fault("mission.damaged", kind="ValueError", error=f"start = {self.start!r:.80}"))
         Precautions.from_json(self.precautions)

@@ -133,7 +133,7 @@ class Ekf:
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
-            raise Invalid(fault("ekf.mode", found=self.mode, known=MODES))
+            raise Invalid(fault("ekf.mode", found=self.mode, valid=MODES))
         check_use(self.sensors, self.use)
         if not (self.rate_hz > 0.0 and self.gate_sigma > 0.0 and self.disturbance_time_s > 0.0):
             raise Invalid(

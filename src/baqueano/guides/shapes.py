@@ -337,7 +337,7 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
             return slalom(2 * size_m, 0.3 * size_m, 3, speed_m_s)
         case "clothoid":
             return clothoid(2 * size_m, 0.5 * np.pi, speed_m_s)
-    raise Invalid(fault("shape.unknown", found=repr(name), known=SHAPE_NAMES))
+    raise Invalid(fault("shape.unknown", found=repr(name), valid=SHAPE_NAMES))
 
 
 @document

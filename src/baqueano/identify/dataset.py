@@ -187,7 +187,7 @@ def sensors_of(
         runs, sensors = with_truth(runs, sensors)
     for name in names:
         if name not in sensors._fields:
-            raise UsageError(fault("use.unknown", sensor=name, known=names_of_file))
+            raise UsageError(fault("use.unknown", sensor=name, valid=names_of_file))
         size = getattr(sensors, name).size
         if name in channels and max(channels[name]) >= size:
             raise UsageError(fault("use.no-channel", sensor=name, entry=max(channels[name]), last=size - 1))
@@ -204,7 +204,7 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
         is_recorded = all(name in run.sensors for run in runs)
         code = "use.read-in-some" if is_recorded else "use.not-in-all"
         return UsageError(fault(code, runs=runs_without, sensor=name))
-    return UsageError(fault("use.nothing-common", read=sorted(set().union(*sensors_read)), known=names))
+    return UsageError(fault("use.nothing-common", read=sorted(set().union(*sensors_read)), valid=names))
 
 
 def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:

@@ -211,8 +211,8 @@ def _imu_name(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> str:
     if use is not None and len(use) == 1 and use[0] in names:
         return use[0]
     if use is not None:
-        raise UsageError(fault("imu-only.not-an-imu", vehicle=vehicle_file.name, known=names, use=list(use)))
-    raise UsageError(fault("imu-only.which-imu", vehicle=vehicle_file.name, known=names))
+        raise UsageError(fault("imu-only.not-an-imu", vehicle=vehicle_file.name, valid=names, use=list(use)))
+    raise UsageError(fault("imu-only.which-imu", vehicle=vehicle_file.name, valid=names))
 
 
 def _requested_parameters(

@@ -107,9 +107,9 @@ def find(name: str, folder: Path | str = "runs") -> Path:
         return matches[0]
     if matches:
         each = [run.stem for run in matches]
-        raise FileError(fault("runs.ambiguous", found=name, folder=folder, known=each))
+        raise FileError(fault("runs.ambiguous", found=name, folder=folder, valid=each))
     names = [run.stem for run in runs[-8:]]
-    raise FileError(fault("runs.unknown", _list_command(folder), found=name, folder=folder, known=names))
+    raise FileError(fault("runs.unknown", _list_command(folder), found=name, folder=folder, valid=names))
 
 
 def _list_command(folder: Path | str) -> str:

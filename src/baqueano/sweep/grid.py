@@ -134,7 +134,7 @@ def _checked_settings(settings: dict) -> SweepSettings:
             raise UsageError(fault("sweep.setting", call="sweep", found=name, near=nearest(name, names)))
     conditions = SweepSettings(**settings)
     if conditions.alignment not in ALIGNMENTS:
-        raise UsageError(fault("compare.alignment", found=conditions.alignment, known=ALIGNMENTS))
+        raise UsageError(fault("compare.alignment", found=conditions.alignment, valid=ALIGNMENTS))
     if not (conditions.laps >= 1 and conditions.over_s > 0.0):
         raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
     start = tuple(conditions.start)

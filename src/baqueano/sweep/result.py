@@ -183,7 +183,7 @@ class SweepResult(Result):
             if row["stopped"]
         ]
         if len(self.drives) < self.requested:
-            out.append(note("sweep.part", Severity.WARNING, done=len(self.drives), asked=self.requested))
+            out.append(note("sweep.part", Severity.WARNING, done=len(self.drives), requested=self.requested))
         return tuple(out)
 
     def table(self) -> str:

@@ -92,7 +92,7 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
     """
     near = nearest(dotted, keys)
     last, suggestion = (
-        str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("meant", dotted))
+        str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("similar", dotted))
     )
     if difflib.SequenceMatcher(None, last, suggestion).ratio() < MIN_SIMILARITY:
         table = f"{dotted.rpartition('.')[0]}."

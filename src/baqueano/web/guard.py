@@ -142,7 +142,7 @@ def requested_mission(request: "JsonObject") -> "tuple[str, JsonObject]":
     kind = str(request["kind"])
     if kind not in MISSION_OPTIONS:
         raise UsageError(
-            fault("web.no-such-mission", kind=one_line(kind)[:MAX_OPTION_LETTERS], known=[*MISSION_OPTIONS])
+            fault("web.no-such-mission", kind=one_line(kind)[:MAX_OPTION_LETTERS], valid=[*MISSION_OPTIONS])
         )
     kinds = MISSION_OPTIONS[kind]
     return kind, {name: _checked_option(request[name], kinds[name]) for name in kinds if name in request}

@@ -175,7 +175,7 @@ def test_a_user_outside_the_gpio_group_gets_the_command_to_join(lines):
         "pinctrl get 2,3",
         255,
     )
-    assert "Must be root" in reason.figures["said"]
+    assert "Must be root" in reason.figures["reply"]
     assert "sudo usermod -aG gpio $USER" in outcome.text
 
 

@@ -219,7 +219,7 @@ def test_a_missing_bus_permission_is_reported_with_its_group(bench, monkeypatch)
 def test_a_bus_without_answers_is_reported_with_the_wiring(bench):
     b = bench()
     b.bus.devices.clear()
-    with refused("imu.no-answer", RobotUnreachable, asked="0x68 and 0x69"):
+    with refused("imu.no-answer", RobotUnreachable, requested="0x68 and 0x69"):
         start(b)
 
 

@@ -223,7 +223,7 @@ def test_a_failed_download_of_packages_is_reported_with_its_error(tmp_path, monk
     python.write_text("#!/bin/sh\necho 'ERROR: no network' >&2\nexit 1\n")
     python.chmod(0o755)
     monkeypatch.setattr(install.sys, "executable", str(python))
-    with refused("setup.packages", FileError, said="ERROR: no network"):
+    with refused("setup.packages", FileError, reply="ERROR: no network"):
         make_bundle(tmp_path / "bundle", PI)
 
 

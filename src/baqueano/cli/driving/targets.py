@@ -110,7 +110,7 @@ def open_target(
     if shake and kind != "simulated":
         raise UsageError(fault("shake.robot", host=robot))
     suggestion = nearest(kind, LOCAL_TARGETS, MIN_SIMILARITY)
-    if not {"@", "."} & set(robot) and suggestion.figures.get("meant", kind) != kind:
+    if not {"@", "."} & set(robot) and suggestion.figures.get("similar", kind) != kind:
         raise UsageError(fault("cli.robot-mistyped", found=kind, near=suggestion))
     if kind in LOCAL_TARGETS and ":" not in robot and vehicle_file.simulation.truth is not None:
         print_message(
@@ -155,8 +155,8 @@ def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple
                     "ledger.noticed",
                     who=note(f"ledger.who-{notice.witness}"),
                     after_s=notice.after_s,
-                    said=notice.message,
+                    reply=notice.message,
                 )
             )
         if (nobody := ledger.unnoticed_diagnostic(row)) is not None:
-            print_message(note("ledger.by-nobody", said=nobody))
+            print_message(note("ledger.by-nobody", reply=nobody))

@@ -91,7 +91,7 @@ def identification(
     print_answer(result, as_json)
     report.write(lambda: page_of_identification(result), Path("study-identification.html"), reproducible=True)
     if result.seeds < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seed_count))
+        raise Interruption(fault("cli.study-interrupted", done=result.seeds, requested=seed_count))
 
 
 @command.command(
@@ -119,7 +119,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
         result = faults(seed_count, seed, processes=processor_count(), backend=backend, advance=advance)
     print_answer(result, as_json)
     if result.requested > result.attempted:
-        raise Interruption(fault("cli.study-interrupted", done=result.attempted, asked=result.requested))
+        raise Interruption(fault("cli.study-interrupted", done=result.attempted, requested=result.requested))
     if result.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
 
@@ -149,7 +149,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
         result = driving(seed_count, seed, processor_count(), backend, controller=controller, advance=advance)
     print_answer(result, as_json)
     if result.driven < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.driven, asked=seed_count))
+        raise Interruption(fault("cli.study-interrupted", done=result.driven, requested=seed_count))
 
 
 @command.command(
@@ -179,7 +179,7 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
         result = controllers(seed_count, seed, processor_count(), backend, own_kinds, advance=advance)
     print_answer(result, as_json)
     if result.robots < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
+        raise Interruption(fault("cli.study-interrupted", done=result.robots, requested=seed_count))
 
 
 @command.command(
@@ -229,7 +229,7 @@ def laps(
         result = laps_over_fixes(seed_count, seed, laps, processor_count(), backend, cases, advance)
     print_answer(result, as_json)
     if result.robots < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
+        raise Interruption(fault("cli.study-interrupted", done=result.robots, requested=seed_count))
 
 
 @command.command(
@@ -293,7 +293,7 @@ def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> Non
         result = first_drives(seed_count, seed, processor_count(), backend, advance)
     print_answer(result, as_json)
     if (count := sum(row.drives for row in result.wiring_rows)) < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=count, asked=seed_count))
+        raise Interruption(fault("cli.study-interrupted", done=count, requested=seed_count))
 
 
 @command.command(
@@ -379,4 +379,4 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
             result = with_recordings(result, backend, begin)
     print_answer(result, as_json)
     if (count := result.vehicles + len(result.refused)) < vehicles:
-        raise Interruption(fault("cli.study-interrupted", done=count, asked=vehicles))
+        raise Interruption(fault("cli.study-interrupted", done=count, requested=vehicles))

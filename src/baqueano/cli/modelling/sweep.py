@@ -129,4 +129,6 @@ def command(
     if report:
         report.write(lambda: page_of_sweep(result), reproducible=True)
     if len(result.drives) < result.requested:
-        raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.requested))
+        raise Interruption(
+            fault("cli.study-interrupted", done=len(result.drives), requested=result.requested)
+        )

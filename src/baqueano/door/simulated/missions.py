@@ -126,7 +126,7 @@ class StoredRoutes:
     def read(self, name: str) -> "Route":
         """Return the stored route with this name. Raise FileError if it does not exist."""
         if not (path := self.path(name)).is_file():
-            raise FileError(fault("door.no-route", found=repr(name), known=[*self.names()]))
+            raise FileError(fault("door.no-route", found=repr(name), valid=[*self.names()]))
         return read_route(path)
 
     def names(self) -> list[str]:

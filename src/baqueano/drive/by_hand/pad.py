@@ -164,8 +164,8 @@ def missing_part(device: InputDevice) -> str:
 
 def _no_pad_reason(folder: Path, descriptions: list[str], closed_names: list[str]) -> Diagnostic:
     if not closed_names:
-        return fault("pad.not-among" if descriptions else "pad.none", folder=folder, looked=descriptions)
-    return fault("pad.closed", JOIN_INPUT_GROUP, folder=folder, looked=descriptions, closed=closed_names)
+        return fault("pad.not-among" if descriptions else "pad.none", folder=folder, devices=descriptions)
+    return fault("pad.closed", JOIN_INPUT_GROUP, folder=folder, devices=descriptions, closed=closed_names)
 
 
 def _pad_at(path: Path) -> Pad:

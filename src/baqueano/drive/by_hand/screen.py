@@ -74,7 +74,7 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
         ),
         *(
             f"   {s.names[k]:6} {_duty_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
-            + _("wanted {wanted:+5.2f}", wanted=float(s.requested[k]))
+            + _("wanted {expected:+5.2f}", expected=float(s.requested[k]))
             + (f"   {_hold_text(s.hold_command)}" if k == len(s.limit) - 1 else "")
             for k in active
         ),

@@ -65,7 +65,7 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], allow_channels: bool 
     names = getattr(sensors, "_fields", ())
     for entry in use:
         if (split_use(entry)[0] if allow_channels else entry) not in names:
-            raise Invalid(fault("field.use", found=entry, known=names))
+            raise Invalid(fault("field.use", found=entry, valid=names))
 
 
 def has_measurement(sensor: Sensor, slot: Slot) -> Value:

@@ -82,7 +82,7 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
     for path, relative_tolerance in tolerance.items():
         if path not in scale_paths:
             raise UsageError(
-                fault("tolerance.no-scale", path=path, vehicle=vehicle_file.name, known=scale_paths)
+                fault("tolerance.no-scale", path=path, vehicle=vehicle_file.name, valid=scale_paths)
             )
         if not 0.0 < relative_tolerance < 1.0:
             raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))

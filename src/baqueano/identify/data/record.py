@@ -159,7 +159,7 @@ def _measurements(
     run without this sensor, or with another number of channels."""
     channel = run.sensors.get(name)
     if channel is None:
-        raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
+        raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, valid=run.sensors))
     if channel.z.shape[1] != block.size:
         raise UsageError(
             fault(

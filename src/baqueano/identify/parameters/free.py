@@ -312,10 +312,10 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
 def _similar_paths(field: str, entry: str, names: list[str]) -> Diagnostic:
     """Return a note with the similar path, including `entry`, and the known paths."""
     similar = nearest(field, names)
-    similar = similar if "meant" in similar.figures else nearest(f"model.{field}", names)
-    if "meant" not in similar.figures or field in names:
+    similar = similar if "similar" in similar.figures else nearest(f"model.{field}", names)
+    if "similar" not in similar.figures or field in names:
         return similar
-    return note("name.near", meant=f"{similar.figures['meant']}{entry}", known=similar.figures["known"])
+    return note("name.near", similar=f"{similar.figures['similar']}{entry}", valid=similar.figures["valid"])
 
 
 def _fields(blocks: FittedBlocks) -> list[str]:

@@ -140,7 +140,7 @@ def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
-            raise UsageError(fault("clock.unreliable", sensor=name, known=names))
+            raise UsageError(fault("clock.unreliable", sensor=name, valid=names))
     has_pose = any(measures_pose(sensor) for sensor in blocks.sensors)
     return replace(options, segment_s=POSE_SEGMENT_S) if has_pose and options.segment_s is None else options
 

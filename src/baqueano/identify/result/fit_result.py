@@ -223,7 +223,7 @@ class Fit(Result):
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
         head = text(
             note(
-                "front.fit", vehicle=self.file.name, runs=runs, known=identified_count, parameters=len(rows_)
+                "front.fit", vehicle=self.file.name, runs=runs, count=identified_count, parameters=len(rows_)
             )
         )
         width = max(len(without_model_prefix(row["name"])) for row in rows_)

@@ -203,9 +203,9 @@ class _ModelSelection:
         )  # fmt: skip
         if h.unseen:
             sentence = _(
-                "Each model was fitted to the runs, and tested by its simulation of the {unseen} "
+                "Each model was fitted to the runs, and tested by its simulation of the {unidentified} "
                 "held-out runs ({size}).",
-                unseen=h.unseen, size=block_text,
+                unidentified=h.unseen, size=block_text,
             )  # fmt: skip
         needs = _(
             "The fall of the mean error is divided by its standard error. A term is added if the ratio is "

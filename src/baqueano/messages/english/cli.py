@@ -21,10 +21,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.unknown-verb": "'{path} {found}' does not exist. {near}.",
     "cli.no-such-verb": "'{path} {found}' does not exist. {near}. To see what each command does: {fix}",
-    "cli.unknown-setting": "The environment has {variable}={found}: expected one of {known}. Type: {fix}",
+    "cli.unknown-setting": "The environment has {variable}={found}: expected one of {valid}. Type: {fix}",
     "report.table-ending": "{found}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
-    "next.near-file": "Did you mean {meant}? Type: {fix}",
+    "next.near-file": "Did you mean {similar}? Type: {fix}",
     "next.allow-blocks": "If you trust it, type: {fix}",
     "next.options": "All options: {fix}",
     "next.decimal-comma": "Numbers are written with a decimal point here. Type: {fix}",
@@ -133,7 +133,7 @@ TEMPLATES: dict[str, str] = {
     "cli.tolerance": "--tolerance {found}: expected KEY=PART. Type: {fix}",
     "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
     "cli.several-runs": "-o {out}: this command writes several runs. Give a folder for them. Type: {fix}",
-    "cli.study-interrupted": "stopped from the keyboard: the table covers {done} of {asked:,}.",
+    "cli.study-interrupted": "stopped from the keyboard: the table covers {done} of {requested:,}.",
     "cli.recordings-interrupted": (
         "stopped from the keyboard: the table shows the recordings evaluated so far; no report was written."
     ),

@@ -26,15 +26,15 @@ TEMPLATES: dict[str, str] = {
         "channels with {fix}"
     ),
     "fit.nothing-seen": (
-        "the data determine none of the {asked} parameters. Do axes, signs and units agree with the file?"
+        "the data determine none of the {requested} parameters. Do axes, signs and units agree with the file?"
     ),
-    "fit.most-unseen": "the data do not determine {unseen} of {asked} parameters",
+    "fit.most-unseen": "the data do not determine {unidentified} of {requested} parameters",
     "fit.most-weak": (
-        "of {asked} parameters {weak} are poorly identified. The runs are too short, or the "
+        "of {requested} parameters {weak} are poorly identified. The runs are too short, or the "
         "motion is too small: drive longer, with larger commands"
     ),
     "fit.most-unseen-or-weak": (
-        "of {asked} parameters {unseen} are not identifiable and {weak} are poorly identified. "
+        "of {requested} parameters {unidentified} are not identifiable and {weak} are poorly identified. "
         "The runs are too short, or the motion is too small: drive longer, with larger commands"
     ),
     "fit.weak": "{names}: poorly identified",

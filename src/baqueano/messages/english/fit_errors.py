@@ -7,11 +7,11 @@ TURN_STEPS = (
 )
 TEMPLATES: dict[str, str] = {
     "imu-only.not-an-imu": (
-        "{arg[use]:{use}}: {vehicle} has these IMUs: {known}; expected one of them for a gyro-aided fit. Name it, or "
+        "{arg[use]:{use}}: {vehicle} has these IMUs: {valid}; expected one of them for a gyro-aided fit. Name it, or "
         "describe it in the file under [sensors.imu]."
     ),
     "imu-only.which-imu": (
-        "{vehicle} has these IMUs: {known}; expected one of them for the fit. Name it with {arg[use]}, or "
+        "{vehicle} has these IMUs: {valid}; expected one of them for the fit. Name it with {arg[use]}, or "
         "describe it in the file under [sensors.imu]."
     ),
     "allan.averages": (
@@ -57,7 +57,7 @@ TEMPLATES: dict[str, str] = {
         "longer, or remove --choose."
     ),
     "clock.unreliable": (
-        "{arg[clocks]:{sensor}}: expected one of the sensors in use, {known}. To use another "
+        "{arg[clocks]:{sensor}}: expected one of the sensors in use, {valid}. To use another "
         "sensor of the vehicle file, or the truth: {arg[use]}."
     ),
     "cost.free-clock": (
@@ -68,7 +68,7 @@ TEMPLATES: dict[str, str] = {
         "{kind} does not have a velocity state that a floor could disturb, so simulation error and prediction error "
         "are the same. Type: {fix}"
     ),
-    "cost.unknown": "{arg[cost]:{found}}: expected one of {known}.",
+    "cost.unknown": "{arg[cost]:{found}}: expected one of {valid}.",
     "design.limit": (
         "{vehicle}: [command] limit = [{limit}]: expected the largest magnitude of each command, finite, "
         "and at least one above 0."
@@ -141,7 +141,7 @@ TEMPLATES: dict[str, str] = {
     "runs.fitted-to": "{run} was used in the fit, so it cannot test the fit. Give another run: {fix}",
     "runs.no-command": "{run} does not contain a command: a fit needs the command at the motors.",
     "runs.no-sensor": (
-        "{run} does not have sensor {sensor}: it has {known}. Name those that all runs have with {arg[use]}."
+        "{run} does not have sensor {sensor}: it has {valid}. Name those that all runs have with {arg[use]}."
     ),
     "runs.none": "identify needs at least one run.",
     "runs.other-size": (
@@ -197,9 +197,9 @@ TEMPLATES: dict[str, str] = {
         "{fix}"
     ),
     "tape.unreadable": '{arg[measured]} "{line}": expected a time, a colon, and the measurement. Type: {fix}',
-    "tape.of-no-run": '{arg[measured]} "{line}" does not name its run: expected one of {known} before the time.',
+    "tape.of-no-run": '{arg[measured]} "{line}" does not name its run: expected one of {valid} before the time.',
     "tape.of-another-run": (
-        '{arg[measured]} "{line}" names run {found}: expected one of {known} before the time.'
+        '{arg[measured]} "{line}" names run {found}: expected one of {valid} before the time.'
     ),
     "tolerance.keys": (
         "{arg[tolerance]} = {given}: expected fractions of 1 for {keys}, as in {{'gyro': 0.01}}."
@@ -207,7 +207,7 @@ TEMPLATES: dict[str, str] = {
     "tolerance.no-part": (
         "{arg[tolerance]} of {path}, {part:g}: expected a fraction of 1, such as 0.01 for ± 1 %."
     ),
-    "tolerance.no-scale": "{arg[tolerance]:{path}}: expected a scale of an IMU of {vehicle}. It has: {known}.",
+    "tolerance.no-scale": "{arg[tolerance]:{path}}: expected a scale of an IMU of {vehicle}. It has: {valid}.",
     "truth.no-heading": (
         "The truth of {run} does not contain a heading, and calibration needs one. A fit of the model can "
         "estimate the position of its mark and its clock. Type: {fix}"
@@ -274,12 +274,12 @@ TEMPLATES: dict[str, str] = {
     ),
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
     "use.nothing-common": (
-        "the runs contain {read}, and the vehicle file {known}: expected at least one in common."
+        "the runs contain {read}, and the vehicle file {valid}: expected at least one in common."
     ),
     "use.not-in-file": (
         "The run has sensor {sensor}, which {vehicle} does not describe, so the fit does not use it. To use it, add to "
         'the vehicle file: [sensors.{sensor}], and below it kind = "{kind}".'
     ),
-    "use.unknown": "{arg[use]:{sensor}}: the vehicle file does not have this sensor; it has {known}.",
+    "use.unknown": "{arg[use]:{sensor}}: the vehicle file does not have this sensor; it has {valid}.",
     "use.unreadable": '{arg[use]:{found}}: expected a sensor, or one of its channels, such as "imu[2]".',
 }

@@ -16,7 +16,7 @@ TEMPLATES: dict[str, str] = {
     "call.kind": "{call}(): {name} = {found}; expected {expected:word}. Type: {fix}",
     "call.option-of": "{call}() does not accept {found}, which is an option of {owner}. Add: {fix}",
     "front.more": "{lines} more lines: .table()",
-    "front.fit": "Fit of {vehicle} to {runs}: {known} of {parameters} parameters have an estimate",
+    "front.fit": "Fit of {vehicle} to {runs}: {count} of {parameters} parameters have an estimate",
     "front.across-true": "{cm:.2g} cm rms across the path",
     "front.across-estimate": "{cm:.2g} cm according to its estimate",
     "front.position-off": "error of the estimated position {cm:.2g} cm rms",

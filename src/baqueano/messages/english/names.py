@@ -1,9 +1,9 @@
 """English sentences that complete other messages: unknown names, and several messages of the same kind."""
 
 TEMPLATES: dict[str, str] = {
-    "name.near": "Did you mean {meant}? The names are {known}",
+    "name.near": "Did you mean {similar}? The names are {valid}",
     "name.none": "The list of names is empty",
-    "name.unknown": "The names are {known}",
+    "name.unknown": "The names are {valid}",
     "messages.others": "{first} (also {others})",
     "messages.then": "{first}. {then}.",
     "messages.times": "{first} ({times} times)",

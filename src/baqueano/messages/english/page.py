@@ -17,7 +17,7 @@ TEMPLATES: dict[str, str] = {
     "web.tune-garage": (
         "{vehicle} is in the garage, so it cannot be changed. Make your own vehicle file. Type: {fix}"
     ),
-    "web.no-kind": "{found} is not in the list of blocks of type {role}: {known}.",
+    "web.no-kind": "{found} is not in the list of blocks of type {role}: {valid}.",
     "web.no-swap": "The {role} block stays as it is; only estimator, guide and controller can be swapped.",
     "web.swapped": "From the next mission on, {kind} is the {role}",
     "web.tuned": "The gains are now in {file}",
@@ -46,7 +46,7 @@ TEMPLATES: dict[str, str] = {
     "web.taught": "The taught route is stored as {route}",
     "web.not-taught": "The run is stored as {run}, but route {route} was not made from it: {reason}",
     "web.fetched": "The run is stored as {run}",
-    "web.no-such-mission": 'A mission of kind "{kind}" is unknown. Expected one of {known}.',
+    "web.no-such-mission": 'A mission of kind "{kind}" is unknown. Expected one of {valid}.',
     "web.service-gone": "The connection to the vehicle's service has ended. Start the page again.",
     "web.title-teach": "TEACHING",
     "web.title-repeat": "REPEATING",

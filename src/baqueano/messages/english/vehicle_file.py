@@ -117,11 +117,11 @@ TEMPLATES: dict[str, str] = {
     "vehicle.refused": "{block} does not accept {place}: {error}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
     "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",
-    "vehicle.no-kind": '{place} needs kind = "…": one of {known}, or "file.py:Class".',
+    "vehicle.no-kind": '{place} needs kind = "…": one of {valid}, or "file.py:Class".',
     "vehicle.kind-mistyped": (
-        '{place} needs kind = "…": one of {known}, or "file.py:Class". Is {found} meant to be kind?'
+        '{place} needs kind = "…": one of {valid}, or "file.py:Class". Is {found} meant to be kind?'
     ),
-    "vehicle.kind-not-text": "{place} = {found}: expected text in quotes, one of {known}.",
+    "vehicle.kind-not-text": "{place} = {found}: expected text in quotes, one of {valid}.",
     "vehicle.kind": '{place} = "{kind}": {cause}.',
     "vehicle.provenance-not-table": "{place} is not a table: it must contain run, date, sd and verdict.",
     "vehicle.not-date": "{place} = {found}: expected a date without quotes, as 2026-11-21.",

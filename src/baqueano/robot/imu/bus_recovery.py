@@ -176,7 +176,7 @@ class _Pins:
             "set", pin, *options
         ):  # `pinctrl` reports a refusal as a message, and still exits with 0
             raise RobotUnreachable(
-                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=refusal)
+                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), reply=refusal)
             )
 
     def restore(self) -> None:
@@ -214,7 +214,7 @@ class _Pins:
                     "bus.call-refused",
                     command=command,
                     exit=process.returncode,
-                    said=(process.stdout + process.stderr).strip(),
+                    reply=(process.stdout + process.stderr).strip(),
                 )
             )
         return process.stdout.strip("\n")

@@ -368,7 +368,7 @@ def find_chip(path: str, addresses: tuple[int, ...]) -> tuple[I2cDevice, int, tu
             note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.message)
         )
     addresses_text = " and ".join(f"0x{address:02X}" for address in addresses)
-    raise RobotUnreachable(fault("imu.no-answer", asked=addresses_text, path=path))
+    raise RobotUnreachable(fault("imu.no-answer", requested=addresses_text, path=path))
 
 
 def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[I2cDevice, int] | None, bool]:

@@ -91,7 +91,7 @@ def public_key(path: Path | None) -> str:
             if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
                 raise FileError(fault("card.no-public-key", place=path_of_key))
             return text
-    raise FileError(fault("card.no-key", known=candidates))
+    raise FileError(fault("card.no-key", valid=candidates))
 
 
 def connection_file(network: Network, name: str) -> str:

@@ -172,7 +172,7 @@ def _run_pip(command: list[str]) -> None:
     process = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if process.returncode:
         lines = process.stderr.strip().splitlines() or [_("without output")]
-        raise FileError(fault("setup.packages", said=lines[-1]))
+        raise FileError(fault("setup.packages", reply=lines[-1]))
 
 
 def setup(

@@ -145,5 +145,5 @@ def _write(avrdude: str, device_path: str, path: Path) -> None:
     if process.returncode:
         complaint = [line for line in process.stderr.splitlines() if line.strip() and "ioctl" not in line]
         raise RobotUnreachable(
-            fault("flash.failed", where=device_path, said=complaint[0] if complaint else process.returncode)
+            fault("flash.failed", where=device_path, reply=complaint[0] if complaint else process.returncode)
         )

@@ -232,7 +232,7 @@ class Uno:
                 return received_reply
         if received_reply is not None:
             raise RobotUnreachable(
-                fault("uno.refused-number", question=str(question), said=str(received_reply))
+                fault("uno.refused-number", question=str(question), reply=str(received_reply))
             )
         if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
             raise RobotUnreachable(

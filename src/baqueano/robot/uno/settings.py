@@ -163,7 +163,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
         return settings._replace(**{field: _checked_number(name, text, text, Settings, field, unit)})
     wheel, equals, number_text = text.partition("=")
     if not equals or wheel not in (*WHEEL_DIRECTIONS, "all"):
-        raise UsageError(fault("settings.way", option=name, found=text, known=WHEEL_DIRECTIONS))
+        raise UsageError(fault("settings.way", option=name, found=text, valid=WHEEL_DIRECTIONS))
     number = _checked_number(name, text, number_text, WheelCurve, CURVE_OPTIONS[name], 1000)
     ways = [
         way._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (way_name, "all") else way
@@ -174,7 +174,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
 
 def _checked_word(name: str, text: str, known_words: list[str]) -> str:
     if text.lower() not in known_words:
-        raise UsageError(fault("settings.word", option=name, found=text, known=known_words))
+        raise UsageError(fault("settings.word", option=name, found=text, valid=known_words))
     return text.lower()
 
 

@@ -163,7 +163,7 @@ class _RunAssembly:
             cause = _join_causes(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA_NAME) is None and self.topics:
                 raise FileError(
-                    fault("runs.not-ours", _draft_command(self.path), path=self.path, held=topics)
+                    fault("runs.not-ours", _draft_command(self.path), path=self.path, content=topics)
                 )
             raise FileError(
                 fault(

@@ -357,7 +357,7 @@ class _RecordReader:
         used_bytes = size if len(records) > allowed_bytes else len(records)
         self.check_memory(max(self.unpacked, memory_bytes + 2 * used_bytes))
         if len(records) != size:
-            raise DamageError(fault("damage.chunk-size", bytes=len(records), said_bytes=size))
+            raise DamageError(fault("damage.chunk-size", bytes=len(records), header_bytes=size))
         if checksum and checksum != zlib.crc32(records):
             raise DamageError(fault("damage.chunk-checksum"))
         return records

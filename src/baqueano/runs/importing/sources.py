@@ -224,7 +224,7 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
         return [_with_default_paths(m, dict.fromkeys(open_names, path)) for path in all_paths]
     for name in by_name:
         if name not in m.files:
-            raise FileError(fault("import.file-unknown", map=m.path.name, found=name, known=m.files))
+            raise FileError(fault("import.file-unknown", map=m.path.name, found=name, valid=m.files))
     patterns = {spec.path for name, spec in m.files.items() if name not in by_name and spec.path}
     magic_patterns = [pattern for pattern in patterns if glob.has_magic(pattern)]
     if not magic_patterns:

@@ -115,7 +115,7 @@ def _expectation(value: str, measures: str, is_derivative: bool) -> Diagnostic:
     rolled = ROLLED_MEASURE.get
     ending_of = {rolled(value): "rolls", rate: "rate", rolled(rate): "rate-of-rolling"}
     ending = f"-or-{ending_of[measures]}" if measures in ending_of else ""
-    return note(f"expect.measures{ending}", measures=measures, known=units_of(measures))
+    return note(f"expect.measures{ending}", measures=measures, valid=units_of(measures))
 
 
 class _Parser:
@@ -218,7 +218,7 @@ class _Parser:
         unit_of_clock = unit(time_unit) if time_unit else None
         if time_unit != "iso8601" and (unit_of_clock is None or unit_of_clock.measures != "time"):
             raise self.error(
-                f"[{key}] time_unit", time_unit, note("expect.time-unit", known=units_of("time"))
+                f"[{key}] time_unit", time_unit, note("expect.time-unit", valid=units_of("time"))
             )
         return time, str(time_unit)
 
@@ -321,14 +321,14 @@ class _Parser:
         """Return the unit of an entry. Raise FileError if it does not measure `measures`."""
         name = "rad" if entry.quaternion is not None else spec.get("unit")
         if name is None:
-            expected = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
+            expected = note("expect.unit-of", valid=units_of(measures)) if measures else note("expect.unit")
             raise self.error(f"{key} unit", None, expected)
         unit_ = unit(name)
         if unit_ is None:
             expected = note("expect.known-unit", near=near_units(name))
             if measures:
                 unit_ = units_of(measures)
-                expected = note("expect.known-unit-of", near=near_units(name), measures=measures, known=unit_)
+                expected = note("expect.known-unit-of", near=near_units(name), measures=measures, valid=unit_)
             raise self.error(f"{key} unit", name, expected)
         if unit_.measures == "raw" and "scale" not in spec:
             raise self.error(f"{key} scale", None, note("expect.scale"))
@@ -357,7 +357,7 @@ class _Parser:
         """Return the file that a table names, or the only file. Raise FileError for an unknown or missing name."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
-            expected = note("expect.file", first=self.file_names[0], known=self.file_names)
+            expected = note("expect.file", first=self.file_names[0], valid=self.file_names)
             raise self.error(f"[{key}] file", name, expected)
         return name
 

@@ -73,9 +73,9 @@ class LogTable(NamedTuple):
                     code,
                     file=self.label,
                     column=column,
-                    meant=map(repr, close_names),
+                    similar=map(repr, close_names),
                     cells=cells,
-                    known=names,
+                    valid=names,
                 )
             )
         if self.columns[column] is None:
@@ -296,7 +296,7 @@ def _separator(lines: list[str], label: str) -> str:
             return ","  # a single column
     names = " or ".join(SEPARATORS[s] for s in fitting or candidates)
     delimiter = (fitting or candidates)[0].replace("\t", "\\t")
-    raise FileError(fault("table.delimiter", file=label, delimiters=names, wanted=delimiter))
+    raise FileError(fault("table.delimiter", file=label, delimiters=names, expected=delimiter))
 
 
 def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:

@@ -46,9 +46,9 @@ class Experiments:
             out.append(
                 _(
                     "the designed signal is {ratio:.2f} times better than random steps; expected "
-                    "{wanted:g} times",
+                    "{expected:g} times",
                     ratio=by_vehicle["all"].ratio,
-                    wanted=MIN_RATIO,
+                    expected=MIN_RATIO,
                 )
             )
         if above := by_vehicle["all"].above_best:

@@ -353,7 +353,7 @@ class Faults:
         ]
         if self.attempted < self.requested:
             lines.append(
-                _("interrupted: {tried} of {asked} fits", tried=self.attempted, asked=self.requested)
+                _("interrupted: {tried} of {requested} fits", tried=self.attempted, requested=self.requested)
             )
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
 

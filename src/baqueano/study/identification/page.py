@@ -47,7 +47,7 @@ def page_of_identification(study: Identification) -> Page:
     rows = study.rows()
     seeds_text = _("{seeds:,} seeds", seeds=study.seeds)
     seeds_text += (
-        _(" of {asked:,}, stopped from the keyboard", asked=study.requested)
+        _(" of {requested:,}, stopped from the keyboard", requested=study.requested)
         if study.seeds < study.requested
         else ""
     )

@@ -105,7 +105,11 @@ class Identification:
         )
         rows, lines = (
             self.rows(),
-            [_("{seeds} of {asked} seeds", seeds=self.seeds, asked=self.requested), head, "-" * len(head)],
+            [
+                _("{seeds} of {requested} seeds", seeds=self.seeds, requested=self.requested),
+                head,
+                "-" * len(head),
+            ],
         )
         for row in (row for row in rows if row["name"] == POOL):
             text = f"{_(row['case']):36}{row['fits']:5}{_figures(row)}{number(100 * row['usable']):7.0f} %"

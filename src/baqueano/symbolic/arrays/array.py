@@ -126,7 +126,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
         result = linalg.matmul(*inputs)
     elif ufunc.__name__ not in UFUNCS:
         names = ", ".join(sorted(UFUNCS))
-        raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, known=names)
+        raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, valid=names)
     else:
         options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:

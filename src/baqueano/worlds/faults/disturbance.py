@@ -83,10 +83,10 @@ class DisturbanceConverter:
             ]
         if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.of not in known_names:
             raise UsageError(
-                fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], known=known_names)
+                fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], valid=known_names)
             )
         if fault_.kind == "slip" and self._motors < 2 and fault_.of != "all":
-            raise UsageError(fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], known="all"))
+            raise UsageError(fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], valid="all"))
         return fault_
 
     def first_tick(self, fault: Fault) -> int:

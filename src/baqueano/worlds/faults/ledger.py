@@ -142,7 +142,7 @@ class Ledger:
             return None
         figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.reason_unnoticed(row.fault)}
         if isfinite(row.error_m) and isfinite(row.bound_m):
-            error_diagnostic = note("ledger.off", off_cm=100.0 * row.error_m, believed_cm=100.0 * row.bound_m)
+            error_diagnostic = note("ledger.off", off_cm=100.0 * row.error_m, bound_cm=100.0 * row.bound_m)
             return note("ledger.nobody-and-off", subject="nobody", off=error_diagnostic, **figures)
         return note("ledger.nobody", subject="nobody", **figures)
 

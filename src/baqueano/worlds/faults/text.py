@@ -40,7 +40,7 @@ def parse_fields(text: str) -> JsonObject:
     form, example = FORMS.get(match[3] if match else "", (None, ""))
     if match is None or form is None:
         forms = ", ".join(f'"{kind} {form}"' for kind, (_, form) in FORMS.items())
-        raise UsageError(fault("shake.words", found=repr(text)[:80], known=forms))
+        raise UsageError(fault("shake.words", found=repr(text)[:80], valid=forms))
     form_match = form.fullmatch(match[4])
     if form_match is None:
         raise UsageError(fault("shake.form", found=repr(text)[:80], kind=match[3], example=example))

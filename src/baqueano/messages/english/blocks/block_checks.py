@@ -72,7 +72,7 @@ TEMPLATES: dict[str, str] = {
     "check.has-not": "{place}: {subject} gives a measurement with has = 0: then its z must be zeros.",
     "check.rate": (
         "{place}: {subject} gives {answers} measurements in {lasted_s:g} s: rate_hz = "
-        "{rate_hz:g} requires {wanted:.0f}."
+        "{rate_hz:g} requires {expected:.0f}."
     ),
     "check.sure-without-sensors": (
         "{place}: {subject} gives the same covariance of the position after 2 s without sensors. "

@@ -15,13 +15,13 @@ TEMPLATES: dict[str, str] = {
         "{name} has the eigenvalue {smallest:.3g}; the eigenvalues of a covariance are 0 or more. "
         "[{i}][{j}] = {entry:g} is too large for the diagonal entries {first:g} and {second:g}. {offer}"
     ),
-    "ekf.mode": 'mode = "{found}": expected one of {known}.',
+    "ekf.mode": 'mode = "{found}": expected one of {valid}.',
     "ekf.positive": (
         "rate_hz = {rate_hz}, gate_sigma = {gate_sigma}, disturbance_time_s = {disturbance_time_s}: each "
         "must be greater than 0. To accept every measurement, set gate_sigma = inf."
     ),
     "ekf.initial-std": "initial_std = {found}: expected 9 numbers greater than 0, for (η, ν, ν̇).",
-    "field.use": 'use = "{found}": the vehicle does not have this sensor; it has {known}.',
+    "field.use": 'use = "{found}": the vehicle does not have this sensor; it has {valid}.',
     "follower.no-law": (
         "{block} does not have a control law: write its method velocity_law(self, memory, now). It returns the memory "
         "and the velocity (v, ω). An example: docs/controllers.md"
@@ -45,7 +45,7 @@ TEMPLATES: dict[str, str] = {
         "not give laps."
     ),
     "shape.length": "length {found:g} m: expected a positive number.",
-    "shape.unknown": "shape {found} does not exist; the shapes are {known}",
+    "shape.unknown": "shape {found} does not exist; the shapes are {valid}",
     "shape.corners": (
         "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m. The "
         "radius must be above 0 and below {most_m:g} m."
@@ -53,7 +53,7 @@ TEMPLATES: dict[str, str] = {
     "shape.amplitude": (
         "SinuousCircle.amplitude_m = {amplitude_m} m: expected less than radius_m = {radius_m} m."
     ),
-    "imu.model": "Imu.measurement_model = {found}: expected one of {known}.",
+    "imu.model": "Imu.measurement_model = {found}: expected one of {valid}.",
     "tags.points": (
         "Tags.points_m has shape {found}: expected (n, 2), a row (x, y) for each tag, such as [[0.0, 0.0], [1.2, "
         "0.8]]."
@@ -76,8 +76,8 @@ TEMPLATES: dict[str, str] = {
         "Drivetrain.lag_s = {lag_s:.3g} s is too small for the computation. Give 0 for motors without lag, "
         "or their time constant, usually 0.01 to 0.2 s."
     ),
-    "drivetrain.mixing": "Drivetrain.mixing = {found}: expected one of {known}.",
-    "drivetrain.battery": "Drivetrain.battery = {found}: expected one of {known}.",
+    "drivetrain.mixing": "Drivetrain.mixing = {found}: expected one of {valid}.",
+    "drivetrain.battery": "Drivetrain.battery = {found}: expected one of {valid}.",
     "drivetrain.commands": (
         "Drivetrain.commands = {commands}: two_wheels mixes three commands, (u_x, u_y, u_psi)."
     ),
@@ -108,5 +108,5 @@ TEMPLATES: dict[str, str] = {
         "corridor extends {beyond_m:.2f} m beyond the wall. Give a larger room, or start further from the "
         "wall."
     ),
-    "field.role": "role = {found}: expected one of {known}.",
+    "field.role": "role = {found}: expected one of {valid}.",
 }

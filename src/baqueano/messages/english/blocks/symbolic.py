@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "trace.not-convertible": "{place}\n    values known only at run time cannot become {dtype}",
-    "trace.unknown-ufunc": "{place}\n    the tracer does not support np.{function}; it supports {known}",
+    "trace.unknown-ufunc": "{place}\n    the tracer does not support np.{function}; it supports {valid}",
     "trace.unsupported": (
         "{place}\n    np.{function} does not work on values known only at run time ({error}): write it with "
         "operators, np.where and sums"
@@ -41,7 +41,7 @@ TEMPLATES: dict[str, str] = {
         "{place}\n    &, |, ^ and ~ need truth values here, such as x > 0, and this is a number: write n % 2 for its "
         "last bit, x > 0 for a condition"
     ),
-    "engine.backend": 'backend = "{found}": expected one of {known}',
+    "engine.backend": 'backend = "{found}": expected one of {valid}',
     "compiler.trouble": "{command}: {error}",
     "compiler.refuses": "{command} cannot compile the code: {error}",
     "engine.arguments": "{found} arguments, expected {expected}: {names}",

@@ -69,7 +69,7 @@ TEMPLATES: dict[str, str] = {
         "at least one above 0."
     ),
     "first-drive.no-estimates": "{name} does not contain estimates of a first drive.",
-    "mission.kind": 'a mission of kind "{kind}": expected one of {known}.',
+    "mission.kind": 'a mission of kind "{kind}": expected one of {valid}.',
     "mission.version": "this mission is of another version: update baqueano on both sides.",
     "mission.damaged": "this is not a mission ({kind}: {error}).",
     "mission.two-files": "two files of blocks are called {name}: give one of them another name.",
@@ -130,11 +130,11 @@ TEMPLATES: dict[str, str] = {
         "the keys."
     ),
     "pad.not-among": (
-        "--pad: no game pad is plugged in; of {folder}/event*, {looked} were checked. Plug one "
+        "--pad: no game pad is plugged in; of {folder}/event*, {devices} were checked. Plug one "
         "in, or drive with the keys."
     ),
     "pad.closed": (
-        "--pad: no game pad is plugged in. Of {folder}/event*, {looked} were checked, and this user is "
+        "--pad: no game pad is plugged in. Of {folder}/event*, {devices} were checked, and this user is "
         "not allowed to read {closed}. If one of these is the pad, type: {fix}"
     ),
     "wiring.turns-wrong-left": "the left wheel turns the vehicle in the wrong direction: check its wires",

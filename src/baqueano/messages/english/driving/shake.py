@@ -17,13 +17,13 @@ TEMPLATES: dict[str, str] = {
     "shake.sag": "battery sags to {percent:.0f} % of its voltage",
     "shake.lose": "the line loses {percent:.0f} % of its frames",
     "shake.over": "over after {for_s:.1f} s: {what}",
-    "shake.kind": "The fault {found} does not exist: expected one of {known}.",
+    "shake.kind": "The fault {found} does not exist: expected one of {valid}.",
     "shake.number": "{kind}: {name} = {found}: expected a number from {low:g} to {high:g}.",
-    "shake.of": "{kind} of {found}: expected one of {known}.",
-    "shake.fields": "{found} does not have kind, or has an unknown field: expected some of {known}.",
+    "shake.of": "{kind} of {found}: expected one of {valid}.",
+    "shake.fields": "{found} does not have kind, or has an unknown field: expected some of {valid}.",
     "shake.words": (
         '{found} does not describe a fault. Expected a time and a kind, such as "12 s: push 0.3 N s left" '
-        'or "3-6 s: cut imu". The kinds, each with an example: {known}.'
+        'or "3-6 s: cut imu". The kinds, each with an example: {valid}.'
     ),
     "shake.form": '{found} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
     "shake.no-inertia": "This vehicle is kinematic: its velocity is its command, so a {kind} cannot move it.",
@@ -52,14 +52,14 @@ TEMPLATES: dict[str, str] = {
     "ledger.who-gate": "gate",
     "ledger.who-nis": "NIS",
     "ledger.fault": "{at_s:.1f} s: {what}",
-    "ledger.noticed": "    {who} detected it after {after_s:.2f} s: {said}",
-    "ledger.by-nobody": "    it was not detected {said}",
+    "ledger.noticed": "    {who} detected it after {after_s:.2f} s: {reply}",
+    "ledger.by-nobody": "    it was not detected {reply}",
     "ledger.gate": "rejected {refused} innovations within {within_s:g} s",
     "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
     "ledger.nobody": "for {after_s:.1f} s: NIS at most {nis:.2f}. {why}.",
     "ledger.nobody-and-off": "for {after_s:.1f} s: NIS at most {nis:.2f}. {off}. {why}.",
     "ledger.off": (
-        "The estimate has an error of {off_cm:.1f} cm, but its own uncertainty is ± {believed_cm:.1f} cm."
+        "The estimate has an error of {off_cm:.1f} cm, but its own uncertainty is ± {bound_cm:.1f} cm."
     ),
     "ledger.why-push": "The push is within the disturbance that the filter expects from the floor.",
     "ledger.why-tilt": (

@@ -6,7 +6,7 @@ TEMPLATES: dict[str, str] = {
         "medians of {drives} drives; ratio: {figure} divided by that of {reference}, with its 95 % interval"
     ),
     "sweep.stopped": "{subject}: {stopped} of {drives} drives were stopped",
-    "sweep.part": "{done} of {asked} drives are done; type the same command again to continue",
+    "sweep.part": "{done} of {requested} drives are done; type the same command again to continue",
     "sweep.spread": "Each dot is a drive, each bar the median of a cell.",
     "sweep.ratios": (
         "The error of each cell divided by that of {reference} on the same drives, with its 95 % interval."

@@ -22,7 +22,7 @@ TEMPLATES: dict[str, str] = {
     "damage.too-large": "unpacks from {size} to {need} of memory or more; at most {most} are accepted",
     "damage.chunk-longer": "a chunk longer than its contents",
     "damage.chunk-unpacks": "a chunk of {unpacked_mib:.0f} MiB after decompression (64 MiB at most)",
-    "damage.chunk-size": "a chunk of {bytes} bytes, whose header indicates {said_bytes}",
+    "damage.chunk-size": "a chunk of {bytes} bytes, whose header indicates {header_bytes}",
     "damage.chunk-checksum": "a wrong checksum of a chunk",
     "damage.chunk-not-unpacked": "a chunk that cannot be decompressed ({error})",
     "damage.chunk-other-size": "the stored size of a compressed chunk does not match its data",
@@ -75,7 +75,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "expect.delimiter": 'one character, such as delimiter = ";" or "\\t"',
     "expect.rate": "the number of rows per second, above 0",
-    "expect.time-unit": 'time_unit = "s", one of {known}, iso8601',
+    "expect.time-unit": 'time_unit = "s", one of {valid}, iso8601',
     "expect.time-rest": 'beside time: time_rest = {{ column = "nanosec", unit = "ns" }}',
     "expect.sensor-name": "a name of letters, digits and _, as in [sensors.imu]",
     "expect.sample": 'sample = "measured", "hold" or "linear"',
@@ -93,7 +93,7 @@ TEMPLATES: dict[str, str] = {
         'counts, unit = "raw" with a scale'
     ),
     "expect.no-counts": 'counts_per_turn only with unit = "counts"',
-    "expect.file": 'file = "{first}", one of {known}',
+    "expect.file": 'file = "{first}", one of {valid}',
     "expect.type": "{kind}, as in the maps of baqueano",
     "expect.finite": "a number that is finite",
     "expect.lever-arm": "lever_arm_m = [forward, left], in m",
@@ -119,20 +119,20 @@ TEMPLATES: dict[str, str] = {
     "expect.time": 'time = "COLUMN", or rate_hz = … for a file without a column of time',
     "expect.entries": "{count} entries ({measures})",
     "expect.some-entries": "some entries",
-    "expect.unit-of": 'unit = "…" ({known})',
+    "expect.unit-of": 'unit = "…" ({valid})',
     "expect.unit": 'unit = "…", with "1" for no unit',
     "expect.known-unit": "a known unit, perhaps {near}",
-    "expect.known-unit-of": "a known unit, perhaps {near}; for {measures} {known}",
+    "expect.known-unit-of": "a known unit, perhaps {near}; for {measures} {valid}",
     "expect.files": "a table [files.NAME] per file",
     "expect.table": "a table [{key}]",
     "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',
-    "expect.measures": "a unit of {measures}: {known}, or raw with a scale",
+    "expect.measures": "a unit of {measures}: {valid}, or raw with a scale",
     "expect.measures-or-rolls": (
-        "a unit of {measures}: {known}, or raw with a scale, or add radius_m = …, the radius of the wheel"
+        "a unit of {measures}: {valid}, or raw with a scale, or add radius_m = …, the radius of the wheel"
     ),
-    "expect.measures-or-rate": "a unit of {measures}: {known}, or raw with a scale, or add derivative = true",
+    "expect.measures-or-rate": "a unit of {measures}: {valid}, or raw with a scale, or add derivative = true",
     "expect.measures-or-rate-of-rolling": (
-        "a unit of {measures}: {known}, or raw with a scale, or add derivative = true and radius_m = …, "
+        "a unit of {measures}: {valid}, or raw with a scale, or add derivative = true and radius_m = …, "
         "the radius of the wheel"
     ),
 }

@@ -22,7 +22,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "runs.not-ours": (
         "{path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing. It contains "
-        "{held}. Import it with: {fix}"
+        "{content}. Import it with: {fix}"
     ),
     "runs.run-there": "{path} exists already, and a run never replaces a file. Give another name.",
     "runs.no-place": "{path}: a run cannot be written there ({error}). Choose another folder.",
@@ -39,8 +39,8 @@ TEMPLATES: dict[str, str] = {
     "runs.decimal": 'decimal = {found!r}: write decimal "." or ","',
     "runs.no-trajectory": "run {run} does not have trajectory {found!r}; it has: {has}.",
     "runs.file-in-the-way": "{path} exists already. Give another name, or remove it.",
-    "runs.unknown": "No run in {folder} matches {found!r}. The newest there: {known}. To list all: {fix}",
-    "runs.ambiguous": "{found!r} matches more than one run of {folder}: {known}. Type one of these names.",
+    "runs.unknown": "No run in {folder} matches {found!r}. The newest there: {valid}. To list all: {fix}",
+    "runs.ambiguous": "{found!r} matches more than one run of {folder}: {valid}. Type one of these names.",
     "runs.none-like": (
         "No run in {folder} matches {found!r}. Give numbers (3-28), every second number (3-28:2), a name "
         "with *, or a folder. To list the runs: {fix}"
@@ -90,7 +90,7 @@ TEMPLATES: dict[str, str] = {
     "import.no-rows": "{table} has names of columns but no rows. Is it the right file?",
     "import.where-empty": "{table}: where = {where} excludes all rows. Are the column and the value right?",
     "import.no-time": "{table}: none of the rows has a time in {column!r}. Is it the right column?",
-    "import.file-unknown": "{map} does not have [files.{found}]; it has {known}.",
+    "import.file-unknown": "{map} does not have [files.{found}]; it has {valid}.",
     "import.no-bag": "{path} is not a bag, but {map} [files.{file}] names topic {topic!r}.",
     "import.before-zero": (
         "{table}: its first time is {t_s:.3f} s, before the zero of the clock. Write at the top of {map}: start_ns = "
@@ -145,7 +145,7 @@ TEMPLATES: dict[str, str] = {
         "{file} line {line}, column {column!r}: {found!r} is not a number. Correct the cell, or delete the line."
     ),
     "route.no-column": (
-        "{file} does not have column {column!r}. It has: {known}. A route needs the columns {names}. Rename them in "
+        "{file} does not have column {column!r}. It has: {valid}. A route needs the columns {names}. Rename them in "
         "its first line."
     ),
     "route.uneven": (
@@ -193,7 +193,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "table.delimiter": (
         "{file} can be read with several delimiters between its columns: {delimiters}. Write the right one "
-        'in its [files.…] table, for example: delimiter = "{wanted}"'
+        'in its [files.…] table, for example: delimiter = "{expected}"'
     ),
     "table.no-data": "{file} does not contain a line with data. Is it the right file?",
     "table.columns": "{file} has {count} columns; at most {most} are read. Is its delimiter right?",
@@ -271,9 +271,9 @@ TEMPLATES: dict[str, str] = {
     "map.unknown-key": "{map} {place}: unknown key. {near}.",
     "map.missing": "{map} {place} is missing; write {expected}.",
     "map.wrong": "{map} {place} = {found}; write {expected}.",
-    "bag.topic-unsaid": '{file}: topic is missing; write topic = "…" in its [files.…] table, one of: {known}.',
+    "bag.topic-unsaid": '{file}: topic is missing; write topic = "…" in its [files.…] table, one of: {valid}.',
     "bag.no-topic": (
-        '{file} does not have topic {found!r}; write topic = "…" in its [files.…] table, one of: {known}.'
+        '{file} does not have topic {found!r}; write topic = "…" in its [files.…] table, one of: {valid}.'
     ),
     "bag.fields": "there are {fields}",
     "bag.values": "there are {count} values",
@@ -287,11 +287,11 @@ TEMPLATES: dict[str, str] = {
         "Split it into parts first."
     ),
     "table.no-column": (
-        "{file} does not have column {column!r}. It has: {known}. Write one of these in the map, or give another file."
+        "{file} does not have column {column!r}. It has: {valid}. Write one of these in the map, or give another file."
     ),
     "table.column-mistyped": (
-        "{file} does not have column {column!r}. Did you mean {meant}? That column contains {cells}. The "
-        "file has: {known}. Write one of these in the map, or give another file."
+        "{file} does not have column {column!r}. Did you mean {similar}? That column contains {cells}. The "
+        "file has: {valid}. Write one of these in the map, or give another file."
     ),
     "table.comma-of-number": (
         "{file} line {line}, column {column!r}: {found!r} is not a number. If this is a decimal comma, "

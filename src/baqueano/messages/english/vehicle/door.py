@@ -56,7 +56,7 @@ TEMPLATES: dict[str, str] = {
         "at the vehicle, then type: baqueano robot status {host}"
     ),
     "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
-    "door.unknown-word": "{found} is not valid: expected one of {known}",
+    "door.unknown-word": "{found} is not valid: expected one of {valid}",
     "door.no-run": "run {run} does not exist",
     "door.full": "All {most} places at this vehicle are occupied. Close a page or a program that watches it.",
     "door.too-long": (
@@ -66,7 +66,7 @@ TEMPLATES: dict[str, str] = {
     "door.many-fetches": "{most} runs are being sent already. Wait until one has arrived.",
     "door.not-holder": "Only the person who drives can set a gain, and only while the vehicle drives.",
     "door.not-settable": (
-        "{path} cannot be set while the vehicle drives; the values that can be set are {known}"
+        "{path} cannot be set while the vehicle drives; the values that can be set are {valid}"
     ),
     "door.swapped": "{kind} is used as {role}, in place of the block of the vehicle file",
     "door.set": "{path} is now {now}; it was {before}",
@@ -75,7 +75,7 @@ TEMPLATES: dict[str, str] = {
     "door.route-name": (
         "{found} cannot be the name of a route. Use letters, digits and hyphens, such as lab-1."
     ),
-    "door.no-route": "route {found} does not exist; the stored routes are {known}. Teach it first.",
+    "door.no-route": "route {found} does not exist; the stored routes are {valid}. Teach it first.",
     "door.not-a-number": "{name} = {found}: expected a number",
     "door.not-an-integer": "{name} = {found}: expected an integer",
     "door.gain-refused": (

@@ -12,12 +12,12 @@ TEMPLATES: dict[str, str] = {
     ),
     "emulated.no-packages": "--robot emulated: the emulator needs Debian packages. Type: {fix}",
     "bus.pinctrl-said": "pinctrl get {pins} answered {found}: expected one line per pin.",
-    "bus.pinctrl-refused": "pinctrl set {pin} {options} answered: {said}",
+    "bus.pinctrl-refused": "pinctrl set {pin} {options} answered: {reply}",
     "bus.not-given-back": "GPIO 2 and 3 could not be set back to I2C mode{because}. Type: {fix}",
     "bus.too-late": "{command} did not finish within {all_s:g} s. Type: {fix}",
     "bus.call-failed": "{command} failed: {error}",
     "bus.call-refused": (
-        "{command} failed ({exit}): {said}. Is this user in the group gpio? Type: sudo usermod -aG gpio $USER, "
+        "{command} failed ({exit}): {reply}. Is this user in the group gpio? Type: sudo usermod -aG gpio $USER, "
         "and log in again."
     ),
     "bus.not-this": "{path} is not /dev/{bus}, so its pins are unknown.",
@@ -46,7 +46,7 @@ TEMPLATES: dict[str, str] = {
         "smbus2. On a laptop use --robot HOST or --robot simulated."
     ),
     "imu.no-answer": (
-        "No IMU answers at {asked} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
+        "No IMU answers at {requested} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
         "i2cdetect -y 1 shows what answers."
     ),
     "imu.no-chip": (
@@ -82,7 +82,7 @@ TEMPLATES: dict[str, str] = {
         "ends in .pub."
     ),
     "card.no-key": (
-        "an ssh key was not found; places searched: {known}. Type: ssh-keygen -t ed25519. Then repeat the "
+        "an ssh key was not found; places searched: {valid}. Type: ssh-keygen -t ed25519. Then repeat the "
         "command"
     ),
     "card.name": (
@@ -119,7 +119,7 @@ TEMPLATES: dict[str, str] = {
         "Raspberry Pi OS on its card (Bookworm or later)."
     ),
     "setup.packages": (
-        "the robot's packages could not be collected: {said} This computer needs the internet "
+        "the robot's packages could not be collected: {reply} This computer needs the internet "
         "once for each kind of robot."
     ),
     "setup.packages-not-sent": "{host}: the packages could not be sent, for the reason above. Is its card full?",
@@ -153,8 +153,8 @@ TEMPLATES: dict[str, str] = {
         "Uno to a computer that has avrdude, and type there: baqueano robot flash"
     ),
     "flash.too-slow": f"{{where}}: avrdude did not finish within {{within_s:g}} s. {UNO_REMEDY}",
-    "flash.failed": f"{{where}}: avrdude could not write the firmware: {{said}} {UNO_REMEDY}",
-    "uno.refused-number": "the Uno rejected the settings: sent {question}, stored {said}.",
+    "flash.failed": f"{{where}}: avrdude could not write the firmware: {{reply}} {UNO_REMEDY}",
+    "uno.refused-number": "the Uno rejected the settings: sent {question}, stored {reply}.",
     "uno.answer-not-whole": (
         "the Uno's answer to {question} was not complete within {within_s:g} s: the line is "
         "noisy. Check its cable, and the capacitors across the motors"
@@ -173,9 +173,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "settings.way": (
         "--{option} {found}: expected a wheel and direction with a number, such as left-forwards=0.9; "
-        "wheels and directions are {known} and all."
+        "wheels and directions are {valid} and all."
     ),
-    "settings.word": "--{option} {found}: expected one of {known}.",
+    "settings.word": "--{option} {found}: expected one of {valid}.",
     "settings.number": "--{option} {found}: expected a number from {least:g} to {most:g}.",
     "settings.motor-runs": (
         "a motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing "

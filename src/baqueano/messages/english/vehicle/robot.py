@@ -120,11 +120,11 @@ TEMPLATES: dict[str, str] = {
         "period late, {missed} were skipped"
     ),
     "drive.line": (
-        "the line to the Uno: {sent} commands sent, {unsent} not sent. {heard} frames received, {lost} "
+        "the line to the Uno: {sent} commands sent, {unsent} not sent. {received} frames received, {lost} "
         "lost, {late} repeated or too late, {damaged} damaged. The Uno was reset {resets} times"
     ),
     "drive.line-in-trouble": (
-        "the line to the Uno: {sent} commands sent, {unsent} not sent. {heard} frames received, {lost} "
+        "the line to the Uno: {sent} commands sent, {unsent} not sent. {received} frames received, {lost} "
         "lost, {late} repeated or too late, {damaged} damaged. The Uno was reset {resets} times. {cause}"
     ),
     "drive.uno": (
