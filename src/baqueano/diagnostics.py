@@ -173,7 +173,7 @@ class Diagnostic:
             code, subject, fix = texts
             if code in WITH_ROLE and "room" in figures:
                 figures["role"] = figures.pop("room")
-            figures = {FORMER_FIGURES.get(name, name): value for name, value in figures.items()}
+            figures = {FORMER_FIGURES.get(str(name), str(name)): value for name, value in figures.items()}
             return cls(code_of_today(code), Severity(values["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
