@@ -192,7 +192,7 @@ def test_short_unit_names_are_case_sensitive(name):
 
 
 def test_an_unknown_unit_is_refused_with_suitable_units(board):
-    with refused("expect.known-unit-of", FileError, measures="speed"):
+    with refused("expect.measures", FileError, measures="speed"):
         wheels_by(board, 'unit = "ppr"')
 
 

@@ -25,7 +25,7 @@ from baqueano.errors import FileError, cause_of
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEY_TYPES, mount_of
-from baqueano.runs.maps.units import canonical, near_units, unit, units_of
+from baqueano.runs.maps.units import all_units, canonical, near_units, unit, units_of
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 ETA_MEASURES, NU_MEASURES = ("length", "length", "angle"), ("speed", "speed", "angular rate")
@@ -325,10 +325,10 @@ class _Parser:
             raise self.error(f"{key} unit", None, expected)
         unit_ = unit(name)
         if unit_ is None:
-            expected = note("expect.known-unit", near=near_units(name))
+            near, expected = near_units(name), note("expect.known-unit", near=near_units(name) or all_units())
             if measures:
-                unit_ = units_of(measures)
-                expected = note("expect.known-unit-of", near=near_units(name), measures=measures, valid=unit_)
+                code = "expect.known-unit-of" if near else "expect.measures"
+                expected = note(code, near=near, measures=measures, valid=units_of(measures))
             raise self.error(f"{key} unit", name, expected)
         if unit_.measures == "raw" and "scale" not in spec:
             raise self.error(f"{key} scale", None, note("expect.scale"))

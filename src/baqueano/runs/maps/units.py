@@ -4,6 +4,7 @@ import difflib
 import math
 from typing import NamedTuple
 
+from baqueano.messages.language import mark as N_
 from baqueano.signals import STANDARD_GRAVITY
 
 RAD_PER_DEGREE = math.pi / 180.0
@@ -17,29 +18,29 @@ class ColumnUnit(NamedTuple):
 
 
 _TABLE = {
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
-    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600},
-    "acceleration": {
+    N_("length"): {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    N_("speed"): {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600},
+    N_("acceleration"): {
         "m/s^2": 1.0,
         "mm/s^2": 1e-3,
         "cm/s^2": 1e-2,
         "g": STANDARD_GRAVITY,
         "mg": 1e-3 * STANDARD_GRAVITY,
     },
-    "angle": {"rad": 1.0, "deg": RAD_PER_DEGREE, "mrad": 1e-3, "turn": 2.0 * math.pi},
-    "angular rate": {
+    N_("angle"): {"rad": 1.0, "deg": RAD_PER_DEGREE, "mrad": 1e-3, "turn": 2.0 * math.pi},
+    N_("angular rate"): {
         "rad/s": 1.0,
         "deg/s": RAD_PER_DEGREE,
         "mrad/s": 1e-3,
         "rpm": math.pi / 30.0,
         "turn/s": 2.0 * math.pi,
     },
-    "ratio": {"1": 1.0, "%": 1e-2},
-    "voltage": {"V": 1.0, "mV": 1e-3},
-    "current": {"A": 1.0, "mA": 1e-3},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "counts": {"counts": 1.0},  # of an encoder; counts_per_turn of the map converts them to an angle
-    "raw": {"raw": 1.0},  # of any other quantity; the scale of the map converts them to SI
+    N_("ratio"): {"1": 1.0, "%": 1e-2},
+    N_("voltage"): {"V": 1.0, "mV": 1e-3},
+    N_("current"): {"A": 1.0, "mA": 1e-3},
+    N_("time"): {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    N_("counts"): {"counts": 1.0},  # of an encoder; counts_per_turn of the map converts them to an angle
+    N_("raw"): {"raw": 1.0},  # of any other quantity; the scale of the map converts them to SI
 }
 UNITS = {name: ColumnUnit(measures, si) for measures, units in _TABLE.items() for name, si in units.items()}
 _ALIASES = {
@@ -94,9 +95,14 @@ def canonical(name: str) -> str:
 
 
 def near_units(name: str) -> str:
-    """Return the units whose names are most similar to `name`, for a message."""
+    """Return the units whose names are most similar to `name`, for a message; "" without a similar unit."""
     close_names = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
-    return ", ".join(close_names or UNITS)
+    return ", ".join(close_names)
+
+
+def all_units() -> str:
+    """Return all units, for a message."""
+    return ", ".join(UNITS)
 
 
 def units_of(measures: str) -> str:

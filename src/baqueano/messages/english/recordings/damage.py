@@ -121,18 +121,18 @@ TEMPLATES: dict[str, str] = {
     "expect.some-entries": "some entries",
     "expect.unit-of": 'unit = "…" ({valid})',
     "expect.unit": 'unit = "…", with "1" for no unit',
-    "expect.known-unit": "a known unit, perhaps {near}",
-    "expect.known-unit-of": "a known unit, perhaps {near}; for {measures} {valid}",
+    "expect.known-unit": "a unit, perhaps {near}",
+    "expect.known-unit-of": "a unit of {measures:word}, perhaps {near}: {valid}",
     "expect.files": "a table [files.NAME] per file",
     "expect.table": "a table [{key}]",
     "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',
-    "expect.measures": "a unit of {measures}: {valid}, or raw with a scale",
+    "expect.measures": "a unit of {measures:word}: {valid}, or raw with a scale",
     "expect.measures-or-rolls": (
-        "a unit of {measures}: {valid}, or raw with a scale, or add radius_m = …, the radius of the wheel"
+        "a unit of {measures:word}: {valid}, or raw with a scale, or add radius_m = …, the radius of the wheel"
     ),
-    "expect.measures-or-rate": "a unit of {measures}: {valid}, or raw with a scale, or add derivative = true",
+    "expect.measures-or-rate": "a unit of {measures:word}: {valid}, or raw with a scale, or add derivative = true",
     "expect.measures-or-rate-of-rolling": (
-        "a unit of {measures}: {valid}, or raw with a scale, or add derivative = true and radius_m = …, "
+        "a unit of {measures:word}: {valid}, or raw with a scale, or add derivative = true and radius_m = …, "
         "the radius of the wheel"
     ),
 }
