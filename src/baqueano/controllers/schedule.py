@@ -79,7 +79,7 @@ class DelayedControllerState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DelayedController:
-    """Controller that sends zero commands for `rest_s`, and then runs another controller.  (1)
+    """Controller that sends zero commands for `rest_s`, and then runs another controller.
 
     Parameters
     ----------
@@ -89,6 +89,10 @@ class DelayedController:
         Duration of the rest [s].
     commands : int
         Number n of commands.
+
+    Notes
+    -----
+    At rest with commands of exactly zero, a filter measures the bias of the gyro.
 
     Examples
     --------

@@ -10,10 +10,9 @@ s_r and b.
 
 A mean speed belongs to the middle of δ, so the slot of a reading has the age ½ δ. A fit compares it with the mean of h
 over δ (identify/data/averaging.py), a filter with h in the middle of δ. Behind a lag of 45 ms, a step to 0.6 m/s
-separates them by 0.4, 1.4 and 20 mm/s at 100, 50 and 10 Hz. The noise of counts of 0.5 mm is 20, 10 and 2 mm/s. So a
-filter needs the mean only at low rates. Counts are rounded at both ends of δ, each time with the variance c²/12. The
-errors of successive readings cancel: the error of their sum is at most c. At a lower rate the readings are more
-precise, but older. If a wheel rolls more than N/2 counts between two readings, the reading is wrong.
+separates them by 0.4, 1.4 and 20 mm/s at 100, 50 and 10 Hz; counts of 0.5 mm have a noise of 20, 10 and 2 mm/s. Counts
+are rounded at both ends of δ, each time with the variance c²/12. The errors of successive readings cancel: the error of
+their sum is at most c. If a wheel rolls more than N/2 counts between two readings, the reading is wrong.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """Process model of the augmented state: the mean one row later, and the covariance of its noise.
 
     x = (η, ν, d, κ, β, w, b):  pose, velocity, disturbance, scale errors, course, bend, biases               (1)
-    dynamic model      ν̇ = f(ν, e) + D,      D = (d_x, l d_ψ, d_ψ) [m/s², rad/s²], η̇ = J(ψ) (1 + K) ν        (2)
-    kinematic model    ν = V e + D,           D = (d_x, 0, d_ψ) [m/s, rad/s]
+    ν̇ = f(ν, e) + D,  D = (d_x, l d_ψ, d_ψ),  or  ν = V e + D,  D = (d_x, 0, d_ψ);   η̇ = J(ψ) (1 + K) ν     (2)
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
     ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s,  κ̇ = β̇ = ẇ = 0,  ḃ = noise  (3)
     displacement += −w √¾ s / (1 + s/2) J(ψ) ν δ,   s the variance of the heading, w ~ N(0, 1)             (4)

@@ -4,8 +4,8 @@
     C = Σ_i w_i [a b]ᵢᵀ P [a b]ᵢ + diag(σ_s², 0),   w_i the share of the direction i in the rows           (2)
     var |ν_x| = C_aa ν_x² + 2 C_ab |ν_x| + C_bb = σ₀² + σ₁² (|ν_x| − v₀)²                                  (3)
 
-P is the covariance of the parameters of the model, and σ_s the relative error of the speed by the scales of gyro and
-accelerometers, if P does not contain it. Without a sensor of the speed, the filter takes the speed from the model. An
+P is the covariance of the parameters of the model. σ_s is the relative error of the speed by the scales of gyro and
+accelerometers; it is 0 if P contains it. Without a sensor of the speed, the filter takes the speed from the model. An
 error of a friction or a dead zone then lasts for the whole drive, and no sensor on board shows it.
 """
 
