@@ -88,6 +88,7 @@ def test_a_vehicle_beside_its_path_returns_when_driving_forward_or_backward(law,
 @pytest.mark.parametrize("law", LAWS)
 def test_each_control_law_passes_the_controller_check(law):
     assert check_controller(SMALL.controller(law)) == []
+    assert check_controller(load("car").controller(law), 2) == []
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -141,10 +141,10 @@ def test_after_one_second_of_pause_only_the_covariance_grows(name, call):
 
 
 @pytest.mark.parametrize("name", GARAGE)
-def test_covariance_stays_positive_definite_over_200_000_rows_of_any_length(name):
+def test_covariance_stays_positive_definite_over_a_million_rows_of_any_length(name):
     belief = ekf(name).init()
     last = 0
-    for seed in range(4):
+    for seed in range(20):
         ticks = random_ticks(name, 50_000, seed)
         ticks = ticks._replace(t_ns=ticks.t_ns + last)
         belief, (mean, cov) = kernel(name).run(ticks, carry=belief)
@@ -156,18 +156,21 @@ def test_covariance_stays_positive_definite_over_200_000_rows_of_any_length(name
 
 
 @pytest.mark.parametrize("name", GARAGE)
-def test_ten_days_of_ticks_of_ten_seconds_cause_no_overflow(name):
+def test_a_million_ticks_of_ten_seconds_cause_no_overflow(name):
     ticks = random_ticks(name, 100_000, 0)
-    ticks = ticks._replace(t_ns=10_000 * MS * np.arange(1, 100_001))
-    _, (mean, cov) = kernel(name).run(ticks)
-    assert sound(mean[::7], cov[::7])
+    belief, last = ekf(name).init(), 0
+    for _ in range(10):
+        t_ns = last + 10_000 * MS * np.arange(1, 100_001)
+        belief, (mean, cov) = kernel(name).run(ticks._replace(t_ns=t_ns), carry=belief)
+        last = int(t_ns[-1])
+        assert sound(mean[::7], cov[::7])
 
 
 @pytest.mark.parametrize("backend", ["numpy", "python", "c"])
 @pytest.mark.parametrize("name", GARAGE)
 def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
     belief = ekf(name).init()
-    for each_tick in each(random_ticks(name, {"numpy": 8, "python": 150, "c": 3000}[backend], 3)):
+    for each_tick in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
         belief, estimate = ekf(name, backend).step(belief, each_tick)
         assert sound(belief.mean, belief.cov)
         assert sound(estimate.nu, estimate.cov)
@@ -176,7 +179,7 @@ def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(nam
 @pytest.mark.parametrize("name", GARAGE)
 def test_all_back_ends_give_the_same_estimate_over_pauses(name):
     belief = ekf(name).init()
-    for each_tick in each(random_ticks(name, 12, 5, 1e-3, 1.5)):
+    for each_tick in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
         belief, *beliefs = (
             ekf(name, backend).step(belief, each_tick)[0] for backend in ("c", "numpy", "python")
         )

@@ -11,9 +11,7 @@ from baqueano.identify.noise.acceptance import NormalisedSquare, simulated_error
 from baqueano.messages import text
 from baqueano.vehicle_file import load
 
-SMALL = load("small").with_values(
-    {"estimator.use": ["imu[2]"]}
-)  # no accelerometer is a candidate for the speed
+SMALL = load("small")
 FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
 GYRO, HEADING = ("imu", 2), 2
 
