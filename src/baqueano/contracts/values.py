@@ -2,8 +2,6 @@
 
 from typing import Any, TypeAlias
 
-import numpy as np
-
 Value: TypeAlias = Any
 """A scalar or an array, numeric (NumPy) or symbolic (`symbolic`). A block is traced with symbolic values to compile it.
 The two kinds share their operators, but no common NumPy type. A function of `Value` accepts both.
@@ -27,5 +25,7 @@ def array_text(value: Value) -> str:
     >>> array_text(np.full((6, 6), np.nan))
     '[[nan, ..., nan], ..., [nan, ..., nan]]'
     """
+    import numpy as np  # the process of the page uses the types above without NumPy
+
     text = np.array2string(np.asarray(value), threshold=6, edgeitems=1, separator=", ")
     return " ".join(text.split())
