@@ -22,6 +22,7 @@ JsonObject: TypeAlias = dict[str, Any]
 def array_text(value: Value) -> str:
     """Return an array as text on one line, without its middle if it is long.
 
+    >>> import numpy as np
     >>> array_text(np.full((6, 6), np.nan))
     '[[nan, ..., nan], ..., [nan, ..., nan]]'
     """
