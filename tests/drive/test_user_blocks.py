@@ -95,9 +95,9 @@ def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
         ("return state, Command(estimate.t_ns, np.ones(3) @ np.ones(4))", "ValueError"),
         (
             "return state, Command(estimate.t_ns, np.ones(4))",
-            "returned Command.u with shape (4,), expected (3,)",
+            "returned Command.u.shape = (4,), expected (3,)",
         ),
-        ("return state, Command(estimate.t_ns, np.array([np.nan, 0, 0]))", "Command.u = [nan, 0.0, 0.0]"),
+        ("return state, Command(estimate.t_ns, np.array([np.nan, 0, 0]))", "Command.u = [nan, 0., 0.]"),
         ("return estimate.unknown", "AttributeError"),
         ("return Command(estimate.t_ns, np.zeros(3))", "returned Command, expected (state, output)"),
     ],
