@@ -262,7 +262,7 @@ BROKEN = {
         "sensor",
         "rate_hz: float = 50.0",
         "rate_hz: float = 5.0",
-        [("check.rate", {"answers": 100, "lasted_s": 2.0, "rate_hz": 5.0, "wanted": 10.0})],
+        [("check.rate", {"answers": 100, "lasted_s": 2.0, "rate_hz": 5.0, "expected": 10.0})],
     ),
     "no drivetrain": ("vehicle", "    drivetrain = ", "    motors = ", [("check.no-drivetrain", {})]),
     "no commands": ("vehicle", "    commands = 2\n", "", [("check.no-commands", {})]),

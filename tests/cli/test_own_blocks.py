@@ -158,9 +158,9 @@ def test_a_mistyped_part_of_a_block_path_is_corrected(project, tmp_path, mistype
     [
         ('raise ValueError("boom")', "np.zeros(3)", "mine.py:9) raised ValueError: boom"),
         ("stat", "np.zeros(3)", "mine.py:9) raised NameError: name 'stat' is not defined"),
-        ("pass", "np.zeros(2)", "with shape (2,), expected (3,)"),
+        ("pass", "np.zeros(2)", ".shape = (2,), expected (3,)"),
         ("pass", "np.full(3, np.nan)", "= [nan, nan, nan], expected finite numbers"),
-        ("return None", "np.zeros(3)", "returned nothing, expected (state, output)"),
+        ("return None", "np.zeros(3)", "returned None, expected (state, output)"),
     ],
 )
 def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_complete(

@@ -14,7 +14,8 @@ import pytest
 
 from baqueano.cli import terminal
 from baqueano.cli.terminal import show_activity, show_steps
-from baqueano.diagnostics import StopReason
+from baqueano.diagnostics import StopReason, note
+from baqueano.messages import text
 from baqueano.messages.language import use_language
 from baqueano.runs import read_run
 
@@ -36,7 +37,9 @@ def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedPro
 def test_no_progress_bar_is_drawn_if_stderr_is_not_a_terminal(project):
     done = run(project, "repeat", "lab", "--vehicle", "small", "--json")
     assert done.returncode == 0
-    assert done.stderr.decode().splitlines() == ["run: runs/0003-repeat.mcap"]
+    rest, path = done.stderr.decode().splitlines()
+    assert rest == text(note("drive.rest", rest_s=2.0))
+    assert path == "run: runs/0003-repeat.mcap"
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
@@ -104,8 +107,7 @@ def test_ctrl_c_ends_an_endless_repeat_with_a_complete_run(project):
     assert whole.estimate is not None
     assert len(whole.estimate.t_ns) == len(whole.t_ns), "every tick is complete"
     reasons = [event.diagnostic for event in whole.events if event.source != "refused"]
-    assert [reason.code for reason in reasons if reason is not None] == [StopReason.INTERRUPTED]
-    assert len(reasons) == 1
+    assert [reason.code for reason in reasons if reason is not None] == ["drive.rest", StopReason.INTERRUPTED]
 
 
 def test_a_killed_program_leaves_a_readable_run(project):
