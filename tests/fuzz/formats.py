@@ -137,7 +137,7 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
             if is_whole and not np.allclose(imported, rates, rtol=1e-12, atol=0.0):
                 raise Silent("a yaw rate differs from the text")
             if not is_whole and not any(one.findings for one in runs):
-                raise Silent("rows are missing, and the import has no finding")
+                raise Silent("rows are missing, and the import reports nothing")
         return runs
 
     yield read_mutant

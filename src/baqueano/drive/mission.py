@@ -68,6 +68,13 @@ class Mission:
             if self.kind == kind and getattr(self, name) is None:
                 raise UsageError(fault("mission.lacks", kind=kind, name=name))
 
+    @property
+    def start_pose(self) -> np.ndarray:
+        """Return the pose (3,) of the vehicle at the start, in the map: `start`, else the first pose of the route."""
+        if self.start:
+            return np.array(self.start)
+        return np.zeros(3) if self.route is None else self.route.eta[0]
+
     def to_json(self) -> str:
         """Return the mission as one line of JSON."""
         route = None if self.route is None else {k: _with_lists(v) for k, v in self.route._asdict().items()}

@@ -104,10 +104,7 @@ class DriveDoor:
 
     def local_options(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
         """Return the options of a drive in this process. With them the page shows the drive and sets its pace."""
-        start_options = (
-            {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
-        )
-        given = start_options | given
+        given = ({"eta": mission.start_pose} if mission.kind == "repeat" else {}) | given
         if "world" not in given:
             world_options = ("truth", "seed", "eta", "backend")
             given["world"] = Conditions(**{k: given[k] for k in world_options if k in given}).make_world(file)

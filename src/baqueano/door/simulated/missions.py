@@ -61,9 +61,7 @@ class MissionPlan:
     @property
     def start(self) -> np.ndarray:
         """Return the pose (3,) at the start."""
-        if self.mission.start:
-            return np.array(self.mission.start)
-        return np.zeros(3) if self.mission.route is None else self.mission.route.eta[0]
+        return self.mission.start_pose
 
 
 @contextmanager
