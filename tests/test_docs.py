@@ -213,7 +213,8 @@ TERMS = {  # of the pages, which are not in a first-year textbook
     "held-out", "huber", "innovation", "jackknife", "kalman", "kinematic", "latched", "lever arm", "likelihood",
     "lqr", "mark", "multiple shooting", "nees", "nis", "odometer", "pose gate", "prior", "process noise", "pwm",
     "residual", "rpe", "runge-kutta", "sandwich", "score test", "sensitivit", "skid-steered", "slew", "slip",
-    "smooth", "student", "tag", "unscented", "watchdog", "white noise",
+    "smooth", "student", "tag", "unscented", "watchdog", "white noise", "cobs", "crc", "jerk", "mcap", "mpc",
+    "open loop", "outlier", "χ² test",
 }  # fmt: skip
 
 
