@@ -1,9 +1,13 @@
 """The search finds the smallest cost within bounds, and reports a bound that limits the result."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.tune.gains import search_gains
 from baqueano.tune.search import (
     DIVERGED_COST,
     at_limit,
@@ -14,6 +18,7 @@ from baqueano.tune.search import (
     halton,
     search,
 )
+from baqueano.tune.search_space import SearchSpace
 from tests.codes import refused
 
 LOW, HIGH = np.array([0.0, 0.0, 1.0]), np.array([100.0, 10.0, 50.0])
@@ -58,6 +63,24 @@ def test_gains_that_only_act_together_stay_near_the_present_gains():
     assert 20.0 < end.gains[2] < 40.0
     assert not np.any(at_limit(end.gains, LOW, HIGH))
     np.testing.assert_allclose(descend(both, at_bounds, LOW, HIGH).gains, at_bounds, atol=1e-9)
+
+
+def test_gains_at_a_bound_for_a_negligible_advantage_are_moved_near_the_present_gains():
+    """g0 falls to its bound, for 0.05 % of the cost; g1 has its optimum inside, and keeps it."""
+    present, slope = np.array([50.0, 2.0]), 1e-5
+
+    def both(g):
+        d = (g[1] - 3.0) / 3.0
+        return 1.0 + d * d + slope * g[0], np.array([slope, 2.0 * d / 3.0])
+
+    no_block: Any = None
+    space = SearchSpace(("a", "b"), ("1", "1"), LOW[:2], HIGH[:2], LOW[:2], HIGH[:2], present, no_block)
+    drives: Any = SimpleNamespace(space=space, cost=lambda g: both(g)[0], cost_and_gradient=both)
+    plain = search(drives.cost, both, LOW[:2], HIGH[:2], [present], 0)[0]
+    assert at_limit(plain.gains, LOW[:2], HIGH[:2]).tolist() == [-1, 0]
+    best = search_gains(drives, [present], 0, False)[1][0]
+    assert at_limit(best.gains, LOW[:2], HIGH[:2]).tolist() == [0, 0]
+    assert best.gains[1] == pytest.approx(3.0, rel=1e-2)
 
 
 def test_a_search_from_the_lower_bounds_reaches_the_minimum():
