@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.estimators.augmented.motion import velocity_error
+from baqueano.estimators.augmented.motion import MIN_SPEED_M_S, velocity_error
 from baqueano.estimators.augmented_ekf import SCALE_INDEX
 from baqueano.identify import random_steps
 from baqueano.identify.data.record import FittedBlocks
@@ -55,6 +55,23 @@ def test_wrong_dead_zones_are_an_offset_of_the_speed():
     slope = SMALL.vehicle.actuator_matrix[0, 0] / SMALL.vehicle.friction.linear[0]
     assert claimed_std(ekf, CONSTANT_SPEED) == pytest.approx(slope * 0.02 / np.sqrt(2.0), rel=0.3)
     assert claimed_std(ekf, 0.1) / 0.1 > 1.5 * claimed_std(ekf, 0.4) / 0.4
+
+
+def test_the_errors_of_turns_are_part_of_the_claim():
+    """In turns, wheels cross their dead zones: over all rows the claim has the variance that the fit predicts."""
+    commands = random_steps([1.0, 0.0, 1.0], 60.0, SMALL.rate_hz, 1, hold_s=1.0)
+    zones = [f"model.drivetrain.dead_zone_forward[{k}]" for k in (0, 1)]
+    fit, run, ekf = fit_with(zones, [0.02] * 2), simulate(SMALL, commands), SMALL.estimator()
+    sheet_std = np.sqrt(ekf.init().cov[SCALE_INDEX, SCALE_INDEX])
+    nu_x = run.truth.nu[:, 0]
+    predicted = (sheet_std * nu_x) ** 2
+    for change in 1e-3 * np.eye(2):
+        zone = SMALL.vehicle.drivetrain.dead_zone_forward + change
+        other = simulate(SMALL.with_values({"model.drivetrain.dead_zone_forward": zone}), commands)
+        predicted += (0.02 * (other.truth.nu[:, 0] - nu_x) / 1e-3) ** 2
+    ekf, rows = with_speed_error(ekf, fit, [run]), np.abs(nu_x) > MIN_SPEED_M_S
+    claimed = [claimed_std(ekf, v) ** 2 for v in nu_x[rows]]
+    assert np.mean(claimed) == pytest.approx(np.mean(predicted[rows]), rel=0.1)
 
 
 def test_without_an_error_of_the_fit_the_data_sheets_decide():

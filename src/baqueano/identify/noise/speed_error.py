@@ -1,12 +1,14 @@
 """Estimate the lasting error of the model's speed from the errors of a fit.
 
     ∂|ν_x|/∂θ ≈ a |ν_x| + b,   a, b (p,) by least squares over the runs, forward and backward separately  (1)
-    C = Σ_i w_i [a b]ᵢᵀ P [a b]ᵢ + diag(σ_s², 0),   w_i the share of the direction i in the rows           (2)
+    C = f Σ_i w_i [a b]ᵢᵀ P [a b]ᵢ + diag(σ_s², 0),   w_i the share of the direction i in the rows         (2)
     var |ν_x| = C_aa ν_x² + 2 C_ab |ν_x| + C_bb = σ₀² + σ₁² (|ν_x| − v₀)²                                  (3)
 
 P is the covariance of the parameters of the model. σ_s is the relative error of the speed by the scales of gyro and
-accelerometers; it is 0 if P contains it. Without a sensor of the speed, the filter takes the speed from the model. An
-error of a friction or a dead zone then lasts for the whole drive, and no sensor on board shows it.
+accelerometers; it is 0 if P contains it. f restores the variance that (1) does not describe, as that of turns: with it
+and σ_s = 0, the mean of (3) over the rows equals that of ∂ν_x P ∂ν_xᵀ. Without a sensor of the speed, the filter takes
+the speed from the model. An error of a friction or a dead zone then lasts for the whole drive, and no sensor on board
+shows it.
 """
 
 from collections.abc import Sequence
@@ -42,13 +44,17 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]
     nu_x, derivatives = _speeds(fit, paths, runs)
     moving = np.abs(nu_x) > MIN_SPEED_M_S
-    C = np.zeros((2, 2))
+    C, described, total = np.zeros((2, 2)), 0.0, 0.0
     for direction in (1.0, -1.0):
         rows = moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
         if rows.any():
             X = np.stack([np.abs(nu_x[rows]), np.ones(rows.sum())], axis=1)
-            B = np.linalg.lstsq(X, direction * derivatives[rows], rcond=None)[0]
+            D = direction * derivatives[rows]
+            B = np.linalg.lstsq(X, D, rcond=None)[0]
             C += B @ P @ B.T * (rows.sum() / moving.sum())
+            described += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
+            total += np.einsum("ni,ij,nj->", D, P, D)
+    C *= total / described if described > 0.0 else 1.0
     if not any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
         C[0, 0] += start_std(replace(ekf, speed_error_std=np.zeros(2)))[SCALE_INDEX] ** 2
     least = float(np.clip(-C[0, 1] / C[0, 0], -100.0, 100.0)) if C[0, 0] > 0.0 else 0.0
