@@ -12,7 +12,8 @@ estimator and its covariance. Readings change the doubt in [0, DEGRADED_S]. δ: 
     doubt ← doubt + δ if z disagrees,  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees           (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
 
-For i = 0 a stuck sensor also agrees. Method: Gertler 1998 (analytical redundancy). log_odds.py decides which is wrong.
+In motion, p of an accelerometer also contains the slope of the floor. For i = 0 a stuck sensor also agrees. log_odds.py
+decides which is wrong. Method: Gertler 1998 (analytical redundancy).
 """
 
 from dataclasses import dataclass
@@ -38,6 +39,10 @@ MAX_STEP_S = 0.1  # longest time assigned to one reading: five readings of a slo
 MIN_VARIANCE = 1e-300
 FILE_BIAS_FACTOR = 5.0  # factor on the std of a bias in the file, before a rest: the file can be old
 MAX_EVIDENCE = 20.0  # limit of the evidence
+FLOOR_SLOPE_STD = (
+    0.005  # rad: level floors (DIN 18202: 4 mm per m). A rest measures an accelerometer at one place
+)
+GRAVITY_M_S2 = 9.81
 MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 
 
@@ -97,7 +102,9 @@ class AgreementMonitor:
 
         C = mirror_upper(H @ model.cov @ H.T)
         p = memory.bias_var + channels.bias_walk**2 * row.dt_s
-        N = block_diagonal([getattr(self.model.sensors, name).cov for name in channels.sensors]) + np.diag(p)
+        slope_std = np.where(channels.measures_acceleration, FLOOR_SLOPE_STD * GRAVITY_M_S2, 0.0)
+        N = block_diagonal([getattr(self.model.sensors, name).cov for name in channels.sensors])
+        N = N + np.diag(p + np.where(at_rest, 0.0, slope_std**2))
         r = np.where(is_good, self._difference(z, expected) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
         is_outlier = is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)

@@ -25,6 +25,7 @@ class ChannelProperties(NamedTuple):
     is_pose: np.ndarray  # (m,) bool: it measures the pose, so (1) of agreement.py is not tested
     measures_turn: np.ndarray  # (m,) bool: it measures the yaw rate
     measures_speed: np.ndarray  # (m,) bool: it measures the speed
+    measures_acceleration: np.ndarray  # (m,) bool
     is_inertial: np.ndarray  # (m,) bool: it has a bias that walks
     groups: tuple[tuple[int, ...], ...]  # for each channel, those that fail with it, itself first
     bias_std: np.ndarray  # (m,) standard deviation of the bias in the file
@@ -53,7 +54,8 @@ def channels_of(model: AugmentedEkf) -> ChannelProperties:
     )
     return ChannelProperties(
         sensors._fields, tuple(f"{name}[{i}]" for name, i in channels),
-        np.any(jacobian[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
+        np.any(jacobian[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0,
+        np.any(at_rest[:, 6:] != 0.0, axis=1), inertial, groups,
         biases[:, 0], np.maximum(biases[:, 1], 0.0),
         np.concatenate([sensor.h(REST_MOTION) for sensor in sensors]),
         np.concatenate([optional.attribute(sensor, "limit") * np.ones(sensor.size) for sensor in sensors]),
