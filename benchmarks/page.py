@@ -173,7 +173,7 @@ def _drive(tab: Any) -> None:
     while not tab.js("baqueano.page.state.state === 'MANUAL' && baqueano.page.record.length > 20"):
         assert time.monotonic() < end, tab.js("baqueano.page.state.sentence")
         if not tab.js("baqueano.page.hand.mine"):
-            tab.js("baqueano.page.hand.take()")
+            tab.js("baqueano.page.hand.toggle()")
         elif tab.js("baqueano.page.state.state") in ("READY", "STOPPED"):
             tab.js("baqueano.page.link.send({is: 'clear'})")
             tab.js("baqueano.page.link.send({is: 'mission', kind: 'drive'})")
