@@ -70,7 +70,7 @@ def _cause_sentence(state: "JsonObject") -> Diagnostic:
 def _drive_sentences(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
     """Return the sentences about the activity of a driving vehicle and about its accuracy."""
     if rest_s := state.get("rest_s"):
-        return [note("drive.rest", rest_s=rest_s)]
+        return [note("web.rest", rest_s=rest_s)]
     parts: list[Diagnostic] = []
     if state.get("mission") == "repeat" and lap is not None:
         parts.append(note("web.lap-of", lap=lap, laps=laps) if laps else note("web.lap", lap=lap))
