@@ -32,7 +32,7 @@ def fit():
 def test_without_a_validation_run_no_speed_channel_is_chosen(fit):
     noise = measure_noise(*fit)
     assert noise.speed is not None
-    assert not noise.speed.decided
+    assert not noise.speed.is_from_held_out
     assert noise.speed.message.fix == "--held-out RUN"
     assert "speed_from" not in noise.updated_file(fit[0].vehicle_file).data["estimator"]
     blind = replace(drive_fit(SMALL, HELD_S, 2), truth=None)
@@ -49,7 +49,7 @@ def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     fit = identify(own_run, SMALL, FREE), own_run
     noise = measure_noise(*fit, held_out=[unseen_run])
     assert noise.speed is not None
-    assert noise.speed.decided
+    assert noise.speed.is_from_held_out
     assert noise.speed.names
     assert "truth" in noise.speed.message.figures["by"]
     fitted_file = noise.updated_file(fit[0].vehicle_file)

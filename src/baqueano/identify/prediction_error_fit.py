@@ -103,10 +103,10 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     shared_entries = np.array(second.end.in_theta)
     positions = np.r_[shared_entries, np.full(count - len(shared_entries), -1), p + np.arange(k)]
     scale = np.r_[np.ones(count), 1.0 / np.maximum(2.0 * std, 1e-300)]
-    kept = [n for n, i in enumerate(entries) if i < count + k and positions[i] >= 0]
-    rows = positions[entries[kept]]
-    cov[np.ix_(rows, rows)] = entry_cov[np.ix_(kept, kept)] * np.outer(
-        scale[entries[kept]], scale[entries[kept]]
+    free_entries = [n for n, i in enumerate(entries) if i < count + k and positions[i] >= 0]
+    rows = positions[entries[free_entries]]
+    cov[np.ix_(rows, rows)] = entry_cov[np.ix_(free_entries, free_entries)] * np.outer(
+        scale[entries[free_entries]], scale[entries[free_entries]]
     )
     cov[:p, :p] = fit.cov
     return cov

@@ -146,8 +146,8 @@ def design_plan(
     )
     u, eta = search.rollout(ticks, rest_ticks)
     if room.margin(eta) < 0.0:
-        contained = contain_in_room(u, vehicle_file, room, cloud=search.validation_cloud)
-        u, eta = contained.u, contained.eta
+        signal = contain_in_room(u, vehicle_file, room, cloud=search.validation_cloud)
+        u, eta = signal.u, signal.eta
     relative_std = search.drive_information.relative_std(search.drive_information.information(u))
     return Plan(u, room, float(room.margin(eta)), search.drive_information.unknowns.names, relative_std, eta)
 
@@ -267,10 +267,10 @@ class PlanSearch:
         too_fast = [k for k, drive in enumerate(drives) if not drive[0]]
         gentler_primitives = [gentler_primitive(primitives[k], self.shape) for k in too_fast]
         drives += self._map_primitives(self._evaluate, gentler_primitives) if gentler_primitives else []
-        kept = [k for k, drive in enumerate(drives) if drive[0]]
-        self.primitives += [[*primitives, *gentler_primitives][k] for k in kept]
+        feasible = [k for k, drive in enumerate(drives) if drive[0]]
+        self.primitives += [[*primitives, *gentler_primitives][k] for k in feasible]
         self.composer.add_primitives(
-            np.array([drives[k][2] for k in kept]), np.array([drives[k][1] for k in kept])
+            np.array([drives[k][2] for k in feasible]), np.array([drives[k][1] for k in feasible])
         )
 
     def _map_primitives(

@@ -192,12 +192,12 @@ def contain_in_room(
         )
     state, rate_hz = cloud.state_at(room.start), vehicle_file.rate_hz
     chunk_ticks = max(1, round(CHUNK_S * rate_hz))
-    contained, poses, change_count = np.empty_like(u), [], 0
+    limited_u, poses, change_count = np.empty_like(u), [], 0
     for begin in range(0, len(u), chunk_ticks):
         chunk_u = u[begin : begin + chunk_ticks]
         options = chunk_alternatives(chunk_u)
         index, state, path = _first_allowed_or_last(cloud, room, state, options, begin)
-        contained[begin : begin + chunk_ticks] = options[index]
+        limited_u[begin : begin + chunk_ticks] = options[index]
         poses.append(path)
         change_count += not np.array_equal(options[index], chunk_u)
     eta = np.concatenate(poses, axis=1)
@@ -206,7 +206,7 @@ def contain_in_room(
         raise AnswerNo(
             fault("room.too-small", width_m=room.width_m, height_m=room.height_m, beyond_m=-margin)
         )
-    return ContainedSignal(contained, margin, change_count / len(poses), eta)
+    return ContainedSignal(limited_u, margin, change_count / len(poses), eta)
 
 
 def chunk_alternatives(u: np.ndarray) -> np.ndarray:

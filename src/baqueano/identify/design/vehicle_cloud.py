@@ -103,14 +103,12 @@ def _draw_parameters(
 
 def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return a draw x (p,) with covariance P (p, p), moved between its bounds.  (4)"""
-    moved, is_fixed = x, np.zeros(len(x), bool)
-    while (is_beyond := ~is_fixed & ((moved < low) | (moved > high))).any():
+    draw, is_fixed = x, np.zeros(len(x), bool)
+    while (is_beyond := ~is_fixed & ((draw < low) | (draw > high))).any():
         is_fixed |= is_beyond
         correction = np.clip(x, low, high)[is_fixed] - x[is_fixed]
-        moved = (
-            x + P[:, is_fixed] @ np.linalg.pinv(P[np.ix_(is_fixed, is_fixed)], hermitian=True) @ correction
-        )
-    return moved
+        draw = x + P[:, is_fixed] @ np.linalg.pinv(P[np.ix_(is_fixed, is_fixed)], hermitian=True) @ correction
+    return draw
 
 
 class VehicleCloud:

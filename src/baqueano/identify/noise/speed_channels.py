@@ -38,7 +38,7 @@ class SpeedChannels(NamedTuple):
 
     names: tuple[str, ...]  # for `speed_from`: "imu[1]"; empty if no channel helps
     message: Diagnostic
-    decided: bool = True  # True if held-out runs decided; else the names are from the file
+    is_from_held_out: bool = True  # False: the names are from the file
 
 
 def speed_channels(
@@ -58,7 +58,9 @@ def speed_channels(
     with_speed = [(run, speed, source) for run, speed, source in references if speed is not None]
     if not with_speed:
         code = "speed.by-the-file" if file_names else "speed.by-the-model"
-        return SpeedChannels(file_names, note(code, fix="--held-out RUN", channels=file_names), decided=False)
+        return SpeedChannels(
+            file_names, note(code, fix="--held-out RUN", channels=file_names), is_from_held_out=False
+        )
     errors_without, ratios = _errors(without_speed, with_speed, backend), {}
     if not np.isfinite(errors_without).all():
         return None  # the model itself diverges

@@ -214,8 +214,8 @@ class Mpu6050:
         sample_count, residue = divmod(count, SAMPLE_BYTES)
         self._odd = self._odd + 1 if residue else 0
         is_full = count > self.chip.fifo_bytes - FIFO_MARGIN * SAMPLE_BYTES
-        eaten = self._residue and (count < self._residue or (count - self._residue) % SAMPLE_BYTES)
-        if is_full or eaten or self._odd >= MAX_FAILURES:
+        is_misaligned = self._residue and (count < self._residue or (count - self._residue) % SAMPLE_BYTES)
+        if is_full or is_misaligned or self._odd >= MAX_FAILURES:
             self._clear_fifo()
             self.counts.overflows += 1
             self._watch.record_event(

@@ -58,9 +58,9 @@ class Imus(Group):
         forward, left = sx * forward + kx * left, sy * left + ky * forward
         return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
-    def readings(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Return the readings (n, 3): `quiet` plus drift `wandered`, with noise from unit normals `white`, and
+    def readings(self, quiet: np.ndarray, drift: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Return the readings (n, 3): `quiet` plus `drift`, with noise from unit normals `white`, and
         rounded."""
-        z = quiet + wandered + self.noise * white
+        z = quiet + drift + self.noise * white
         safe = np.where(self.step > 0.0, self.step, 1.0)
         return np.where(self.step > 0.0, safe * np.round(z / safe), z)
