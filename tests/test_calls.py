@@ -9,6 +9,8 @@ import pytest
 
 import baqueano as bq
 from baqueano.errors import FileError, Misuse
+from baqueano.identify.noise.covariances import Noise
+from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 
 ROBOT = bq.load("small")
@@ -43,10 +45,13 @@ def code_of(call) -> str:
         ("call.kind", lambda: bq.identify(RUN, ROBOT, free="model.mass_kg")),
         ("call.kind", lambda: bq.FitOptions(segment_s="3")),
         ("call.kind", lambda: bq.routes.smooth("lab")),
+        ("call.kind", lambda: Fit.updated_file(None, ROBOT)),
+        ("call.kind", lambda: Noise.updated_file(None, RUN)),
         ("call.order", lambda: bq.identify(ROBOT, RUN)),
         ("call.order", lambda: bq.repeat("lab", ROBOT)),
         ("call.missing", lambda: bq.repeat(ROBOT)),
         ("call.missing", lambda: bq.excitation("prbs", ROBOT)),
+        ("call.missing", lambda: Noise.updated_file(None)),
         ("call.positions", lambda: bq.replay(RUN, ROBOT, None, "ekf")),
         ("call.option-of", lambda: bq.identify(RUN, ROBOT, segment_s=3.0)),
         ("call.unknown", lambda: bq.FitOptions(segmet_s=3.0)),
@@ -54,6 +59,12 @@ def code_of(call) -> str:
 )
 def test_a_wrong_call_is_a_message(code, call):
     assert code_of(call) == code
+
+
+def test_a_method_with_too_many_arguments_is_answered_with_their_number_without_self():
+    with pytest.raises(Misuse) as error:
+        Noise.updated_file(None, ROBOT, "", 3)
+    assert error.value.diagnostic.figures["most"] == 2
 
 
 def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():

@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import is_dataclass
+from datetime import date
 from functools import wraps
 from numbers import Integral, Real
 from pathlib import PurePath
@@ -64,6 +65,7 @@ ALLOWED = {  # part of an annotation → the kind
         N_("a route"), _has_class("Route"), "from baqueano.runs import read_route; route = read_route({})"
     ),
     "Fit": ArgumentKind(N_("a fit"), _has_class("Fit")),
+    "date": ArgumentKind(N_("a date"), lambda value: isinstance(value, date)),
     "Guide": ArgumentKind(N_("a guide"), lambda value: isinstance(value, Guide)),
     "int": ArgumentKind(N_("a whole number"), lambda value: isinstance(value, Integral)),
     "float": ArgumentKind(N_("a number"), lambda value: isinstance(value, Real | np.ndarray)),
@@ -170,7 +172,8 @@ def _refuse_arguments(
     missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
     if missing:
         raise Misuse(fault("call.missing", example, call=_call_name(example), names=missing))
-    raise Misuse(fault("call.positions", example, call=_call_name(example), most=len(positional)))
+    most = len(positional) - ("self" in parameters)
+    raise Misuse(fault("call.positions", example, call=_call_name(example), most=most))
 
 
 def _refuse_kind(

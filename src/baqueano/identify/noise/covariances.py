@@ -146,6 +146,7 @@ class Noise(Result):
         lines += texts(message.message for message in (self.speed, self.accepted) if message)
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
+    @checked_call("noise.updated_file(fit.vehicle_file)")
     def updated_file(self, vehicle_file: "VehicleFile", run: str = "") -> "VehicleFile":
         """Return the file with Q of each sensor (in motion), and with R, the other noise values and `speed_from` of
         the estimator.
@@ -161,7 +162,7 @@ class Noise(Result):
         if len(self.process):
             values["estimator.process_noise_cov"] = self.process.tolist()
         values |= {f"estimator.{name}": value.tolist() for name, value in self.fields.items()}
-        if self.speed and self.speed.decided:
+        if self.speed and self.speed.is_from_held_out:
             values["estimator.speed_from"] = list(self.speed.names)
         origin = Provenance(run, today(), None, self.verdict)
         return vehicle_file.with_values(values, dict.fromkeys(values, origin))

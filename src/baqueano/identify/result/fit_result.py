@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
@@ -191,6 +192,7 @@ class Fit(Result):
         """Return the file with the estimates and their origin. After a REFUSED fit the file is unchanged."""
         return self.updated_file()
 
+    @checked_call("fit.updated_file()")
     def updated_file(self, on: date | None = None) -> "VehicleFile":
         """Return the file with the estimates, dated `on`, by default today."""
         if self.verdict == Verdict.REFUSED:
