@@ -207,13 +207,13 @@ def test_a_term_of_the_glossary_is_used_on_the_page_that_its_row_names(page):
 
 
 TERMS = {  # of the pages, which are not in a first-year textbook
-    "ate", "augmented", "autocorrelat", "backlash", "brown-out", "clock offset", "clothoid", "collinear", "cornering",
+    "augmented", "autocorrelat", "backlash", "brown-out", "clock offset", "clothoid", "collinear", "cornering",
     "corridor", "coulomb", "covariance", "cramér-rao", "cross-track", "curvature", "d-optimal", "dead man",
-    "dead reckoning", "dead zone", "ekf", "encoder", "estimator", "excitation", "feed-forward", "gauss-newton",
+    "dead reckoning", "dead zone", "encoder", "estimator", "excitation", "feed-forward", "gauss-newton",
     "held-out", "huber", "innovation", "jackknife", "kalman", "kinematic", "latched", "lever arm", "likelihood",
-    "lqr", "mark", "multiple shooting", "nees", "nis", "odometer", "pose gate", "prior", "process noise", "pwm",
-    "residual", "rpe", "runge-kutta", "sandwich", "score test", "sensitivit", "skid-steered", "slew", "slip",
-    "smooth", "student", "tag", "unscented", "watchdog", "white noise", "cobs", "crc", "jerk", "mcap", "mpc",
+    "mark", "multiple shooting", "odometer", "pose gate", "prior", "process noise",
+    "residual", "runge-kutta", "sandwich", "score test", "sensitivit", "skid-steered", "slew", "slip",
+    "smooth", "student", "tag", "unscented", "watchdog", "white noise", "jerk",
     "open loop", "outlier", "χ² test",
 }  # fmt: skip
 
@@ -229,3 +229,19 @@ def test_a_term_that_the_pages_use_is_in_the_glossary():
 
     assert {term for term in TERMS if not begins_a_word(term, pages)} == set(), "a term that no page uses"
     assert {term for term in TERMS if not begins_a_word(term, terms)} == set(), "add it to both glossaries"
+
+
+NOT_TERMS = """
+AD0 AP ARM CPM CSV DART DHCP DNS EEPROM ENA ENB GB GBP GND GPIO GPS HTML HTTP IGMP IN1 IN4 JAX JSON LB LED MB NTP OUT
+PC QR RAM RB RFID ROS RX SCL SD SDA SI STBY TLS TT TX USB VCC VM WPA2 WPA3 CONFIG CROOKED DEGRADED DRIVE GET GUESS HEAD
+HOST NAME ON PREPARING README READY RESET RUNS SETTINGS STOP STOPPED STRAIGHT US
+"""  # products, pins, units, any computer; words that a person types or reads
+
+
+def test_each_abbreviation_of_the_pages_is_in_the_glossary():
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs/derivations").glob("*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages if page.stem != "glossary")
+    prose = re.sub(r"```.*?```|`[^`\n]*`|\*\*.*?\*\*|\]\([^)]*\)", " ", text, flags=re.DOTALL)
+    glossary = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    used = set(re.findall(r"(?<![\w-])[A-Z]{2,}\d?(?![\w-])", prose))
+    assert used - set(NOT_TERMS.split()) - set(re.findall(r"[A-Z]{2,}\d?", glossary)) == set()
