@@ -5,15 +5,14 @@ A reading z disagrees if it is not finite, if it is at the end of its range, or 
     |r| > GATE_SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b                                                     (1)
     |y| > GATE_SIGMA √S                                                                                        (2)
 
-x̂, P: state and covariance of the model, from the commands only (an estimator that follows a wrong sensor agrees with
-it). h, H: measurement function and Jacobian. Q: noise. b, p: bias at rest and its variance. y, S: innovation of the
-estimator and its covariance. Readings change the doubt in [0, DEGRADED_S]. δ: time, s: expected signal, σ: root in (1):
+x̂, P: state and covariance of the model, from the commands only (an estimator follows a wrong sensor). h, H: measurement
+function and Jacobian. Q: noise. b, p: bias at rest, its variance. y, S: innovation and its covariance of the estimator.
+Readings change the doubt in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
 
     doubt ← doubt + δ if z disagrees,  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees           (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
 
-In motion, p of an accelerometer also contains the slope of the floor. For i = 0 a stuck sensor also agrees. log_odds.py
-decides which is wrong. Method: Gertler 1998 (analytical redundancy).
+In motion, p of an accelerometer contains the floor's slope too. log_odds.py decides what is wrong. Gertler 1998.
 """
 
 from dataclasses import dataclass
