@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
-from baqueano.identify.diagnostics.score_test import FitResiduals, score_test
+from baqueano.identify.diagnostics.score_test import FitResiduals, bounded_shift, score_test
 
 ROWS = 1200
 
 
-def effect_on(own_fraction):
-    """Return the test of an effect, of which the free parameter explains all but `own_fraction`, and its misfit."""
+def residuals_and_effect(own_fraction):
+    """Return a fit with a misfit, and an effect of which the free parameter explains all but `own_fraction`."""
     t = np.linspace(0.0, 60.0, ROWS)
     rng = np.random.default_rng(4)
     d = np.sin(2.0 * t)
@@ -23,8 +24,11 @@ def effect_on(own_fraction):
         [misfit[:, None]], psi, w, d, d @ psi, [], np.zeros(ROWS, int), blocks,
         np.linalg.inv((d * w) @ d.T), np.vstack([d * w, psi]), power, float(np.sum(d**2)),
     )  # fmt: skip
-    D = np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * own
-    return score_test(fit, D)[0]
+    return fit, np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * own
+
+
+def effect_on(own_fraction):
+    return score_test(*residuals_and_effect(own_fraction))[0]
 
 
 @pytest.mark.parametrize("own_fraction", [1e-5, 1e-4, 5e-3])
@@ -36,3 +40,21 @@ def test_an_effect_with_a_part_of_its_own_shifts_the_parameter_by_its_size():
     test = effect_on(0.5)
     assert test.z > 4.6
     assert abs(test.shift[0]) == pytest.approx(0.3, rel=0.3)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.3, 2.0])
+def test_an_effect_cannot_shift_a_parameter_beyond_its_bound(part):
+    fit, D = residuals_and_effect(0.1)
+    test = score_test(fit, D)[0]
+    low, high = (np.array([x]) for x in sorted([part * test.shift[0], -9.0 * np.sign(test.shift[0])]))
+    shift = bounded_shift(fit, test, low, high)
+
+    d, D, w = fit.d[0], D[0], fit.w
+    own = D - d * (D @ (w * d)) / (d @ (w * d))  # the score of θ is 0 at a minimum
+
+    def cost(x):
+        change = x[0] * d + x[1] * test.size * D
+        return 0.5 * w @ change**2 - x[1] * test.size * (own @ fit.clipped_residuals)
+
+    best = minimize(cost, np.zeros(2), bounds=[(low[0], high[0]), (0.0, None)], tol=1e-12)
+    assert shift == pytest.approx(best.x[:1], abs=1e-3)

@@ -54,6 +54,14 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     assert "term.dry-friction" in {reason.figures["what"].code for reason in missing}
 
 
+def test_the_errors_by_a_missing_effect_are_correlated(case, u):
+    """Drag and quadratic drag share the error by missing dry friction, so their sum at the driven speed is accurate."""
+    rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
+    fit = identify(simulate(rough, u, 0), case)
+    i, j = (fit.names.index(f"model.friction.{name}[0]") for name in ("linear", "quadratic"))
+    assert fit.cov[i, j] < -0.9 * fit.sd[i] * fit.sd[j]
+
+
 def test_a_parameter_change_within_a_run_is_reported(case, u):
     worn_case = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     first = simulate(case, u, 0)

@@ -61,9 +61,10 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 
 def diagnose(
     end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray
-) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return messages on a finished search and its data, and the errors of parameters (path → error) that the findings
-    cause. `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file."""
+) -> tuple[list[Diagnostic], np.ndarray]:
+    """Return messages on a finished search and its data, and the covariance (s, s) of the errors of the shared entries
+    of θ by effects that the model lacks. `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the
+    channels in the file."""
     problem, theta, identifiable = (
         end.task.problem,
         end.search.solution.theta,
@@ -99,14 +100,14 @@ def diagnose(
             for message in channel_map.check_channels(problem, end.task.start)
             if message.code not in codes
         ]
-        return earlier_messages + channel_map.with_mount_findings(end, messages), {}
+        return earlier_messages + channel_map.with_mount_findings(end, messages), np.zeros((s, s))
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
     messages += channel_map.check_gain_changes(
         end.blocks, problem.shape.shared, estimate, std[:s], file_sigma, sigma, problem.labels
     )
-    findings_of_residuals, error_by_path = residual_checks.check_residuals(
-        end.blocks, problem, theta, identifiable, std
+    findings_of_residuals, unmodelled_cov = residual_checks.check_residuals(
+        end.blocks, problem, theta, identifiable, std, (end.task.low, end.task.high)
     )
     return earlier_messages + channel_map.with_mount_findings(
         end, messages + findings_of_residuals
-    ), error_by_path
+    ), unmodelled_cov

@@ -3,15 +3,15 @@
     share_c = √γ_c(1) / spread of the prediction of channel c                                             (1)
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
+    C = D Σ_i e_i e_iᵀ D,   D diagonal with C_jj = max_i e_ij²                                            (4)
 
 The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data. The
 parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left or fast. A result
 needs a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU: 1/300). Also, a parameter
-must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The shift, and half of
-the difference of parts, are added to the error bars. γ(1), the covariance of neighbouring residuals, is motion
-outside the model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not
-accurate to 5 %. Outliers during fast changes of the prediction (3) mean that the model has a wrong delay or is too
-simple.
+must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The shifts e_i, and half
+of the difference of parts, are added to the covariance (4). γ(1), the covariance of neighbouring residuals, is motion
+outside the model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate
+to 5 %. Outliers during fast changes of the prediction (3) mean a wrong delay or a model that is too simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,6 +24,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.score_test import (
     FitResiduals,
     ScoreTest,
+    bounded_shift,
     fit_residuals,
     score_test,
     score_test_parts,
@@ -72,26 +73,40 @@ def check_residuals(
     theta: np.ndarray,
     identifiable: np.ndarray,
     std: np.ndarray,
-) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), and the errors of parameters (path → error) that they cause. The `identifiable` (p,)
-    entries have standard errors `std` (p,); the problem is weighted with the estimated noise."""
-    index = np.flatnonzero(identifiable[: problem.layout.shared_count])
+    bounds: tuple[np.ndarray, np.ndarray],
+) -> tuple[list[Diagnostic], np.ndarray]:
+    """Return findings at θ (p,), and the covariance (s, s) of the errors that they cause in the s shared entries.  (4)
+
+    The `identifiable` (p,) entries have standard errors `std` (p,), and `bounds`, low (p,) and high (p,). The problem
+    is weighted with the estimated noise.
+    """
+    s = problem.layout.shared_count
+    index, unmodelled_cov = np.flatnonzero(identifiable[:s]), np.zeros((s, s))
     if not len(index):
-        return _residual_messages(problem, problem.residuals(theta)), {}
+        return _residual_messages(problem, problem.residuals(theta)), unmodelled_cov
     motion = fitted_motion(blocks, problem, theta)
     candidates = list if motion is None else term_columns(blocks, problem, motion)
     fit = fit_residuals(problem, theta, identifiable)
-    fit_evidence = _FitEvidence(fit, [problem.shape.shared[i] for i in index], theta[index], std[index])
+    low, high = (bound[index] - theta[index] for bound in bounds)
+    paths = [problem.shape.shared[i] for i in index]
+    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high)
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
-    error_by_path: dict[str, float] = {}
-    for result in (missing_terms := _missing_terms(fit_evidence, tests)) + differences:
-        for path, error in fit_evidence.errors_by_path(result.errors):
-            error_by_path[path] = max(error, error_by_path.get(path, 0.0))
+    missing_terms = _missing_terms(fit_evidence, tests)
+    if errors := [result.errors for result in missing_terms + differences]:
+        unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
     return [
         *messages,
         *(result.message for result in (*missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED])),
-    ], error_by_path
+    ], unmodelled_cov
+
+
+def _largest_errors_cov(errors: np.ndarray) -> np.ndarray:
+    """Return C (k, k) of the `errors` (n, k) of n effects. They can have one cause, so C is not their sum.  (4)"""
+    squares = np.sum(errors**2, axis=0)
+    scale = np.max(np.abs(errors), axis=0) / np.sqrt(np.where(squares > 0.0, squares, 1.0))
+    scaled = errors * scale
+    return scaled.T @ scaled
 
 
 class _SignificantResult(NamedTuple):
@@ -99,17 +114,18 @@ class _SignificantResult(NamedTuple):
 
     z: float
     message: Diagnostic
-    errors: np.ndarray  # (k,) possible errors of the parameters
+    errors: np.ndarray  # (k,) possible errors of the parameters, with the signs of one effect
 
 
 class _FitEvidence:
-    """A fit, its residuals, and the standard errors of its parameters."""
+    """A fit, its residuals, the standard errors of its parameters, and their distances `low`, `high` to the bounds."""
 
     def __init__(
-        self, residuals: FitResiduals, paths: Sequence[str], theta: np.ndarray, std: np.ndarray
-    ) -> None:
+        self, residuals: FitResiduals, paths: Sequence[str], theta: np.ndarray, std: np.ndarray,
+        low: np.ndarray, high: np.ndarray,
+    ) -> None:  # fmt: skip
         self.residuals, self.paths, self.theta, self.std = residuals, paths, theta, std
-        self.names = [path.removeprefix("model.") for path in paths]
+        self.low, self.high = low, high
 
     def is_significant(self, test: ScoreTest) -> bool:
         """Return True if |z| of the test is above the critical value for its degrees of freedom."""
@@ -118,10 +134,6 @@ class _FitEvidence:
         dof = [-1.0 / d for d, _ in CRITICAL_T]
         critical_z = np.exp(np.interp(-1.0 / max(test.freedom, 1.0), dof, np.log([t for _, t in CRITICAL_T])))
         return bool(abs(test.z) > critical_z)
-
-    def errors_by_path(self, errors: np.ndarray) -> tuple[tuple[str, float], ...]:
-        """Return (path, error) for each parameter whose error in `errors` (k,) is above 0."""
-        return tuple((path, float(x)) for path, x in zip(self.paths, errors, strict=True) if x > 0.0)
 
     def most_biased(self, test: ScoreTest) -> int | None:
         """Return the index of the parameter with the largest shift in standard errors, or None if all are small."""
@@ -141,6 +153,7 @@ def _missing_terms(
         is_filter = term_note.code == "term.low-pass"
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
+        test = test._replace(shift=bounded_shift(fit.residuals, test, fit.low, fit.high))
         k, is_delay = fit.most_biased(test), code == "delay"
         if is_delay and DELAY_PATH in fit.paths:
             continue  # the delay is already in the model, so this effect is not a delay
@@ -151,7 +164,7 @@ def _missing_terms(
                 f"--free +{path}" if is_delay or is_filter else "", fit.paths[k], term=code, what=term_note,
                 z=abs(test.z), errors=abs(test.shift[k]) / fit.std[k],
             )  # fmt: skip
-            results.append(_SignificantResult(abs(test.z), message, np.abs(test.shift)))
+            results.append(_SignificantResult(abs(test.z), message, test.shift))
     return results
 
 

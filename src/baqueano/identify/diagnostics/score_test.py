@@ -4,14 +4,15 @@
     δ  = D⊥ᵀ ψ / (D⊥ᵀ w D⊥)                       the size of the effect                                  (2)
     Δθ = A⁻¹ dᵀ w D δ                             the change of θ if the effect were in the model                 (3)
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
+    min ½ xᵀA x + α cᵀx + ½ (cᵀA⁻¹c + ρ) α² − ρ α,   low ≤ θ + x ≤ high,   c = −A Δθ,   ρ = δ D⊥ᵀψ         (5)
 
 r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. ψ(r) is the clipped residual of the Huber cost, and
 w = ψ'(r). −D is the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) estimates the
 scatter of (2) from the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥. z is Student's t with
 1/Σ h_b² − 1 degrees of freedom. B is 60 if the run is long enough. An effect can be a parameter that differs in a
-part of the run, D = 1_part d_j. Biases and starts are eliminated from d and D first.
-docs/derivations/robust_covariance.md gives the reasons. Sources: Rao 1948; Andrews 1993 for parts of a sample; batch
-means as in the analysis of simulations.
+part of the run, D = 1_part d_j. Biases and starts are eliminated from d and D first. (5) is (3) for bounded parameters:
+without bounds x = Δθ and α = 1; an effect that needs a negative delay can only be smaller.
+docs/derivations/robust_covariance.md gives the reasons. Sources: Rao 1948; Andrews 1993 for parts of a sample.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,6 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.identify.covariance.information import pseudo_inverse
+from baqueano.identify.data.segments import Evaluation
+from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.parallel import cache_slices
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
@@ -66,6 +69,7 @@ class ScoreTest(NamedTuple):
     z: float  # (4)
     freedom: float  # degrees of freedom of z
     shift: np.ndarray  # (k,) Δθ (3)
+    gain: float  # ρ (5)
 
 
 class _ScoreSums(NamedTuple):
@@ -193,6 +197,21 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
         )
 
 
+def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the change (k,) of θ by an effect between `low` and `high` (k,), the distances of θ to its bounds.  (5)"""
+    if np.all((test.shift >= low) & (test.shift <= high)):
+        return test.shift
+    A = pseudo_inverse(fit.inverse)
+    c = -A @ test.shift
+    H = np.block([[A, c[:, None]], [c[None], np.array([[test.gain - c @ test.shift]])]])
+    g = np.append(np.zeros(len(c)), -test.gain)
+
+    def quadratic(x: np.ndarray) -> Evaluation:
+        return Evaluation(float(x @ (0.5 * (H @ x) + g)), H @ x + g, H)
+
+    return minimise(quadratic, np.zeros(len(g)), np.append(low, 0.0), np.append(high, np.inf)).theta[:-1]
+
+
 def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
     """Return, for each mask (N,), the tests if each of the k entries differs in its rows, with D = 1_part d."""
     k, n = len(fit.d), len(fit.run)
@@ -262,7 +281,11 @@ def _score_tests(
         is_shown & (np.abs(total) > PROMISING_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))
     )
     shift = -ties * size[:, None]
-    out = [ScoreTest(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
+    gain = size**2 * power
+    out = [
+        ScoreTest(d, 0.0, 1.0, move, rho)
+        for d, move, rho in zip(size.tolist(), shift, gain.tolist(), strict=True)
+    ]
     for first in range(0, len(candidates), EFFECTS_AT_ONCE):
         indices = candidates[first : first + EFFECTS_AT_ONCE]
         D = column(indices)

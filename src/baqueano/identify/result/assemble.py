@@ -1,6 +1,5 @@
 """Assemble the `Fit` of a finished search: named parameters, messages and a verdict from θ of all runs."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -38,7 +37,7 @@ class VerdictBasis(NamedTuple):
     """Data for the verdict on a finished search: errors, diagnostics, bounds."""
 
     cov: np.ndarray  # (p, p) of θ
-    error_by_path: Mapping[str, float]  # path → possible error of a parameter by effects that the model lacks
+    unmodelled_cov: np.ndarray  # (s, s) of errors of the shared entries of θ by effects that the model lacks
     evidence: Evidence
     bound_excess: np.ndarray  # (p,) −1 or 1 if a bound holds a parameter back significantly
     always_unobservable: tuple[Diagnostic, ...]  # parameters that the vehicle can never show
@@ -49,10 +48,10 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     cov = _covariance(end)
     std = np.sqrt(np.diagonal(cov))
     unobservable_terms, never_shown = _unobservable(end)
-    findings, error_by_path = _findings(end, std)
+    findings, unmodelled_cov = _findings(end, std)
     evidence = _evidence(end, findings, unobservable_terms)
     is_held_back = _in_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
-    return VerdictBasis(cov, error_by_path, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
+    return VerdictBasis(cov, unmodelled_cov, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
 
 
 def is_only_autocorrelated(basis: VerdictBasis) -> bool:
@@ -80,8 +79,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared)
     shared_cov = np.full((len(end.requested), len(end.requested)), np.nan)
-    shared_cov[np.ix_(end.in_theta, end.in_theta)] = basis.cov[:s, :s]
-    shared_cov += np.diag([basis.error_by_path.get(name, 0.0) ** 2 for name in evidence.names])
+    shared_cov[np.ix_(end.in_theta, end.in_theta)] = basis.cov[:s, :s] + basis.unmodelled_cov
     run_entry_names, run_values, run_entry_sd = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
@@ -122,17 +120,18 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     return replace(fit, notes=(*fit.notes, *messages))
 
 
-def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
-    """Return all diagnostics of the fit, and the errors of parameters (path → error) that they cause."""
+def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], np.ndarray]:
+    """Return all diagnostics of the fit, and the covariance (s, s) of the errors that they cause."""
     report = end.task.progress or (lambda text: None)
     if (
         not end.score_test
         or end.search.stopped
         or report(_("testing for effects that the model lacks")) is True
     ):
-        return end.findings, {}
-    messages, error_by_path = diagnose(end, sd, sigma_of_file(end.blocks.sensors))
-    return tuple(messages), error_by_path
+        s = end.task.problem.layout.shared_count
+        return end.findings, np.zeros((s, s))
+    messages, unmodelled_cov = diagnose(end, sd, sigma_of_file(end.blocks.sensors))
+    return tuple(messages), unmodelled_cov
 
 
 def _bound_excess(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
