@@ -62,9 +62,11 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 def diagnose(
     end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray
 ) -> tuple[list[Diagnostic], np.ndarray]:
-    """Return messages on a finished search and its data, and the covariance (s, s) of the errors of the shared entries
-    of θ by effects that the model lacks. `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the
-    channels in the file."""
+    """Return messages on a finished search and its data, and a covariance (s, s) of the shared entries of θ.
+
+    The covariance contains the errors by effects that the model lacks. `std` (p,) are the standard errors of θ,
+    `file_sigma` (m,) the noise of the channels in the file.
+    """
     problem, theta, identifiable = (
         end.task.problem,
         end.search.solution.theta,
