@@ -1,8 +1,10 @@
 """The current language, and that each other language has all entries, none of them fuzzy or with other placeholders."""
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from babel.messages import Catalog
@@ -10,6 +12,7 @@ from babel.messages import Catalog
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.messages import language, text
 from baqueano.messages.language import LANGUAGES, current_language, number, translate
+from baqueano.messages.text_table import text_table
 from docs.site.reference import catalogue_file
 from tests.catalogues import compiled, differs, faults, places, read_catalogue, required_reference
 
@@ -121,3 +124,23 @@ def test_the_command_line_prints_spanish():
     assert "Usage: baqueano" in output_of("--lang=en", "--help", BAQUEANO_LANG="es")
     assert "'fr' is not one of" in output_of("--lang", "fr", "compare")
     assert "BAQUEANO_LANG=fr" in output_of("blocks", "ls", BAQUEANO_LANG="fr")
+
+
+def test_the_columns_of_a_table_are_as_wide_as_their_widest_cell():
+    lines = text_table(
+        "<>>", ["fault", "wrong", "not refused"], ["slip", "12", "0"], ["a lost sign", "3", "1"]
+    )
+    assert lines == [
+        "fault        wrong  not refused",
+        "slip            12            0",
+        "a lost sign      3            1",
+    ]
+    with pytest.raises(ValueError, match="shorter"):
+        text_table("<>", ["fault", "wrong"], ["slip"])
+
+
+def test_no_translated_text_has_a_fixed_width():
+    """A Spanish word is often longer than the English word, so it would touch the next column."""
+    fixed_width = re.compile(r"\{_\([^{}]*\):[<>^]?[0-9]")
+    sources = Path(language.__file__).parents[1].rglob("*.py")
+    assert [path.name for path in sources if fixed_width.search(path.read_text(encoding="utf-8"))] == []

@@ -327,7 +327,7 @@ def test_encoder_samples_read_faster_than_they_change_are_reported_as_repeated(l
 def test_import_warnings_are_available_as_a_table_and_as_rows(lab):
     imported_log = lab.run()
     assert imported_log.verdict == "USABLE"
-    assert imported_log.table().startswith("info     no command yet")
+    assert imported_log.table().startswith("info  no command yet")
     assert imported_log.rows()[0] == {
         "level": "info", "finding": "no command yet", "t_s": 0.0,
         "text": "1 ticks before the first command were excluded",

@@ -10,6 +10,7 @@ from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -111,7 +112,4 @@ class RowsResult:
         cells = [
             [_(str(v)) if key in TEXT_COLUMNS else str(v) for key, v in row.items()] for row in self.findings
         ]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        return "\n".join(
-            "  ".join(v.ljust(w) for v, w in zip(row, widths, strict=True)).rstrip() for row in cells
-        )
+        return "\n".join(text_table("<" * len(cells[0]), *cells))

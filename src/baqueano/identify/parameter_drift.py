@@ -34,6 +34,7 @@ from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
+from baqueano.messages.text_table import text_table
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -128,19 +129,18 @@ class ParameterHistory(Result):
 
     def table(self) -> str:
         """Return a table as text: the first run, the last run, and the present estimate."""
-        width = max(map(len, (*map(without_model_prefix, self.names), _("parameter"))))
-        lines = [
-            f"{_('parameter'):{width}}  {self.runs[0]:>22} {self.runs[-1]:>22} {_('now'):>22}  {_('unit')}"
-        ]
-        for i, name in enumerate(self.names):
-            cells = [
+        head = [_("parameter"), self.runs[0], self.runs[-1], _("now"), _("unit")]
+        rows = (
+            [
+                without_model_prefix(name),
                 _with_error(self.single[0, i], self.single_sd[0, i]),
                 _with_error(self.single[-1, i], self.single_sd[-1, i]),
                 _with_error(self.followed[-1, i], self.followed_sd[-1, i]),
+                self.units[i],
             ]
-            lines.append(
-                f"{without_model_prefix(name):{width}}  {' '.join(f'{c:>22}' for c in cells)}  {self.units[i]}"
-            )
+            for i, name in enumerate(self.names)
+        )
+        lines = text_table("<>>><", head, *rows)
         return "\n".join([*lines, *self._sentences()])
 
     def _sentences(self) -> list[str]:

@@ -39,6 +39,7 @@ from baqueano.identify.selection.cross_validation import MIN_SIGNS as MIN_INDEPE
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
@@ -106,17 +107,13 @@ class Validation(Result):
 
     def table(self) -> str:
         """Return the table as text."""
-        lines = [
-            f"{_('held out'):20} {_('channel'):14} {_('error'):>10}        {_('of noise'):>9} {_('explained'):>10} "
-            f"{_('own runs'):>10}"
-        ]
-        for f in self.figures:
-            ratios = (
-                f"{ratio_text(f.times):>9} {percent_text(f.explained):>10} {percent_text(f.on_own_runs):>10}"
-            )
-            lines.append(
-                f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {ratios}"
-            )
+        head = [_("held out"), _("channel"), _("error"), "", _("of noise"), _("explained"), _("own runs")]
+        rows = (
+            [f.run, f.channel, f"{number(f.error):.3g}", shown_unit(f.unit), ratio_text(f.times),
+             percent_text(f.explained), percent_text(f.on_own_runs)]
+            for f in self.figures
+        )  # fmt: skip
+        lines = text_table("<<><>>>", head, *rows)
         return "\n".join(
             [*lines, *(_("note: {note}", note=text(message)) for message in self.outside), self.sentence]
         )

@@ -18,6 +18,7 @@ from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, in_lines
+from baqueano.messages.text_table import text_table
 from baqueano.runs.container.reader import read_run
 
 if TYPE_CHECKING:
@@ -189,7 +190,7 @@ def vehicle_name(vehicle_text: str) -> str:
 def listing_table(rows: list[ListedRun]) -> str:
     """Return the table of runs, one line per run."""
     head = tuple(map(_, ("run", "kind", "duration", "vehicle", "verdict", "notes")))
-    lines = [head] + [
+    lines = [
         (
             r.name,
             _(r.kind),
@@ -200,9 +201,7 @@ def listing_table(rows: list[ListedRun]) -> str:
         )
         for r in rows
     ]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(head) - 1)]
-    cells = [[*(cell.ljust(w) for cell, w in zip(line, widths, strict=False)), line[-1]] for line in lines]
-    return in_lines("  ".join(line).rstrip() for line in cells)
+    return in_lines(text_table("<<<<<<", head, *lines))
 
 
 def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:

@@ -14,6 +14,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import in_lines
+from baqueano.messages.text_table import text_table
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -80,23 +81,31 @@ class ShownRun:
         )
         lines.append(f"{head} {counts.rstrip(';')}")
         rows = self.rows()
-        topic_width = max(20, *(len(_topic(r["topic"])) for r in rows))
-        lines.append(
-            f"{_('topic'):{topic_width}} {_('count'):>8} {_('rate'):>10} {_('gaps'):>5} {_('longest'):>10} {'NaN':>5} "
-            f"{_('delay'):>9}  {_('size')}"
-        )
+        cells = []
         for r in rows:
             rate = "" if r["rate_hz"] is None else f"{number(r['rate_hz']):.2f} Hz"
             longest_text = "" if r["longest_step_s"] is None else f"{number(r['longest_step_s']):.4f} s"
             delay = "" if r.get("delay_ms") is None else f"{number(r['delay_ms']):.1f} ms"
-            lines.append(
-                f"{_topic(r['topic']):{topic_width}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest_text:>10} "
-                f"{r['nan_rows']:>5} {delay:>9}  {r['size']}"
-            )
+            counts_of_row = str(r["count"]), rate, str(r["gaps"]), longest_text, str(r["nan_rows"]), delay
+            cells.append([_topic(r["topic"]), *counts_of_row, str(r["size"])])
+        head_cells = [
+            _("topic"),
+            _("count"),
+            _("rate"),
+            _("gaps"),
+            _("longest"),
+            "NaN",
+            _("delay"),
+            _("size"),
+        ]
+        lines += text_table("<>>>>>><", head_cells, *cells)
         start = run.start_ns
-        for event in run.events[:MAX_SHOWN_EVENTS]:
-            t_s = (event.t_ns - start) / NANOSECONDS
-            lines.append(f"{number(t_s):10.3f} s  {_(event.level):8} {_(event.source)}: {event.sentence}")
+        events = [
+            [f"{number((event.t_ns - start) / NANOSECONDS):.3f} s", _(event.level),
+             f"{_(event.source)}: {event.sentence}"]
+            for event in run.events[:MAX_SHOWN_EVENTS]
+        ]  # fmt: skip
+        lines += text_table("><<", *events)
         if len(run.events) > MAX_SHOWN_EVENTS:
             lines.append(
                 _("and {more} more events; all of them with --json", more=len(run.events) - MAX_SHOWN_EVENTS)

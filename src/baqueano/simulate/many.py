@@ -21,6 +21,7 @@ from baqueano.errors import UsageError
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, tick_times
@@ -101,23 +102,21 @@ class Ensemble(Result):
 
     def table(self) -> str:
         """Return a text with the rows as a table."""
-        head = f"{'t [s]':>8} {'x [m]':>18} {'y [m]':>18} {_('heading [°]'):>18} {_('speed [m/s]'):>18}"
+        rows = []
+        for row in self.rows():
+            row = {key: number(value) for key, value in row.items()}
+            psi, psi_std = (number(float(np.degrees(row[key]))) for key in ("psi_rad", "psi_rad_sd"))
+            positions = [f"{row[name]:.3f} ± {row[f'{name}_sd']:.3f}" for name in ("x_m", "y_m")]
+            speed = f"{row['nu_x_m_s']:.3f} ± {row['nu_x_m_s_sd']:.3f}"
+            rows.append([f"{row['t_s']:.2f}", *positions, f"{psi:.1f} ± {psi_std:.1f}", speed])
         lines = [
             _(
                 "{vehicles} vehicles, varied: {names}",
                 vehicles=len(self.theta),
                 names=", ".join(self.names) or _("noise alone"),
             ),
-            head,
+            *text_table(">>>>>", ["t [s]", "x [m]", "y [m]", _("heading [°]"), _("speed [m/s]")], *rows),
         ]
-        for row in self.rows():
-            row = {key: number(value) for key, value in row.items()}
-            psi, psi_std = (number(float(np.degrees(row[key]))) for key in ("psi_rad", "psi_rad_sd"))
-            lines.append(
-                f"{row['t_s']:8.2f} {row['x_m']:8.3f} ± {row['x_m_sd']:<7.3f} {row['y_m']:8.3f} ± "
-                f"{row['y_m_sd']:<7.3f} {psi:8.1f} ± {psi_std:<7.1f} {row['nu_x_m_s']:8.3f} ± "
-                f"{row['nu_x_m_s_sd']:<7.3f}"
-            )
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
 
     @property

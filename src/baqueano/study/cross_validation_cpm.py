@@ -26,6 +26,7 @@ from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import CPM_MAPS, check_cpm_present
 from baqueano.symbolic import scan
@@ -218,22 +219,18 @@ class CrossValidation:
     def table(self) -> str:
         """Return the parameters, the results and the verdict as a text table."""
         runs = list(self.fits)
-        lines = [
-            f"{_('parameter'):30}"
-            + "".join(f"{_('fit on {run}', run=run):>22}" for run in runs)
-            + f"  {_('unit')}"
-        ]
-        for row in self.parameters():
-            cells = [_with_error(row[run], row[f"{run}_sd"]) for run in runs]
-            name = row["name"].removeprefix("model.")
-            lines.append(
-                f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {shown_unit(row['unit'])}"
-            )
+        lines = text_table(
+            f"<{'>' * len(runs)}<",
+            [_("parameter"), *(_("fit on {run}", run=run) for run in runs), _("unit")],
+            *(
+                [row["name"].removeprefix("model."), *(_with_error(row[run], row[f"{run}_sd"]) for run in runs),
+                 shown_unit(row["unit"])]
+                for row in self.parameters()
+            ),
+        )  # fmt: skip
         heads = [_evaluation_title(judgement) for judgement in self.evaluations]
-        lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
-        for row in self.figures():
-            lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
-        lines += ["", *map(_, CAVEATS)]
+        rows = ([_(row["figure"]), *(str(row[head]) for head in heads)] for row in self.figures())
+        lines += ["", *text_table(f"<{'>' * len(heads)}", ["", *heads], *rows), "", *map(_, CAVEATS)]
         lines += [f"- {note}" for note in self.notes]
         return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('in both directions')}"])
 

@@ -23,6 +23,7 @@ from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.animation.partial_fits import partial_fits
 from baqueano.report.animation.picture import animation
@@ -99,14 +100,15 @@ class Demo:
 
     def table(self) -> str:
         """Return the parameters and a summary as a text table."""
-        head = f"{_('parameter'):<34} {_('estimate'):>11} {_('± sd'):>9} {_('truth'):>9}  {_('verdict')}"
-        lines = [head, "-" * len(head)]
+        rows = []
         for row in self.rows():
             identifiable = row["estimate"] is not None
-            sd = number(row["sd"] or np.nan)
-            value = f"{number(row['estimate']):11.4g} {sd:9.2g}" if identifiable else f"{'–':>11} {'':>9}"
+            sd = f"{number(row['sd'] or np.nan):.2g}" if identifiable else ""
+            value = f"{number(row['estimate']):.4g}" if identifiable else "–"
             name = row["name"].removeprefix("model.")
-            lines.append(f"{name:<34} {value} {number(row['truth']):9.4g}  {_(row['verdict'])}")
+            rows.append([name, value, sd, f"{number(row['truth']):.4g}", _(row["verdict"])])
+        head = [_("parameter"), _("estimate"), _("± sd"), _("truth"), _("verdict")]
+        lines = text_table("<>>><", head, *rows)
         lines += ["", *self._summary()]
         if any(row["verdict"] == "inconsistent" for row in self.rows()):
             lines.append(

@@ -33,6 +33,7 @@ from baqueano.identify import excitation, identify
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor
@@ -190,27 +191,25 @@ class Driving:
 
     def table(self) -> str:
         """Return the rows as a text table."""
-        head = f"{_('case'):11}{_('shape'):11}{'m/s':>4}{_('speed error %'):>17}{_('uneven %'):>16}"
-        head += f"{_('across mm'):>18}{_('limit'):>7}{_('sign'):>6}"
+        rows = []
+        for r in self.rows():
+            speed, uneven, across = (
+                " ".join(f"{number(scale * r[f'{figure}_{q}']):.1f}" for q in ("median", "p95", "worst"))
+                for figure, scale in (("speed_error", 100.0), ("unevenness", 100.0), ("across_m", 1000.0))
+            )
+            limits = f"{number(100.0 * r['at_limit_worst']):.1f}%", f"{number(r['sign_changes_worst']):.0f}"
+            where = _(r["case"]), _(r["shape"]), f"{number(r['asked_m_s']):.1f}"
+            rows.append([*where, speed, uneven, across, *limits])
+        head = [
+            _("case"), _("shape"), "m/s", _("speed error %"), _("uneven %"), _("across mm"), _("limit"), _("sign"),
+        ]  # fmt: skip
         lines = [
             _(
                 "{driven} robots; of each figure the median, the 95 % quantile and the worst",
                 driven=self.driven,
             ),
-            head,
-            "-" * len(head),
+            *text_table("<<>>>>>>", head, *rows),
         ]
-        for r in self.rows():
-            three = {f: [r[f"{f}_{q}"] for q in ("median", "p95", "worst")] for f in FIGURES}
-            speed, uneven = (
-                [f"{number(100.0 * x):.1f}" for x in three[f]] for f in ("speed_error", "unevenness")
-            )
-            cross_track_mm = [f"{number(1000.0 * x):.1f}" for x in three["across_m"]]
-            lines.append(
-                f"{_(r['case']):11}{_(r['shape']):11}{number(r['asked_m_s']):4.1f}{' '.join(speed):>17}"
-                f"{' '.join(uneven):>16}{' '.join(cross_track_mm):>18}{number(100.0 * r['at_limit_worst']):6.1f}"
-                f"%{number(r['sign_changes_worst']):6.0f}"
-            )
         return "\n".join(
             [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all limits are met')}"]
         )

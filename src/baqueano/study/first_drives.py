@@ -21,6 +21,7 @@ from baqueano.identify.design.room import room_of
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, draw_robots
@@ -115,17 +116,13 @@ class FirstDrives:
 
     def table(self) -> str:
         """Return the rows and reasons as a text table."""
-        head = (
-            f"{_('wiring'):16}{_('drives'):>7}{_('touched'):>9}{_('free space'):>11}{_('named'):>7}"
-            f"{_('gain'):>7}{_('time'):>7}"
-        )
-        lines = [_("room {room} m", room=ROOM_SIZE), head]
-        for r in self.wiring_rows:
-            gain = f"{number(r.gain_off):.2f}×" if np.isfinite(r.gain_off) else "-"
-            lines.append(
-                f"{_(r.wiring):16}{r.drives:>7}{r.touched:>9}{number(100.0 * r.nearest_m):>8.0f} "
-                f"cm{r.named:>7}{gain:>7}{number(r.longest_s):>5.0f} s"
-            )
+        head = [_("wiring"), _("drives"), _("touched"), _("free space"), _("named"), _("gain"), _("time")]
+        rows = (
+            [_(r.wiring), str(r.drives), str(r.touched), f"{number(100.0 * r.nearest_m):.0f} cm", str(r.named),
+             f"{number(r.gain_off):.2f}×" if np.isfinite(r.gain_off) else "-", f"{number(r.longest_s):.0f} s"]
+            for r in self.wiring_rows
+        )  # fmt: skip
+        lines = [_("room {room} m", room=ROOM_SIZE), *text_table("<>>>>>>", head, *rows)]
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
 
 

@@ -15,6 +15,7 @@ from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs.maps.column_map import data_folders, load_map
 
 if TYPE_CHECKING:
@@ -57,13 +58,12 @@ class RecordingStudy:
 
     def table(self) -> str:
         """Return the rows, the missing recordings and the verdict as a text table."""
-        width = max((len(r["quantity"]) for r in self.result_rows), default=0)
-        lines = [f"{_('recording'):20} {_('quantity'):{width}}  {_('ok'):3}  {_('bar'):26} {_('value')}"]
-        for r in self.result_rows:
-            ok = _("yes") if r["ok"] else _("NO")
-            lines.append(
-                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {cell_text(r['value'])}"
-            )
+        head = [_("recording"), _("quantity"), _("ok"), _("bar"), _("value")]
+        rows = (
+            [r["recording"], r["quantity"], _("yes") if r["ok"] else _("NO"), r["bar"], cell_text(r["value"])]
+            for r in self.result_rows
+        )
+        lines = text_table("<<<<<", head, *rows)
         lines += self.missing_recordings
         passes = sum(bool(r["ok"]) for r in self.result_rows)
         return "\n".join(

@@ -12,6 +12,7 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.tune.cost import Weights
 from baqueano.tune.margins import LoopMargins, loop_margins
 from baqueano.tune.objective import DriveErrors
@@ -197,16 +198,14 @@ class TuneResult(Result):
 
     def table(self) -> str:
         """Return a text with gains, costs, checks and verdict."""
-        width, unit = max(len(g.name) for g in self.gains), max(len(shown_unit(g.unit)) for g in self.gains)
-        head = f"{_('gain'):<{width}} {_('value'):>10}  {_('unit'):<{unit}}  {_('in the file'):>13}"
-        lines = [f"{head}  {_('cost at × 0.8'):>13}  {_('at × 1.25'):>9}"]
-        for g in self.gains:
-            gain_before = f"{number(g.before):.4g}" if np.isfinite(g.before) else "-"
-            percent_less, percent_more = 100 * (g.cost_less - 1), 100 * (g.cost_more - 1)
-            row = (
-                f"{g.name:<{width}} {number(g.value):>10.4g}  {shown_unit(g.unit):<{unit}}  {gain_before:>13}"
-            )
-            lines.append(f"{row}  {number(percent_less):>+11.1f} %  {number(percent_more):>+7.1f} %")
+        head = [_("gain"), _("value"), _("unit"), _("in the file"), _("cost at × 0.8"), _("at × 1.25")]
+        rows = (
+            [g.name, f"{number(g.value):.4g}", shown_unit(g.unit),
+             f"{number(g.before):.4g}" if np.isfinite(g.before) else "-",
+             *(f"{number(100 * (cost - 1)):+.1f} %" for cost in (g.cost_less, g.cost_more))]
+            for g in self.gains
+        )  # fmt: skip
+        lines = text_table("<><>>>", head, *rows)
         return "\n".join([*lines, "", *self._notes(), "", verdict_line(self.verdict, self.reasons)])
 
     def _notes(self) -> list[str]:

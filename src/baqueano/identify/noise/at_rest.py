@@ -28,6 +28,7 @@ from baqueano.identify.data.rest import REST_S
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
@@ -201,22 +202,18 @@ class RestMeasurement(Result):
 
     def table(self) -> str:
         """Return the table as text."""
-        head = f"{'':16}{_('mean'):>12} {_('± sd'):>9} {_('scatter'):>10} {_('white'):>10} "
-        head += f"{_('instab.'):>10} {_('walk'):>10}"
-        lines = [
-            _("{run} at rest for {duration_s:.1f} s", run=self.run, duration_s=self.duration_s),
-            head + f" {_('per °C'):>20}",
-        ]
+        head = ["", _("mean"), _("± sd"), _("scatter"), _("white"), _("instab."), _("walk"), _("per °C")]
+        rows = []
         for c in self.channels:
             pairs = zip(c.coefficients.value, c.coefficients.is_measurable, strict=True)
-            parts = " ".join(
-                f"{number(value):>10.3g}" if measurable else f"{'-':>10}" for value, measurable in pairs
-            )
+            parts = [f"{number(value):.3g}" if measurable else "-" for value, measurable in pairs]
             warm = "" if c.slope is None else f"{number(c.slope):.2g} ± {number(c.slope_std):.1g}"
-            lines.append(
-                f"{c.sensor}[{c.entry}]".ljust(16)
-                + f"{number(c.mean):>12.5g} {number(c.mean_std):>9.1g} {number(c.sd):>10.3g} {parts} {warm:>20}"
-            )
+            values = f"{number(c.mean):.5g}", f"{number(c.mean_std):.1g}", f"{number(c.sd):.3g}"
+            rows.append([f"{c.sensor}[{c.entry}]", *values, *parts, warm])
+        lines = [
+            _("{run} at rest for {duration_s:.1f} s", run=self.run, duration_s=self.duration_s),
+            *text_table("<>>>>>>>", head, *rows),
+        ]
         lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not visible in a run of this length"))
         return "\n".join([*lines, *(f"- {finding}" for finding in texts(self.findings)), _(self.verdict)])
 

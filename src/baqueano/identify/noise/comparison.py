@@ -29,6 +29,7 @@ from baqueano.identify.noise.process_noise import (
 )
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, with_value
@@ -82,13 +83,13 @@ class NoiseComparison:
     def table(self) -> str:
         """Return the table as text."""
         on = _("on {runs}", runs=", ".join(self.runs))
-        lines = [f"{_('R from'):16}{'NIS':>8} {'95 %':>15}  {_('log-likelihood'):>18}   {on}"]
-        for trial in self.trials:
-            interval = _("{low:.2f} to {high:.2f}", low=trial.low, high=trial.high)
-            likelihood = f"{number(trial.likelihood):>18.4f}"
-            lines.append(
-                f"{trial.name:16}{number(trial.nis):>8.3f} {interval:>15}  {likelihood}   {_(trial.consistent)}"
-            )
+        head = [_("R from"), "NIS", "95 %", _("log-likelihood"), on]
+        rows = (
+            [trial.name, f"{number(trial.nis):.3f}", _("{low:.2f} to {high:.2f}", low=trial.low, high=trial.high),
+             f"{number(trial.likelihood):.4f}", _(trial.consistent)]
+            for trial in self.trials
+        )  # fmt: skip
+        lines = text_table("<>>><", head, *rows)
         return "\n".join([*lines, _("best: {name}", name=self.best)])
 
 

@@ -38,6 +38,7 @@ from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
@@ -127,14 +128,15 @@ class Noise(Result):
 
     def table(self) -> str:
         """Return the table as text."""
-        rows = self.rows()
-        width = max([12, *(len(row["name"]) for row in rows)])
-        lines = [f"{'':{width}} {_('in motion'):>11} {_('at rest'):>11}   {_('standard deviations')}"]
-        for row in rows:
-            rest = "-" if row["sd_at_rest"] is None else f"{number(row['sd_at_rest']):.3g}"
-            lines.append(
-                f"{row['name']:{width}} {number(row['sd']):>11.3g} {rest:>11}   {shown_unit(row['unit'])}".rstrip()
-            )
+        lines = text_table(
+            "<>><",
+            ["", _("in motion"), _("at rest"), _("standard deviations")],
+            *(
+                [row["name"], f"{number(row['sd']):.3g}",
+                 "-" if row["sd_at_rest"] is None else f"{number(row['sd_at_rest']):.3g}", shown_unit(row["unit"])]
+                for row in self.rows()
+            ),
+        )  # fmt: skip
         if len(self.process):
             lines.append(
                 _(

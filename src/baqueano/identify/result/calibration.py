@@ -16,6 +16,7 @@ from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.parameter import parameters
 from baqueano.symbolic import value_at_path
 
@@ -104,12 +105,12 @@ class Calibration(Result):
 
     def table(self) -> str:
         """Return the table as text."""
-        width = max(len(entry.name) for entry in self.numbers)
-        lines = [f"{'':{width}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
-        for entry in self.numbers:
-            value_in_file = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
-            values = f"{number(entry.value):>10.4f} ± {number(entry.half_width):>8.2g}  {value_in_file:>8}"
-            lines.append(f"{entry.name:{width}}  {values}  {entry.unit}  {entry.words}")
+        rows = (
+            [entry.name, f"{number(entry.value):.4f}", f"± {number(entry.half_width):.2g}",
+             "" if entry.in_file is None else f"{number(entry.in_file):.4g}", f"{entry.unit}  {entry.words}"]
+            for entry in self.numbers
+        )  # fmt: skip
+        lines = text_table("<>>><", ["", _("value"), "± 95 %", _("file"), _("unit")], *rows)
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.usable_text))])
 
     def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:

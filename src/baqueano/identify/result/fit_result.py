@@ -18,6 +18,7 @@ from baqueano.messages import group_sentences, text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
@@ -241,23 +242,19 @@ class Fit(Result):
     def table(self, reported: bool = False) -> str:
         """Return the table as text, with the most severe diagnostics below it. `reported` is True if a report with
         all diagnostics is written."""
-        width = max(map(len, (*map(without_model_prefix, self.names), _("parameter"))))
-        lines = [f"{_('parameter'):{width}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
+        cells = []
         for row in self.rows():
+            name = without_model_prefix(row["name"])
             if row["estimate"] is None:
                 start_text = _("fixed at {start:.4g}", start=row["start"])
-                lines.append(
-                    f"{without_model_prefix(row['name']):{width}}  {_('not identifiable'):>12}   {'':>10}  {start_text}"
-                )
+                cells.append([name, _("not identifiable"), "", start_text])
                 continue
             remarks = row_remarks(row)
-            sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
-            value = round_to_error(row["estimate"], row["sd"])
-            lines.append(
-                f"{without_model_prefix(row['name']):{width}}  {number(value):>12.5g} ± {sd:>10}  "
-                f"{shown_unit(row['unit'])}" + (f"  ({remarks})" if remarks else "")
-            )
-        lines += [
+            sd = f"± {number(row['sd']):.2g}" if row["sd"] is not None else "± ?"
+            value = f"{number(round_to_error(row['estimate'], row['sd'])):.5g}"
+            cells.append([name, value, sd, shown_unit(row["unit"]) + (f"  ({remarks})" if remarks else "")])
+        lines = [
+            *text_table("<>><", [_("parameter"), _("estimate"), _("± sd"), _("unit")], *cells),
             "",
             *self._per_run_lines(),
             *self._channel_lines(),

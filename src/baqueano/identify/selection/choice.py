@@ -14,6 +14,7 @@ from baqueano.messages import text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -157,14 +158,12 @@ class Choice:
 
     def table(self, reported: bool = False) -> str:
         """Return the table as text; `reported` is passed to the table of the fit."""
-        width = max((len(result.term.name) for result in self.term_results), default=0)
-        lines = [f"{_('term'):{width}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
+        rows = []
         for result in self.term_results:
             errors = f"{number(result.without):.4g} → {number(result.with_):.4g}"
             one_step = f"{number(result.one_step_without):.4g} → {number(result.one_step_with):.4g}"
             label = f"{_(result.channel.name)} [{result.channel.unit}]"
-            lines.append(
-                f"{result.term.name:{width}}  {_(result.verdict):9}  {errors:>19}  {one_step:>19}  {label}"
-            )
+            rows.append([result.term.name, _(result.verdict), errors, one_step, label])
+        lines = text_table("<<>><", [_("term"), "", _("held out"), _("one step ahead"), ""], *rows)
         lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, _(NO_EVIDENCE), ""]
         return "\n".join(lines) + "\n" + self.fit.table(reported)

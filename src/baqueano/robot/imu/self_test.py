@@ -24,6 +24,7 @@ from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.robot.imu.chips import GYRO_LSB_PER_DPS
 from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050
 
@@ -65,11 +66,16 @@ class SelfTest(NamedTuple):
     def table(self) -> str:
         """Return a table as text, with one line for each axis."""
         verdict_texts = {True: _("passed"), False: _("FAILED"), None: _("no factory code")}
-        return "\n".join(
-            f"{_(a.name):8} {number(a.response):8.3f} {a.unit:3}  {_('factory')} {number(a.trim):8.3f}  "
-            f"{verdict_texts[a.passed]}"
+        rows = (
+            [
+                _(a.name),
+                f"{number(a.response):.3f} {a.unit}",
+                f"{number(a.trim):.3f}",
+                verdict_texts[a.passed],
+            ]
             for a in self.axes
         )
+        return "\n".join(text_table("<>><", ["", "", _("factory"), ""], *rows))
 
 
 def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> SelfTest:

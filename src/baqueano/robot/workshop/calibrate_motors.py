@@ -28,6 +28,7 @@ from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import Settings, WheelCurve, Wiring
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -106,16 +107,13 @@ class MotorCalibration:
 
     def table(self) -> str:
         """Return wiring, dead zones, slopes and straight drives as text."""
-        name_width = max(15, *(len(_(name)) for name in WHEEL_DIRECTIONS))
-        lines = [
-            wiring_text(self.settings.wiring),
-            f"{'':{name_width}}  {_('starts'):>8}  {_('dead zone'):>11}  {_('slope'):>9}  {_('fit')}",
-        ]
-        for name, s, way in zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True):
-            lines.append(
-                f"{_(name):{name_width}}  {number(s.started):8.0%}  {number(way.dead_zone_permille / 10):9.1f} %  "
-                f"{number(way.slope_permille / 1000):9.2f}  ± {number(s.rms):.1%}"
-            )
+        rows = (
+            [_(name), f"{number(s.started):.0%}", f"{number(way.dead_zone_permille / 10):.1f} %",
+             f"{number(way.slope_permille / 1000):.2f}", f"± {number(s.rms):.1%}"]
+            for name, s, way in zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
+        )  # fmt: skip
+        head = ["", _("starts"), _("dead zone"), _("slope"), _("fit")]
+        lines = [wiring_text(self.settings.wiring), *text_table("<>>><", head, *rows)]
         names = _("forwards"), _("backwards")
         ways = zip(names, self.before, self.left_over, self.turned_dps, self.held_deg, strict=True)
         for name, b, e, w, h in ways:

@@ -20,6 +20,7 @@ from baqueano.geometry import wrap
 from baqueano.messages import in_english
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
+from baqueano.messages.text_table import text_table
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.finding import ImportFinding
@@ -78,13 +79,13 @@ class ImportedRun(NamedTuple):
         """Return one line per finding. Of a kind with more than MAX_SIMILAR_LINES findings, return only the first
         finding and the number of findings."""
         count_of_kind = Counter((d.level, d.code) for d in self.findings)
-        lines: dict[object, str] = {}
+        lines: dict[object, list[str]] = {}
         for k, d in enumerate(self.findings):
             n = count_of_kind[d.level, d.code]
             tail = f" ({_('and {more} more such', more=n - 1)})" if n > MAX_SIMILAR_LINES else ""
-            line = f"{_(d.level):8} {_(d.code):20} {d.advice}{tail}"
+            line = [_(d.level), _(d.code), f"{d.advice}{tail}"]
             lines.setdefault((d.level, d.code) if tail else k, line)
-        return "\n".join(lines.values())
+        return "\n".join(text_table("<<<", *lines.values()))
 
 
 class ImportedRuns(NamedTuple):
@@ -109,17 +110,12 @@ class ImportedRuns(NamedTuple):
             for d in {d.code: d for d in reversed(run.without_common_findings.findings)}.values():
                 first.setdefault((d.level, d.code), d)
                 counts[d.level, d.code] = counts.get((d.level, d.code), 0) + 1
-        lines = [
-            f"{_(level):8} {_(code):20} "
-            + _(
-                "in {runs} of {of} runs; the first: {advice}",
-                runs=counts[level, code],
-                of=len(self.imported_runs),
-                advice=d.advice,
-            )
-            for (level, code), d in first.items()
-        ]
-        return "\n".join(lines or [_("nothing in the data was doubtful")])
+        lines = []
+        for (level, code), d in first.items():
+            runs, of = counts[level, code], len(self.imported_runs)
+            advice = _("in {runs} of {of} runs; the first: {advice}", runs=runs, of=of, advice=d.advice)
+            lines.append([_(level), _(code), advice])
+        return "\n".join(text_table("<<<", *lines)) or _("nothing in the data was doubtful")
 
 
 @checked_call('bq.import_run("map.toml", ["recording.csv"])')

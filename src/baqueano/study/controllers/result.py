@@ -11,6 +11,7 @@ from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.study.controllers.drives import Contestant
 from baqueano.sweep.result import SweepResult
 
@@ -109,21 +110,20 @@ class Controllers(Result):
 
     def table(self) -> str:
         """Return the rows as a text table."""
-        head = f"{_('controller'):16}" + "".join(f"{_(view):>30}" for view in self.drives)
-        column_heads = " " * 16 + "".join(
-            f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _view in self.drives
-        )
+        views = list(self.drives)
+        rows = [["", *(name for _view in views for name in (_("median p95 mm"), _("ratio")))]]
+        for row in self.rows():
+            cells = [row["controller"][:15]]
+            for view in views:
+                median, p95 = (number(1e3 * row[f"{view}_{q}_m"]) for q in ("median", "p95"))
+                cells += [f"{median:.1f} {p95:5.1f}", _ratio(row, view)]
+            rows.append(cells)
+        head = [_("controller"), *(cell for view in views for cell in (_(view), ""))]
         lines = [
             _("{robots} robots, {routes} drives each; ratio to {first}, with its 95 % interval",
               robots=self.robots - len(self.refused), routes=2, first=self.reference),
-            head, column_heads,
+            *text_table("<" + ">>" * len(views), head, *rows),
         ]  # fmt: skip
-        for row in self.rows():
-            line = f"{row['controller'][:15]:16}"
-            for view in self.drives:
-                median, p95 = (number(1e3 * row[f"{view}_{q}_m"]) for q in ("median", "p95"))
-                line += f"{median:>9.1f} {p95:>5.1f}{_ratio(row, view):>15}"
-            lines.append(line)
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
 
 

@@ -20,6 +20,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -93,17 +94,14 @@ class Corridors:
 
     def table(self) -> str:
         """Return the coverage and width at each instant as a text table."""
-        lines = [
-            f"{_('at'):18}{_('quantity'):10}{_('cases'):>6}{_('lost'):>6}{_('coverage'):>10}  "
-            f"{'95 %':14}{_('× needed'):>9}"
-        ]
-        for r in self.rows():
-            interval = f"[{number(100 * r['low']):.0f}, {number(100 * r['high']):.0f}] %"
-            lines.append(
-                f"{_(r['at']):18}{_(r['quantity']):10}{r['cases']:6}{r['lost']:6}"
-                f"{number(100 * r['coverage']):8.1f} "
-                f"%  {interval:14}{number(r['wider']):9.2f}{_('  NO') if r['ok'] is False else ''}"
-            )
+        head = [_("at"), _("quantity"), _("cases"), _("lost"), _("coverage"), "95 %", _("× needed"), ""]
+        rows = (
+            [_(r["at"]), _(r["quantity"]), str(r["cases"]), str(r["lost"]), f"{number(100 * r['coverage']):.1f} %",
+             f"[{number(100 * r['low']):.0f}, {number(100 * r['high']):.0f}] %", f"{number(r['wider']):.2f}",
+             _("NO") if r["ok"] is False else ""]
+            for r in self.rows()
+        )  # fmt: skip
+        lines = text_table("<<>>><><", head, *rows)
         lines.append(
             _(
                 "The coverage of the 95 % region must be between {low:g} and {high:g}. Its area (for a "

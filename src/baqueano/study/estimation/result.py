@@ -17,6 +17,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.study.estimation.errors import QUANTITIES, SPEED, merge
 from baqueano.study.estimation.subjects import BOTH
 
@@ -121,12 +122,7 @@ class EstimationStudy:
     def table(self) -> str:
         """Return the rows, notes and verdict as a text table."""
         rows = self.rows_shown()
-        widths = {
-            key: max(len(_(key)), *(len(_(r[key])) for r in rows))
-            for key in (N_("recording"), N_("estimator"), N_("quantity"))
-        }
-        head = "  ".join(_(key).ljust(width) for key, width in widths.items())
-        lines = [f"{head}  {_('value'):>7} {_('ref.'):>7} {_('ratio'):>6}  95 %"]
+        keys, cells = (N_("recording"), N_("estimator"), N_("quantity")), []
         for r in rows:
             finite = np.isfinite(r.get("low", float("nan")))
             interval = (
@@ -136,9 +132,10 @@ class EstimationStudy:
             )
             ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
             ok = _("NO") if r["ok"] is False else ""
-            labels = "  ".join(_(r[key]).ljust(width) for key, width in widths.items())
-            figures = f"{number(r['value']):7.3f} {number(r['reference']):7.3f} {ratio:>6}"
-            lines.append(f"{labels}  {figures}  {interval:14} {ok}".rstrip())
+            figures = f"{number(r['value']):.3f}", f"{number(r['reference']):.3f}", ratio
+            cells.append([*(_(r[key]) for key in keys), *figures, interval, ok])
+        head = [*map(_, keys), _("value"), _("ref."), _("ratio"), "95 %", ""]
+        lines = text_table("<<<>>><<", head, *cells)
         lines += [
             _(
                 "Reference of a speed: {speed}. Of a position: {position}.",

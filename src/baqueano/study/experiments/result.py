@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 
 DESIGNED, BASELINE = "designed", "random_steps"
 MIN_RATIO = 1.5
@@ -77,17 +78,17 @@ class Experiments:
 
     def table(self) -> str:
         """Return the rows and reasons as a text table."""
-        head = (
-            f"{_('vehicles'):14}{_('room'):6}{_('signal'):14}{_('mean error'):>11}{_('better'):>8}"
-            f"{_('above best'):>12}"
-        )
-        lines = [f"{head}{_('outside'):>10}{_('nearest'):>9}{_('made in'):>9}"]
-        for r in self.signal_rows:
-            lines.append(
-                f"{_(r.vehicle):14}{r.room:6}{_(r.signal):14}{number(100.0 * r.mean_error):>9.4f} "
-                f"%{number(r.ratio):>7.2f}×{r.above_best:>6} / {r.vehicles:<2}{r.left:>6} / "
-                f"{r.drives:<3}{number(100.0 * r.nearest_m):>5.0f} cm{number(r.seconds):>7.1f} s"
-            )
+        head = [
+            _("vehicles"), _("room"), _("signal"), _("mean error"), _("better"), _("above best"), _("outside"),
+            _("nearest"), _("made in"),
+        ]  # fmt: skip
+        rows = (
+            [_(r.vehicle), r.room, _(r.signal), f"{number(100.0 * r.mean_error):.4f} %", f"{number(r.ratio):.2f}×",
+             f"{r.above_best} / {r.vehicles}", f"{r.left} / {r.drives}", f"{number(100.0 * r.nearest_m):.0f} cm",
+             f"{number(r.seconds):.1f} s"]
+            for r in self.signal_rows
+        )  # fmt: skip
+        lines = text_table("<<<>>>>>>", head, *rows)
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
 
 

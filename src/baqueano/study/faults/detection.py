@@ -26,6 +26,7 @@ from baqueano.identify.result.fit_result import Fit
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.logging import LOGGING
@@ -322,11 +323,11 @@ class Faults:
 
     def table(self) -> str:
         """Return the counts and error ratios of each fault as a text table."""
-        head = (
-            f"{_('fault'):<22}{_('fits'):>5}{_('wrong'):>7}{_('called usable'):>15}{_('clean refused'):>15}   "
-            f"{_('usable/warn/refused'):<20}{_('error/clean'):>12}{_('lost'):>8}{_('err/reduced'):>12}"
-        )
-        lines = [head, "-" * len(head)]
+        head = [
+            _("fault"), _("fits"), _("wrong"), _("called usable"), _("clean refused"), _("usable/warn/refused"),
+            _("error/clean"), _("lost"), _("err/reduced"),
+        ]  # fmt: skip
+        rows = []
         for r in self.rows():
             ratio_texts = [
                 "" if r[key] is None else f"{number(r[key]):.2f}" for key in ("over_clean", "over_left")
@@ -337,10 +338,9 @@ class Faults:
                 + " "
                 + _("{crashed} crashed", crashed=r["crashed"]) * bool(r["crashed"])
             )
-            lines.append(
-                f"{_(r['fault']):<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
-                f"  {verdicts:<20}{ratio_texts[0]:>12}{loss:>8}{ratio_texts[1]:>12}"
-            )
+            counts = [str(r[key]) for key in ("fits", "wrong", "wrongly_usable", "wrongly_refused")]
+            rows.append([_(r["fault"]), *counts, verdicts, ratio_texts[0], loss, ratio_texts[1]])
+        lines = text_table("<>>>><>>>", head, *rows)
         undamaged = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
         warnings = sum(o.verdict == Verdict.WARN for o in undamaged)
         lines += [

@@ -22,6 +22,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, fit_job
 from baqueano.study.wrong_estimates import wrong_mask
 from baqueano.sweep.workers import run_in_processes
@@ -99,24 +100,22 @@ class Identification:
 
     def table(self) -> str:
         """Return a text table of each case, and of the parameters of the first case."""
-        head = (
-            f"{_('case'):36}{_('fits'):>5}{_('coverage'):>10}{_('rmse'):>8}{_('sd'):>7}{_('usable'):>9}"
-            f"{_('wrong'):>7}{_('named'):>8}"
-        )
-        rows, lines = (
-            self.rows(),
-            [
-                _("{seeds} of {requested} seeds", seeds=self.seeds, requested=self.requested),
-                head,
-                "-" * len(head),
-            ],
-        )
-        for row in (row for row in rows if row["name"] == POOL):
-            text = f"{_(row['case']):36}{row['fits']:5}{_figures(row)}{number(100 * row['usable']):7.0f} %"
-            lines.append(f"{text}{row['wrongly_usable']:7}{number(100 * row['named']):6.0f} %")
-        lines += ["", f"{_(rows[0]['case'])}:"]
-        for row in (row for row in rows if row["name"] != POOL and row["case"] == rows[0]["case"]):
-            lines.append(f"{row['name'].removeprefix('model.'):36}{row['fits']:5}{_figures(row)}")
+        rows, head = self.rows(), [_("fits"), _("coverage"), _("rmse"), _("sd")]
+        cases = (
+            [_(row["case"]), *_figures(row), f"{number(100 * row['usable']):.0f} %", str(row["wrongly_usable"]),
+             f"{number(100 * row['named']):.0f} %"]
+            for row in rows if row["name"] == POOL
+        )  # fmt: skip
+        first, parameters = rows[0]["case"], (row for row in rows if row["name"] != POOL)
+        lines = [
+            _("{seeds} of {requested} seeds", seeds=self.seeds, requested=self.requested),
+            *text_table("<>>>>>>>", [_("case"), *head, _("usable"), _("wrong"), _("named")], *cases),
+            "",
+            f"{_(first)}:",
+            *text_table("<>>>>", ["", *head], *(
+                [row["name"].removeprefix("model."), *_figures(row)] for row in parameters if row["case"] == first
+            )),
+        ]  # fmt: skip
         message = _("every limit is met, within the scatter of {seeds} seeds", seeds=self.seeds)
         lines += [
             "",
@@ -266,6 +265,6 @@ def _mean(x: np.ndarray) -> float:
     return float(np.mean(x)) if len(x) else 0.0
 
 
-def _figures(row: "TableRow") -> str:
+def _figures(row: "TableRow") -> list[str]:
     ratios = ("" if row[key] is None else f"{number(row[key]):.2f}" for key in ("rmse", "sd"))
-    return f"{number(100 * row['holds']):8.1f} %" + "{:>8}{:>7}".format(*ratios)
+    return [str(row["fits"]), f"{number(100 * row['holds']):.1f} %", *ratios]

@@ -18,6 +18,7 @@ from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -161,10 +162,6 @@ class LapStudy:
 
     def table(self) -> str:
         """Return the rows as a text table."""
-        head = (
-            f"{_('route'):11}{_('fix'):13}{_('gyro'):14}{_('readings'):10}{_('kept'):>6}{_('forecast'):>10}"
-        )
-        head += f"{_('cross, cm'):>18}{_('estimate, cm'):>14}{_('within'):>8}{'NEES':>6}{_('stopped, in lap'):>17}"
         lines = [
             _(
                 "{robots} robots, {laps} laps. Cross-track error: 95 % quantile of the first and of the "
@@ -173,19 +170,23 @@ class LapStudy:
                 laps=self.laps,
                 settled=SETTLING_LAPS,
             ),
-            head,
-            "-" * len(head),
         ]
+        cells = []
         for r in self.rows():
             cross_track_text = " ".join(
                 _cm_text(r[name]) for name in ("first_across_p95_m", "last_across_p95_m", "across_worst_m")
             )
             stops = f"{r['stopped']}, {number(r['stop_lap_median']):.0f}" if r["stopped"] else "0"
-            lines.append(
-                f"{_(r['route']):11}{_(r['fix']):13}{_(r['gyro']):14}{_(r['read']):10}{number(r['kept']):6.0%}"
-                f"{_share_text(r['forecast']):>10}{cross_track_text:>18}{_cm_text(r['position_worst_m']):>14}{_share_text(r['within']):>8}"
-                f"{number(r['nees']):6.2f}{stops:>17}"
+            chance = f"{number(r['kept']):.0%}", _share_text(r["forecast"])
+            estimate = _cm_text(r["position_worst_m"]), _share_text(r["within"]), f"{number(r['nees']):.2f}"
+            cells.append(
+                [*(_(r[name]) for name in LapCase._fields), *chance, cross_track_text, *estimate, stops]
             )
+        head = [
+            _("route"), _("fix"), _("gyro"), _("readings"), _("kept"), _("forecast"), _("cross, cm"),
+            _("estimate, cm"), _("within"), "NEES", _("stopped, in lap"),
+        ]  # fmt: skip
+        lines += text_table("<<<<>>>>>>>", head, *cells)
         return "\n".join(
             [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bounds are met')}"]
         )

@@ -15,6 +15,7 @@ from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.sweep.workers import run_in_processes
@@ -121,26 +122,21 @@ class CaseStudy:
 
     def table(self) -> str:
         """Return a text table with the errors of the paper and of the first fit, in per cent of the truth."""
-        head = (
-            f"{'':8}{_('truth'):>10} {_('paper'):>11} {_('its error'):>10} {_('ours'):>12} "
-            f"{_('± sd'):>9} {_('our error'):>10}"
-        )
-        lines = [
-            _("Case study I, {seconds:.0f} s, seed {seed}", seconds=SECONDS, seed=self.seeds[0]),
-            head,
-            "-" * len(head),
-        ]
+        head = ["", _("truth"), _("paper"), _("its error"), _("ours"), _("± sd"), _("our error")]
+        rows = []
         for row in self.rows():
             truth, estimate = row["truth"], row["estimate"]
             value = (
-                f"{_('not identifiable'):>22}"
+                [_("not identifiable"), ""]
                 if estimate is None
-                else f"{number(estimate):12.5g} {number(row['sd']):9.2g}"
+                else [f"{number(estimate):.5g}", f"{number(row['sd']):.2g}"]
             )
-            lines.append(
-                f"{row['name']:8}{number(truth):10.4g} {number(row['paper']):11.5g} "
-                f"{_error(row['paper'], truth):>10} {value} {_error(estimate, truth):>10}"
-            )
+            paper = [f"{number(truth):.4g}", f"{number(row['paper']):.5g}", _error(row["paper"], truth)]
+            rows.append([row["name"], *paper, *value, _error(estimate, truth)])
+        lines = [
+            _("Case study I, {seconds:.0f} s, seed {seed}", seconds=SECONDS, seed=self.seeds[0]),
+            *text_table("<>>>>>>", head, *rows),
+        ]
         lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].always_unobservable)]
         lines.append(
             _("largest deviation {largest:.1f} standard errors", largest=np.abs(self.normalised_errors).max())

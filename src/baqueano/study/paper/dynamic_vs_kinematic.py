@@ -18,6 +18,7 @@ from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import text_table
 from baqueano.runs.interpolation import interpolate_rows
 from baqueano.vehicle_file import VehicleFile, parse
 
@@ -91,14 +92,11 @@ def table(models: tuple[ModelEvaluation, ...]) -> str:
     """Return the rows as a text table."""
     figures = rows(models)
     keys = list(figures[0])
-    lines = ["  ".join(f"{_(key):>22}" for key in keys)]
-    lines += [
-        "  ".join(
-            f"{_(row[key]) if isinstance(row[key], str) else format(number(row[key]), '.3g'):>22}"
-            for key in keys
-        )
+    cells = (
+        [_(row[key]) if isinstance(row[key], str) else format(number(row[key]), ".3g") for key in keys]
         for row in figures
-    ]
+    )
+    lines = text_table(">" * len(keys), [_(key) for key in keys], *cells)
     return "\n".join(
         [_("Predictions of each model (one step ahead, and as the EKF's model on another run)"), *lines]
     )
