@@ -88,6 +88,27 @@ def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, na
     assert off.count(SENSOR) >= DRIVES - 1
 
 
+@pytest.mark.parametrize("gain", [0.85, 1.15])
+def test_an_aged_turning_gain_is_not_reported_as_a_gyro_fault(gain):
+    """Only the gyro measures the turn, so no other sensor can decide. The accelerometer shows only fast turns."""
+    wrong_parts = set()
+    for run in drives("robot", DRIVES):
+        findings, _ = watch("robot", run, wrong={"model.actuator_matrix[2,2]": gain})
+        wrong_parts |= {finding.wrong_part for finding in findings}
+    assert UNKNOWN in wrong_parts
+    assert SENSOR not in wrong_parts
+
+
+def test_a_model_without_disturbance_can_be_wrong():
+    wrong = {
+        "model.actuator_matrix[2,2]": 0.5,
+        "estimator.disturbance_std[0]": 0.0,
+        "estimator.disturbance_std[1]": 0.0,
+    }
+    findings, _ = watch("wheels", drives("wheels", 1)[0], wrong=wrong)
+    assert [finding.wrong_part for finding in findings if finding.name == "imu[2]"][-1] == MODEL
+
+
 @pytest.mark.parametrize("kind", ["robot", "wheels"])
 def test_a_wrong_turning_gain_is_not_reported_as_a_gyro_fault(kind):
     """The vehicle of the independent truth turns as its sensors measure; the file is wrong."""

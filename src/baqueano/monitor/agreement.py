@@ -22,6 +22,7 @@ import numpy as np
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.correction import USABLE_RANGE, predict_measurement
+from baqueano.estimators.augmented.state import SCALE_INDEX
 from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.pauses import filter_row
@@ -120,16 +121,21 @@ class AgreementMonitor:
         )
         doubt_s = np.clip(memory.doubt_s + dt_s * np.where(is_off, 1.0, -fading), 0.0, DEGRADED_S)
 
-        G = mirror_upper(K @ model.cov[3:6, 3:6] @ K.T)
-        G = np.where(
-            channels.is_inertial & ~channels.measures_turn, np.diag(r), G * r / (np.diag(G) + MIN_VARIANCE)
-        )
+        is_accelerometer = channels.is_inertial & ~channels.measures_turn
+        causes = [
+            np.where(
+                is_accelerometer,
+                np.diag(r),
+                response[:, None] * (response * r / (response**2 + MIN_VARIANCE)),
+            )
+            for response in (K @ model.cov[3:6, d] for d in range(6, SCALE_INDEX))
+        ]
         usable = np.where(
             is_good & ~channels.is_pose & ~(channels.is_inertial & (unchanged_s >= FROZEN_S)), 1.0, 0.0
         )
         memory_factor = np.exp(-dt_s / MEMORY_S)
         evidence = memory.evidence * memory_factor + np.where(is_outlier, dt_s, 0.0) * log_odds(
-            r, C + N, G, usable, channels.groups
+            r, C + N, causes, usable, channels.groups
         )
         evidence = np.where(doubt_s > 0.0, np.clip(evidence, -MAX_EVIDENCE, MAX_EVIDENCE), 0.0)
 

@@ -1,5 +1,6 @@
 """Monitor the sensors during a drive: derive events, degraded sensors and counts of rejections from the ticks."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,9 @@ from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.rejections import Rejections
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import compile_block
+
+# m/s² and rad/s²: without a disturbance, a wrong model would be no explanation
+MIN_DISTURBANCE_STD = 1e-3
 
 
 class Notice(NamedTuple):
@@ -35,7 +39,8 @@ class SensorMonitor:
     def __init__(self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate) -> None:
         m = 0 if estimate.innovation is None else len(estimate.innovation)
         self._channel_indices = innovation_channels(estimator, model.sensors, m)
-        self._model, agreement = model, AgreementMonitor(model, self._channel_indices)
+        self._model = replace(model, disturbance_std=np.maximum(model.disturbance_std, MIN_DISTURBANCE_STD))
+        agreement = AgreementMonitor(self._model, self._channel_indices)
         self.channels = agreement.channels
         self._block = compile_block(agreement)
         self._block.step(agreement.init(), tick, estimate.innovation, estimate.innovation_cov)
