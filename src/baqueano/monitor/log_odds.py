@@ -6,14 +6,13 @@ Channel c disagrees with the model. Two hypotheses predict the residuals r ~ N(0
     the model is wrong   by as much as c shows               J_M = rᵀw − bᵀ (1 + Gᵀ W G)⁻¹ b,  b = Gᵀ w    (2)
     G_c = K b r_c / (K_c b),   b = cov(ν, d),   K = ∂h/∂ν with constant ν̇                                  (3)
 
-P is the covariance of the model, H the Jacobian of h, N the noise. g, of size |g|, is only c, or all channels
-that fail with it (one wheel slips, or both); the g with the smaller J_A is used. (1) is the squared distance of
-the other channels. In (2) the prior is widened by G Gᵀ, the error of the velocity if the model is wrong: the response
-to a disturbance d of the thrust or of the torque, whichever has the smaller J_M. So a wrong turning gain does not imply
-a wrong speed, but a wrong thrust of a car implies a wrong yaw rate. K contains only the kinematics of a wheel, a gyro,
-or a_y = ν_x ν_ψ. A wrong model predicts no acceleration, so no channel confirms an accelerometer that disagrees. The
-log odds of a reading are half the difference of J. Successive readings have correlated errors, so only INDEPENDENT_HZ
-of them have weight per second. Without evidence the result stays unknown.
+P is the covariance of the model, H the Jacobian of h, N the noise. g, of size |g|, is only c, or all channels that fail
+with it (one wheel slips, or both); the g with the smaller J_A is used. (1) is the squared distance of the other
+channels. In (2) the prior is widened by the response of ν to a disturbance d of thrust or torque, whichever has the
+smaller J_M. So a wrong turning gain does not imply a wrong speed, but a wrong thrust of a car implies a wrong yaw rate.
+K contains only the kinematics of a wheel, a gyro, or a_y = ν_x ν_ψ. A wrong model predicts no acceleration, so no
+channel confirms an accelerometer that disagrees. The log odds of a reading are half the difference of J. Only
+INDEPENDENT_HZ readings have weight per second, because their errors are correlated.
 """
 
 from collections.abc import Sequence
