@@ -8,8 +8,9 @@ import pytest
 
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S, velocity_error
 from baqueano.estimators.augmented_ekf import SCALE_INDEX
-from baqueano.identify import random_steps
+from baqueano.identify import identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.noise.speed_error import with_speed_error
 from baqueano.signals import sensor_slots
 from baqueano.simulate import simulate
@@ -27,7 +28,7 @@ def fit_with(names, sd):
     """Return what `with_speed_error` reads of a fit with independent errors."""
     return SimpleNamespace(
         names=tuple(names), sd=np.array(sd), cov=np.diag(np.square(sd)), backend="auto", always_unobservable=(),
-        blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
+        gyro_shift=np.zeros(len(names)), blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
     )  # fmt: skip
 
 
@@ -80,3 +81,38 @@ def test_without_an_error_of_the_fit_the_data_sheets_decide():
     kappa, nu = np.array([0.02, 0.01, 0.03, 0.0]), np.array([0.3, 0.1, 1.0])
     assert velocity_error(ekf, kappa, nu) == pytest.approx([0.006, 0.011, 0.01])
     assert velocity_error(replace(ekf, speed_error_std=np.array([0.01, 0.02])), kappa, 0.0 * nu)[0] == 0.0
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Return a run of `small` with turns, and its fit by commands and IMU."""
+    small = load("small")
+    run = simulate(small, random_steps(small.command.limit, 40.0, small.rate_hz, 2), 1)
+    run = replace(run, truth=None)
+    return run, identify(run, small)
+
+
+def test_the_effect_of_the_gyros_scale_on_a_fit_equals_another_fit(driven):
+    run, fit = driven
+    small = load("small")
+    low, high = (
+        identify(run, small.with_values({"sensors.imu.gyro_scale": 1.0 / (1.0 + kappa)}))
+        for kappa in (-0.01, 0.01)
+    )
+    for name in ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[2,2]"):
+        k = fit.names.index(name)
+        assert fit.gyro_shift[k] == pytest.approx((high.estimate[k] - low.estimate[k]) / 0.02, rel=0.2)
+
+
+def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(driven):
+    """a_y = ν_x ν_ψ determines the speed: the filter claims both errors together, not twice."""
+    run, fit = driven
+    ekf = measure_noise(fit, run).updated_file(fit.vehicle_file).estimator()
+    c, gyro_std = ekf.speed_per_gyro_scale, float(ekf.sensors.imu.gyro_scale_std)
+    assert -1.1 < c < -0.05
+    alone = with_speed_error(ekf, replace(fit, gyro_shift=np.zeros(len(fit.names))), [run])
+    assert alone.speed_error_std[1] ** 2 - ekf.speed_error_std[1] ** 2 == pytest.approx(gyro_std**2, rel=0.05)
+    kappa = np.array([0.0, -gyro_std, 0.0, 0.0])
+    error = velocity_error(ekf, kappa, np.array([0.3, 0.0, 1.0]))
+    assert error[0] == pytest.approx(-c * gyro_std * 0.3)
+    assert error[2] == pytest.approx(-gyro_std)

@@ -151,7 +151,7 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (
         2.0 * np.pi * cosine * abs(turns)
     )  # (2)
-    values = _gyro_values(name, scale, std)
+    values = _gyro_values(vehicle_file, name, scale, std)
     distances = _distances(run, vehicle_file, marks[0], marks[-1]) if length_m else {}
     for wheels, metres in distances.items():
         path, old_scale = _speed_scale(wheels, getattr(vehicle_file.sensors, wheels))
@@ -242,7 +242,7 @@ def closure_of_end(end: LapEnd, vehicle_file: VehicleFile, run_name: str) -> Clo
     share = file_std**2 / (file_std**2 + std**2) if file_std > 0.0 else 1.0
     scale = sensor.gyro_scale * float(np.exp(share * kappa))
     scale_std, turns = scale * float(np.sqrt(share)) * std, round(end.turn_rad / (2.0 * np.pi))
-    values, gap_m = _gyro_values(end.gyro, scale, scale_std), float(np.hypot(*end.old_e[:2]))
+    values, gap_m = _gyro_values(vehicle_file, end.gyro, scale, scale_std), float(np.hypot(*end.old_e[:2]))
     return Closure(end.gyro, turns, end.turn_rad, scale, scale_std, values, {}, None, gap_m)
 
 
@@ -297,10 +297,15 @@ def _gyro_of(run: Run, vehicle_file: VehicleFile) -> str:
     return name
 
 
-def _gyro_values(name: str, scale: float, std: float) -> dict[str, object]:
-    """Return the values of the vehicle file for a gyro scale."""
-    path = f"sensors.{name}.gyro_scale"
-    return {path: _round_to_five_digits(scale), f"{path}_std": float(f"{std / scale:.2g}")}
+def _gyro_values(vehicle_file: VehicleFile, name: str, scale: float, std: float) -> dict[str, object]:
+    """Return the values of the vehicle file for a gyro scale. The model's speed keeps the error of the old scale."""
+    path, estimator = f"sensors.{name}.gyro_scale", vehicle_file.estimator()
+    values = {path: _round_to_five_digits(scale), f"{path}_std": float(f"{std / scale:.2g}")}
+    if not has_field(estimator, "speed_per_gyro_scale") or estimator.speed_per_gyro_scale == 0.0:
+        return {**values}
+    old_std, (offset, slope) = getattr(vehicle_file.sensors, name).gyro_scale_std, estimator.speed_error_std
+    speed = [float(offset), float(f"{np.hypot(slope, estimator.speed_per_gyro_scale * old_std):.3g}")]
+    return {**values, "estimator.speed_error_std": speed, "estimator.speed_per_gyro_scale": 0.0}
 
 
 def _turn_std(sensor: Tree, bias_std: float, t_s: float) -> float:

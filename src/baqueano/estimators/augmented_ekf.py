@@ -135,6 +135,13 @@ class AugmentedEkf:
         high=100.0,
         default=0.0,
     )
+    speed_per_gyro_scale: float = parameter(
+        "1",
+        "c: relative error of the model's speed per relative error of the gyro's scale; the fit determines both",
+        low=-10.0,
+        high=10.0,
+        default=0.0,
+    )
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s", "standard deviations of (η, ν) at the start", low=0.0,
         default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),

@@ -8,7 +8,7 @@
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
-    K ν_x = κ_v e ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,   κ_v ~ N(0, σ₁²), without a speed sensor    (8)
+    K ν_x = (κ_v e + c κ_ψ) ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,  κ_v ~ N(0, σ₁²): no speed sensor   (8)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. l is the distance of the origin ahead of the centre of
 turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with an error during a whole bend
@@ -141,7 +141,8 @@ def process_noise_cov(
 
 def velocity_error(estimator: "AugmentedEkf", kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Return K ν (3,), the error of the velocity due to scale errors and course `kappa` = (κ_v, κ_ψ, β, …). (2), (8)"""
-    scale = kappa[0] * _speed_error_shape(estimator, nu[0])
+    c = 0.0 if layout(estimator).speed_is_measured else estimator.speed_per_gyro_scale
+    scale = kappa[0] * _speed_error_shape(estimator, nu[0]) + c * kappa[1]
     return np.array([scale * nu[0], scale * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
 
 

@@ -59,13 +59,10 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
     return replace(run, sensors=channels) if messages else run, messages
 
 
-def diagnose(
-    end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray
-) -> tuple[list[Diagnostic], np.ndarray]:
-    """Return messages on a finished search and its data, and a covariance (s, s) of the shared entries of θ.
+def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> residual_checks.Diagnosis:
+    """Return messages on a finished search and its data, and their consequences for the shared entries of θ.
 
-    The covariance contains the errors by effects that the model lacks. `std` (p,) are the standard errors of θ,
-    `file_sigma` (m,) the noise of the channels in the file.
+    `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file.
     """
     problem, theta, identifiable = (
         end.task.problem,
@@ -102,14 +99,14 @@ def diagnose(
             for message in channel_map.check_channels(problem, end.task.start)
             if message.code not in codes
         ]
-        return earlier_messages + channel_map.with_mount_findings(end, messages), np.zeros((s, s))
+        messages = earlier_messages + channel_map.with_mount_findings(end, messages)
+        return residual_checks.Diagnosis(messages, np.zeros((s, s)), np.zeros(s))
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
     messages += channel_map.check_gain_changes(
         end.blocks, problem.shape.shared, estimate, std[:s], file_sigma, sigma, problem.labels
     )
-    findings_of_residuals, unmodelled_cov = residual_checks.check_residuals(
+    diagnosis = residual_checks.check_residuals(
         end.blocks, problem, theta, identifiable, std, (end.task.low, end.task.high)
     )
-    return earlier_messages + channel_map.with_mount_findings(
-        end, messages + findings_of_residuals
-    ), unmodelled_cov
+    messages = channel_map.with_mount_findings(end, messages + diagnosis.messages)
+    return diagnosis._replace(messages=earlier_messages + messages)

@@ -28,11 +28,13 @@ from baqueano.identify.diagnostics.score_test import (
     fit_residuals,
     score_test,
     score_test_parts,
+    shift_by_effects,
 )
 from baqueano.identify.diagnostics.unmodelled_terms import (
     FittedMotion,
     LabelledTerm,
     fitted_motion,
+    gyro_columns,
     term_columns,
 )
 from baqueano.identify.parameters.free import DELAY_PATH
@@ -74,16 +76,16 @@ def check_residuals(
     identifiable: np.ndarray,
     std: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
-) -> tuple[list[Diagnostic], np.ndarray]:
-    """Return findings at θ (p,), and the covariance (s, s) of the errors that they cause in the s shared entries.  (4)
+) -> "Diagnosis":
+    """Return findings at θ (p,), and their consequences for the s shared entries.
 
     The `identifiable` (p,) entries have standard errors `std` (p,), and `bounds`, low (p,) and high (p,). The problem
     is weighted with the estimated noise.
     """
     s = problem.layout.shared_count
-    index, unmodelled_cov = np.flatnonzero(identifiable[:s]), np.zeros((s, s))
+    index, unmodelled_cov, gyro_shift = np.flatnonzero(identifiable[:s]), np.zeros((s, s)), np.zeros(s)
     if not len(index):
-        return _residual_messages(problem, problem.residuals(theta)), unmodelled_cov
+        return Diagnosis(_residual_messages(problem, problem.residuals(theta)), unmodelled_cov, gyro_shift)
     motion = fitted_motion(blocks, problem, theta)
     candidates = list if motion is None else term_columns(blocks, problem, motion)
     fit = fit_residuals(problem, theta, identifiable)
@@ -95,10 +97,10 @@ def check_residuals(
     missing_terms = _missing_terms(fit_evidence, tests)
     if errors := [result.errors for result in missing_terms + differences]:
         unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
-    return [
-        *messages,
-        *(result.message for result in (*missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED])),
-    ], unmodelled_cov
+    if motion is not None:
+        gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion))[0]
+    results = *missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED]
+    return Diagnosis(messages + [result.message for result in results], unmodelled_cov, gyro_shift)
 
 
 def _largest_errors_cov(errors: np.ndarray) -> np.ndarray:
@@ -107,6 +109,14 @@ def _largest_errors_cov(errors: np.ndarray) -> np.ndarray:
     scale = np.max(np.abs(errors), axis=0) / np.sqrt(np.where(squares > 0.0, squares, 1.0))
     scaled = errors * scale
     return scaled.T @ scaled
+
+
+class Diagnosis(NamedTuple):
+    """Findings about a finished search, and their consequences for the s shared entries of θ."""
+
+    messages: list[Diagnostic]
+    unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks  (4)
+    gyro_shift: np.ndarray  # (s,) change of θ per relative error of the gyro's scale
 
 
 class _SignificantResult(NamedTuple):

@@ -197,6 +197,11 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
         )
 
 
+def shift_by_effects(fit: FitResiduals, D: np.ndarray) -> np.ndarray:
+    """Return the change (K, k) of θ that a unit of each effect in the readings causes; D (K, N m).  (3) with δ = 1"""
+    return _sums(fit, D).cross @ fit.inverse
+
+
 def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the change (k,) of θ by an effect between `low` and `high` (k,), the distances of θ to its bounds.  (5)"""
     if np.all((test.shift >= low) & (test.shift <= high)):

@@ -54,6 +54,7 @@ MOTION_TERMS = (
     "slip",
 )
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
+GYRO_CHANNEL = 2  # of an IMU
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
@@ -189,6 +190,21 @@ def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMot
         labels = [(code, term_note) for code, term_note, _ in readings]
         columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
     return labels, np.concatenate(columns, axis=1)
+
+
+def gyro_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> np.ndarray:
+    """Return D (1, N m) of a relative error of the scales of all gyros: the predicted reading of each gyro."""
+    is_gyro = np.concatenate(
+        [
+            (np.arange(size) == GYRO_CHANNEL) & has_field(block, "gyro_scale")
+            for block, size in zip(blocks.sensors, problem.sizes, strict=True)
+        ]
+    )
+    columns = [
+        (motion.h * is_gyro * weight).ravel()
+        for motion, weight in zip(fitted.motions, problem.weights, strict=True)
+    ]
+    return np.concatenate(columns)[None, :]
 
 
 def _force_columns(

@@ -60,6 +60,7 @@ FIELDS = (
     "course_std",
     "speed_error_std",
     "least_error_speed_m_s",
+    "speed_per_gyro_scale",
 )
 ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of model errors do not enlarge σ
 LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value

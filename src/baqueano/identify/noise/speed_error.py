@@ -3,12 +3,13 @@
     ∂|ν_x|/∂θ ≈ a |ν_x| + b,   a, b (p,) by least squares over the runs, forward and backward separately  (1)
     C = f Σ_i w_i [a b]ᵢᵀ P [a b]ᵢ + diag(σ_s², 0),   w_i the share of the direction i in the rows         (2)
     var |ν_x| = C_aa ν_x² + 2 C_ab |ν_x| + C_bb = σ₀² + σ₁² (|ν_x| − v₀)²                                  (3)
+    c = Σ_i w_i a_iᵀ ∂θ/∂κ_ψ                                                                               (4)
 
-P is the covariance of the parameters of the model. σ_s is the relative error of the speed by the scales of gyro and
-accelerometers; it is 0 if P contains it. f restores the variance that (1) does not describe, as that of turns: with it
-and σ_s = 0, the mean of (3) over the rows equals that of ∂ν_x P ∂ν_xᵀ. Without a sensor of the speed, the filter takes
-the speed from the model. An error of a friction or a dead zone then lasts for the whole drive, and no sensor on board
-shows it.
+P is the covariance of the parameters of the model. σ_s is the relative error of the speed by the scales of the
+accelerometers; it is 0 if P contains it. κ_ψ is the error of the gyro's scale: a gyro that reads too much gives a speed
+that is too low, because the fit compares ν_x ν_ψ with a_y. f restores the variance that (1) does not describe, as that
+of turns: with it and σ_s = 0, the mean of (3) over the rows equals that of ∂ν_x P ∂ν_xᵀ. No sensor on board shows these
+errors, so they last for the whole drive.
 """
 
 from collections.abc import Sequence
@@ -30,6 +31,8 @@ from baqueano.symbolic import scan
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
+SCALES = [SCALE_INDEX, SCALE_INDEX + 1]  # of speed and yaw rate
+MAX_SPEED_PER_GYRO_SCALE = 10.0  # a larger c belongs to a model that diverged
 SCALES_INCLUDED = (
     "identifiability.accelerometer-scale"  # note of a fit whose errors contain those of the scales
 )
@@ -44,22 +47,29 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]
     nu_x, derivatives = _speeds(fit, paths, runs)
     moving = np.abs(nu_x) > MIN_SPEED_M_S
-    C, described, total = np.zeros((2, 2)), 0.0, 0.0
+    C, c, described, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
     for direction in (1.0, -1.0):
         rows = moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
         if rows.any():
             X = np.stack([np.abs(nu_x[rows]), np.ones(rows.sum())], axis=1)
             D = direction * derivatives[rows]
             B = np.linalg.lstsq(X, D, rcond=None)[0]
-            C += B @ P @ B.T * (rows.sum() / moving.sum())
+            weight = rows.sum() / moving.sum()
+            C += weight * (B @ P @ B.T)
+            c += weight * float(B[0] @ fit.gyro_shift[entries])
             described += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
             total += np.einsum("ni,ij,nj->", D, P, D)
     C *= total / described if described > 0.0 else 1.0
-    if not any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
-        C[0, 0] += start_std(replace(ekf, speed_error_std=np.zeros(2)))[SCALE_INDEX] ** 2
+    if any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
+        c = 0.0
+    else:
+        speed_var, gyro_var = start_std(replace(ekf, speed_error_std=np.zeros(2)))[SCALES] ** 2
+        C[0, 0] += speed_var if c == 0.0 else max(speed_var - gyro_var, 0.0)
     least = float(np.clip(-C[0, 1] / C[0, 0], -100.0, 100.0)) if C[0, 0] > 0.0 else 0.0
     std = np.sqrt(np.maximum([C[1, 1] + least * C[0, 1], C[0, 0]], 0.0))  # C_bb − C_ab²/C_aa
-    return replace(ekf, speed_error_std=std, least_error_speed_m_s=least) if np.isfinite(std).all() else ekf
+    if not (np.isfinite(std).all() and abs(c) < MAX_SPEED_PER_GYRO_SCALE):
+        return ekf
+    return replace(ekf, speed_error_std=std, least_error_speed_m_s=least, speed_per_gyro_scale=c)
 
 
 def _speeds(fit: "Fit", paths: tuple[str, ...], runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of,
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose
+from baqueano.identify.diagnostics.residual_checks import Diagnosis
 from baqueano.identify.identifiability.identifiable import (
     FinishedFit,
     has_one_mean,
@@ -37,7 +38,7 @@ class VerdictBasis(NamedTuple):
     """Data for the verdict on a finished search: errors, diagnostics, bounds."""
 
     cov: np.ndarray  # (p, p) of θ
-    unmodelled_cov: np.ndarray  # (s, s) of errors of the shared entries of θ by effects that the model lacks
+    diagnosis: Diagnosis
     evidence: Evidence
     bound_excess: np.ndarray  # (p,) −1 or 1 if a bound holds a parameter back significantly
     always_unobservable: tuple[Diagnostic, ...]  # parameters that the vehicle can never show
@@ -48,10 +49,10 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     cov = _covariance(end)
     std = np.sqrt(np.diagonal(cov))
     unobservable_terms, never_shown = _unobservable(end)
-    findings, unmodelled_cov = _findings(end, std)
-    evidence = _evidence(end, findings, unobservable_terms)
+    diagnosis = _diagnosis(end, std)
+    evidence = _evidence(end, tuple(diagnosis.messages), unobservable_terms)
     is_held_back = _in_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
-    return VerdictBasis(cov, unmodelled_cov, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
+    return VerdictBasis(cov, diagnosis, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
 
 
 def is_only_autocorrelated(basis: VerdictBasis) -> bool:
@@ -79,7 +80,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared)
     shared_cov = np.full((len(end.requested), len(end.requested)), np.nan)
-    shared_cov[np.ix_(end.in_theta, end.in_theta)] = basis.cov[:s, :s] + basis.unmodelled_cov
+    shared_cov[np.ix_(end.in_theta, end.in_theta)] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
     run_entry_names, run_values, run_entry_sd = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
@@ -92,6 +93,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         bound=evidence.bound,
         poorly_identified=evidence.poorly_identified,
         cov=shared_cov,
+        gyro_shift=_in_order(end, basis.diagnosis.gyro_shift, 0.0),
         run_entry_names=run_entry_names,
         run_entries=run_values,
         run_entry_sd=run_entry_sd,
@@ -120,8 +122,8 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     return replace(fit, notes=(*fit.notes, *messages))
 
 
-def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], np.ndarray]:
-    """Return all diagnostics of the fit, and the covariance (s, s) of the errors that they cause."""
+def _diagnosis(end: FinishedFit, sd: np.ndarray) -> Diagnosis:
+    """Return all diagnostics of the fit, and their consequences for the shared entries of θ."""
     report = end.task.progress or (lambda text: None)
     if (
         not end.score_test
@@ -129,9 +131,8 @@ def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...],
         or report(_("testing for effects that the model lacks")) is True
     ):
         s = end.task.problem.layout.shared_count
-        return end.findings, np.zeros((s, s))
-    messages, unmodelled_cov = diagnose(end, sd, sigma_of_file(end.blocks.sensors))
-    return tuple(messages), unmodelled_cov
+        return Diagnosis(list(end.findings), np.zeros((s, s)), np.zeros(s))
+    return diagnose(end, sd, sigma_of_file(end.blocks.sensors))
 
 
 def _bound_excess(end: FinishedFit, sd: np.ndarray) -> np.ndarray:

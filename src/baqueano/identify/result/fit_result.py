@@ -68,6 +68,8 @@ class Fit(Result):
         Poorly identified.
     cov : ndarray (p, p)
         Covariance of the estimates; NaN if not identifiable.
+    gyro_shift : ndarray (p,)
+        Change of the estimates per relative error of the gyro's scale: above 0 the vehicle turns faster than measured.
     run_entry_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
     run_entries, run_entry_sd : ndarray (runs, q)
@@ -119,6 +121,7 @@ class Fit(Result):
     bound: np.ndarray
     poorly_identified: np.ndarray
     cov: np.ndarray
+    gyro_shift: np.ndarray
     run_entry_names: tuple[str, ...]
     run_entries: np.ndarray
     run_entry_sd: np.ndarray
