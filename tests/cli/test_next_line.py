@@ -84,7 +84,6 @@ def test_the_error_about_a_damaged_file_does_not_advise_the_same_command():
     [
         ("teach a --speed 0,3", "teach a --speed 0.3"), ("teach a --speed=0,3", "teach a --speed=0.3"),
         ("compare 3 --skip 0,5", "compare 3 --skip 0.5"), ("drive --share 0,5", "drive --share 0.5"),
-        ("experiment --signal designed --room 2,5x2", "experiment --signal designed --room 2.5x2"),
         ("experiment --set model.mass_kg=0,7", "experiment --set model.mass_kg=0.7"),
     ],
 )  # fmt: skip
@@ -92,6 +91,18 @@ def test_a_decimal_comma_is_reported_and_corrected(baqueano, line, right):
     end = baqueano(*line.split(), *(["--vehicle", "small"] if not line.startswith("compare") else []))
     assert (end.code, end.ending.next.code) == (2, "next.decimal-comma")
     assert end.fix.startswith(f"baqueano {right}")
+
+
+def test_the_decimal_comma_of_a_room_gets_one_advice(baqueano):
+    end = baqueano("experiment", "--vehicle", "small", "--signal", "designed", "--room", "2,5x2")
+    assert (end.ending.reason.code, end.ending.reason.fix) == ("room.unreadable", "--room 2.5x2")
+    assert end.ending.next is None
+
+
+@pytest.mark.parametrize("line", ["repeat lap --laps 1,5", "experiment --duration 60,5", "sweep --seeds 2,5"])
+def test_a_decimal_point_is_not_advised_where_it_does_not_help(baqueano, line):
+    ending = baqueano(*line.split()).ending
+    assert (ending.next or ending.reason).code != "next.decimal-comma"
 
 
 def test_numbers_of_a_list_get_brackets(baqueano):

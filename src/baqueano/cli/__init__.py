@@ -124,7 +124,7 @@ def _metavar(option: click.Option) -> str | None:
         return None
     if isinstance(value_type, click.Path):
         return language.translate("FILE" if value_type.file_okay else "FOLDER")
-    return language.translate(value_type.name.removesuffix(" range").upper())
+    return language.translate(value_type.name.upper())
 
 
 class _LazySubcommandGroup(click.Group):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, figure_options
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_steps
 from baqueano.diagnostics import Diagnostic, note
@@ -47,7 +47,7 @@ def _picture_file(path: Path) -> Path:
     help="Show the drives in a browser while they happen. Default: if there is a display.",
 )  # fmt: skip
 @click.option(
-    "--pace", type=click.FloatRange(0.05, 50.0), default=4.0, show_default=True,
+    "--pace", type=numbers.pace, default=4.0, show_default=True,
     help="Simulated seconds per real second, on the page.",
 )  # fmt: skip
 @click.option(

@@ -66,8 +66,9 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 error.message if isinstance(error.message, Diagnostic) else plain_diagnostic
             ), error.exit_code
         case click.UsageError():
+            code = "cli.no-such-option" if isinstance(error, click.NoSuchOption) else "cli.usage"
             path = error.ctx.command_path if error.ctx else "baqueano"
-            return fault("cli.usage", f"{path} --help", words=error.format_message().rstrip(".")), USAGE
+            return fault(code, f"{path} --help", words=error.format_message().rstrip(".")), USAGE
         case click.ClickException():
             return fault("cli.words", words=error.format_message()), error.exit_code
         case KeyboardInterrupt() | click.Abort() if from_outside(error) or not user_code_place(error):

@@ -17,8 +17,9 @@ from baqueano.messages.printable import baqueano_command
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["route"], ["study"], ["blocks"], ["robot"])
 MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
-DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
+DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 UNBRACKETED = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
+NOT_BY_COMMA = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
 ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")
 MAX_LISTED_FILES = 5  # files of a folder that are named
 
@@ -45,7 +46,12 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
         if (near_path := _nearest_file(path)) is not None and str(path) in args:
             corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
             return fault("next.near-file", baqueano_command(*corrected_args), similar=near_path)
-    if code == USAGE and (corrected_args := _with_decimal_points(args)) != args:
+    codes = {cause.code for cause in causes}
+    if (
+        code == USAGE
+        and codes.isdisjoint(NOT_BY_COMMA)
+        and (corrected_args := _with_decimal_points(args)) != args
+    ):
         return fault("next.decimal-comma", baqueano_command(*corrected_args))
     if any(cause.fix for cause in causes):
         return None
@@ -82,7 +88,7 @@ def _corrected_args(cause: Diagnostic, args: list[str]) -> list[str] | None:
 
 
 def _with_decimal_points(args: list[str]) -> list[str]:
-    """Return the command with decimal points in numbers such as 0,3 and KEY=0,3 and 2,5x2, but not after --bound."""
+    """Return the command with decimal points in numbers such as 0,3 and KEY=0,3, but not after --bound."""
     previous_args = ["", *args]
     return [
         arg.replace(",", ".")

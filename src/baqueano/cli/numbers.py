@@ -12,7 +12,7 @@ from baqueano.errors import UsageError
 class Number(click.ParamType):
     """A finite number of `unit`, which can be "", from `low` to `high`; with `exclude_low` above `low`."""
 
-    name = "number"
+    name, code, parse = "number", "cli.number", float
 
     def __init__(self, unit: str, low: float = 0.0, high: float = math.inf, exclude_low: bool = True) -> None:
         self.low, self.high, self.exclude_low = low, high, exclude_low
@@ -23,13 +23,22 @@ class Number(click.ParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the typed number. Raise UsageError for any other text, and for a number outside the range."""
         try:
-            x = float(value)
+            x = self.parse(value)
         except ValueError:
             x = math.nan
         is_above_low = x > self.low if self.exclude_low else x >= self.low
         if not (is_above_low and x <= self.high and math.isfinite(x)):
-            raise UsageError(fault("cli.number", option=_name(param), found=value, expected=self.range))
+            raise UsageError(fault(self.code, option=_name(param), found=value, expected=self.range))
         return x
+
+
+class WholeNumber(Number):
+    """A whole number from `low` to `high`."""
+
+    name, code, parse = "integer", "cli.whole-number", int
+
+    def __init__(self, low: int, high: float = math.inf) -> None:
+        super().__init__("", low, high, exclude_low=False)
 
 
 def _name(param: click.Parameter | None) -> str:
@@ -40,5 +49,6 @@ seconds = Number("s", high=86_400.0)
 time_s = Number("s", exclude_low=False)
 speed = Number("m/s", high=100.0)
 length = Number("m", high=10_000.0)
-count = click.IntRange(min=1)
-count_or_none = click.IntRange(min=0)
+count = WholeNumber(1)
+count_or_none = WholeNumber(0)
+pace = Number("", 0.05, 50.0, exclude_low=False)

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--rounds",
-    type=click.IntRange(1),
+    type=numbers.count,
     help="With designed: number of rounds of drive, fit and new design.",
 )
 @click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Duration [s].")

@@ -329,7 +329,7 @@ def fit_imu_only(backend: str, as_json: bool) -> None:
     help=("Recordings to use: cpm, dart, dart bag or simulated. Repeat the option for more; default: all."),
 )
 @click.option(
-    "--seeds", "seed_count", type=click.IntRange(0), default=20, show_default=True,
+    "--seeds", "seed_count", type=numbers.count_or_none, default=20, show_default=True,
     help="Number of simulated vehicles, about 20 s each.",
 )  # fmt: skip
 @options.backend

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
@@ -30,7 +30,7 @@ shown = click.option("--page", "shown", is_flag=True, help="Show both runs in a 
 page = options.combine_options(
     click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
     click.option(
-        "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, show_default=True,
+        "--pace", type=numbers.pace, default=1.0, show_default=True,
         help="Simulated seconds per real second (with --page).",
     ),
 )  # fmt: skip

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import numbers, options
 from baqueano.cli.page.live import require_websockets
 
 if TYPE_CHECKING:
     from baqueano.web.run import PageOptions
 
 serving = options.combine_options(
-    click.option("--port", type=click.IntRange(0, 65535), default=0, help=("Port of the page; "
+    click.option("--port", type=numbers.WholeNumber(0, 65535), default=0, help=("Port of the page; "
                                                                           "default: a free one.")),
     click.option(
         "--share", is_flag=True,

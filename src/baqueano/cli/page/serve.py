@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import options
+from baqueano.cli import numbers, options
 from baqueano.cli.page import options as page_options
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault
@@ -24,9 +24,7 @@ GARAGE = "small"  # if there is no vehicle file
 @click.option(
     "--robot", metavar="HOST", help=("Vehicle to show: HOST by ssh, here, or the socket of its service.")
 )
-@click.option(
-    "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, help="Simulated seconds per real second."
-)
+@click.option("--pace", type=numbers.pace, default=1.0, help="Simulated seconds per real second.")
 @options.seed
 @options.runs_folder
 @page_options.serving

@@ -33,6 +33,7 @@ CORRIDOR_SIGMA = 3.0  # k of (1): one position in 370 of a normal distribution i
 TAIL_FACTOR = 1.5  # c of (3)
 # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres almost do not slip
 MAX_SIDEWAYS_M_S2 = 3.0
+SIDES = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*[x×]\s*(\d+\.?\d*|\.\d+)\s*m?\s*")  # "2x2.5"
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
 MIN_WALL_DISTANCE_M = (
@@ -124,13 +125,11 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     >>> print(room.height_m, room.radius_m, room.free_half_width_m)
     2.5 0.07 [0.93 1.18]
     """
-    match = re.fullmatch(r"\s*([\d.]+)\s*[x×]\s*([\d.]+)\s*m?\s*", size)
-    try:
-        sides = [float(side) for side in match.groups()] if match else []
-    except ValueError:
-        sides = []
-    if len(sides) != 2:
-        raise UsageError(fault("room.unreadable", "--room 2x2", size=size))
+    if not (match := SIDES.fullmatch(size)):
+        with_points = size.replace(",", ".")
+        remedy = with_points if SIDES.fullmatch(with_points) else "2x2"
+        raise UsageError(fault("room.unreadable", f"--room {remedy}", size=size))
+    sides = [float(side) for side in match.groups()]
     supervisor = vehicle_file.supervisor()
     limits = {
         "radius_m": body_radius(vehicle_file),

@@ -3,7 +3,9 @@
 TEMPLATES: dict[str, str] = {
     "cli.words": "{words}",
     "cli.number": "{option} {found} is not valid: expected a number {expected}.",
+    "cli.whole-number": "{option} {found} is not valid: expected a whole number {expected}.",
     "cli.usage": "{words}. All options: {fix}",
+    "cli.no-such-option": "{words}. All options: {fix}",
     "cli.interrupted": "stopped from the keyboard.",
     "cli.memory": (
         "There is not enough memory for this ({error}). Use a smaller number, and run the command "

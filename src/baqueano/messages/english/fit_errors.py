@@ -132,7 +132,9 @@ TEMPLATES: dict[str, str] = {
         "the start ({x_m:g}, {y_m:g}) m is outside the room: expected at most {along_m:.2f} m in "
         "x and {across_m:.2f} m in y from its middle."
     ),
-    "room.unreadable": 'room "{size}": expected width and height in metres, such as 2x3. Type: {fix}',
+    "room.unreadable": (
+        'room "{size}": expected width and height in metres with a decimal point, such as 2.5x3. Type: {fix}'
+    ),
     "runs.all-still": (
         "No command changed, so there is nothing to fit. Is it the right run? If the vehicle was turned by "
         "hand between rests on a mark, the run gives the scale of its gyro. Type: {fix}"
