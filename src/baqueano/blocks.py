@@ -11,7 +11,7 @@ import inspect
 import os
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -238,12 +238,17 @@ def check_role(role: str, block: object) -> None:
     block_class = block if isinstance(block, type) else type(block)
     if not all(callable(getattr(block_class, method, None)) for method in ("init", "step")):
         raise UsageError(fault("block.not-a-block", role=role, found=block_class.__name__))
+    check_step(role, block_class, lambda fitting_role: f"{fitting_role}={block_class.__name__}")
+
+
+def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> None:
+    """Raise UsageError if `step` of a class has the arguments of another role of the loop. `remedy`: role → fix."""
     try:
         fitting_role = role_of(block_class)
-    except FileError:  # the inputs of its step have other names
+    except FileError:  # it has no step, or the inputs of its step have other names
         return
-    if fitting_role != role and fitting_role in LOOP_ROLES:
-        fix = f"{fitting_role}={block_class.__name__}"
+    if role in LOOP_ROLES and fitting_role != role and fitting_role in LOOP_ROLES:
+        fix = remedy(fitting_role)
         raise UsageError(
             fault("block.of-other-role", fix, role=role, block=block_class.__name__, other=fitting_role)
         )

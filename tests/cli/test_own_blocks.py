@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from baqueano.diagnostics import StopReason
+from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load, parse
@@ -229,6 +230,18 @@ def test_a_block_that_cannot_be_loaded_is_refused_before_the_drive(
     exists = code not in ("block.class-unknown", "block.file-absent")
     assert end.reason.fix == (f"baqueano blocks check mine.py:{name}" if exists else "")
     assert not list(tmp_path.rglob("*.mcap*"))
+
+
+def test_a_block_of_another_role_is_refused_before_the_drive(project, tmp_path):
+    (tmp_path / "mine.py").write_text(TUNABLE.format(k=1.0), encoding="utf-8")
+    end = project("repeat", "lab", "--estimator", "mine.py:Mine", *SMALL)
+    assert (end.code, end.reason.code) == (2, "block.of-other-role")
+    assert end.reason.fix == "--controller mine.py:Mine"
+    in_file = load("small").text.replace('"augmented_ekf"', '"mine.py:Mine"')
+    with pytest.raises(FileError) as error_info:
+        parse(in_file, "lab.toml", tmp_path / "lab.toml", on_disk=in_file)
+    cause = error_info.value.diagnostic.figures["cause"]
+    assert (cause.code, cause.fix) == ("block.of-other-role", '[controller] kind = "mine.py:Mine"')
 
 
 def test_a_replay_with_a_broken_estimator_is_an_error(project, lab, tmp_path):

@@ -295,12 +295,12 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
 
     `vehicle_file` is None without a vehicle file.
     """
-    from baqueano.blocks import resolve
+    from baqueano.blocks import check_step, resolve
     from baqueano.errors import FileError
 
     if kind is not None:
         try:
-            resolve(
+            block_class = resolve(
                 role,
                 kind,
                 vehicle_file.path.parent
@@ -316,6 +316,7 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
             code, fix = ("cli.own-file", ("check", kind)) if own else ("cli.own-block", ("ls",))
             command = baqueano_command("blocks", *fix)
             raise FileError(fault(code, command, role=role, kind=kind, cause=error.diagnostic)) from error
+        check_step(role, block_class, lambda other: f"--{other} {kind}")
     return kind
 
 

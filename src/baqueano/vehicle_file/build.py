@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import kinds, place_of, resolve, resolve_named
+from baqueano.blocks import check_step, kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
-from baqueano.errors import FileError, error_text, from_outside, user_code_place
+from baqueano.errors import FileError, UsageError, error_text, from_outside, user_code_place
 from baqueano.estimators.readings.velocity_readings import velocity_rows
 from baqueano.signals import ByName, sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
@@ -265,8 +265,12 @@ def _named_class(
         return None
     resolve_kind = resolve if is_typed else resolve_named
     try:
-        return resolve_kind(role, name, context.folder)
-    except FileError as error:
+        block_class = resolve_kind(role, name, context.folder)
+        check_step(
+            role, block_class, lambda other: f'{other}="{name}"' if is_typed else f'[{other}] kind = "{name}"'
+        )
+        return block_class
+    except (FileError, UsageError) as error:
         if is_typed:  # the name is not in the file
             raise
         report.add_problem((*path, "kind"), "vehicle.kind", kind=name, cause=error.diagnostic)
