@@ -169,6 +169,8 @@ def test_an_unused_channel_without_stated_noise_uses_its_noise_at_rest(noise_at_
     file = small.with_values(silent)
     noise = measure_noise(identify(run, file, use=["imu[2]"]), run, source="truth")
     np.testing.assert_allclose(np.sqrt(np.diagonal(noise.in_motion["imu"])), [0.1, 0.1, 0.004], rtol=0.25)
+    simulated = noise.updated_file(file).sensors.imu
+    np.testing.assert_allclose(simulated.accel_noise_std, [0.1, 0.1], rtol=0.25)
     assert ("noise.of-its-rest", "imu[0]") in [(note.code, note.subject) for note in noise.notes]
 
 
@@ -179,7 +181,10 @@ def test_the_noise_of_an_unfitted_sensor_is_never_zero(noise_at_rest, small):
     with_odometer = parse(small.text + '\n[sensors.odometer]\nkind = "odometer"\n', "small")
     noise = measure_noise(identify(run, with_odometer, ["model.mass_kg"], use=["imu"]), run, source="truth")
     assert np.sqrt(noise.in_motion["odometer"][0, 0]) == pytest.approx(0.02, rel=0.2)
-    assert noise.updated_file(with_odometer).sensors.odometer.cov[0, 0] > 0.0
+    sensors = noise.updated_file(with_odometer).sensors
+    assert sensors.odometer.cov[0, 0] > 0.0
+    assert sensors.odometer.noise_std == pytest.approx(0.02, rel=0.2)
+    np.testing.assert_array_equal(sensors.imu.accel_noise_std, small.sensors.imu.accel_noise_std)
 
 
 def test_the_noise_of_a_channel_without_rest_is_estimated_from_differences(small):

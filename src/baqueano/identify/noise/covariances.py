@@ -31,7 +31,7 @@ from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import is_at_rest
 from baqueano.identify.noise.acceptance import Acceptance, accept_or_refit
-from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
+from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.result.fit_result import Fit
@@ -151,8 +151,7 @@ class Noise(Result):
     @checked_call("noise.updated_file(fit.vehicle_file)")
     def updated_file(self, vehicle_file: "VehicleFile", run: str = "") -> "VehicleFile":
         """Return the file with Q of each sensor (in motion), and with R, the other noise values and `speed_from` of
-        the estimator.
-        """
+        the estimator. A sensor without noise in the file also gets white noise, for simulations."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
@@ -161,6 +160,9 @@ class Noise(Result):
             for name, q in self.in_motion.items()
             if name in vehicle_file.sensors._fields
         }
+        for name, sensor in vehicle_file.sensors._asdict().items():
+            if name in self.in_motion:
+                values |= simulated_noise(name, sensor, self.in_motion[name])
         if len(self.process):
             values["estimator.process_noise_cov"] = self.process.tolist()
         values |= {f"estimator.{name}": value.tolist() for name, value in self.fields.items()}

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
@@ -40,6 +40,7 @@ from baqueano.signals import Tick
 from baqueano.symbolic import scan, value_at_path, with_value
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.identify.result.fit_result import Fit
 
 MIN_FADE_S = 0.3  # least T of a misfit; faster changes belong to the walk of ν (process noise)
@@ -292,3 +293,15 @@ def _variance_range(
     return variance_at_rest if variance_at_rest < max_variance else max_variance * np.exp(
         -2.0 * LOG_RANGE
     ), max_variance
+
+
+def simulated_noise(name: str, sensor: Tree, Q: np.ndarray) -> "JsonObject":
+    """Return the keys of the file for the white noise of a sensor, from Q (m, m); {} if the file contains it."""
+    std = np.sqrt(np.diagonal(Q))
+    by_field: JsonObject = {}
+    if has_field(sensor, "gyro_noise_std"):
+        by_field = {"accel_noise_std": std[:2].tolist(), "gyro_noise_std": float(std[2])}
+    elif has_field(sensor, "noise_std"):
+        by_field = {"noise_std": float(np.sqrt(np.mean(std**2)))}
+    is_exact = not any(np.any(getattr(sensor, key)) for key in by_field)
+    return {f"sensors.{name}.{key}": value for key, value in by_field.items()} if is_exact else {}
