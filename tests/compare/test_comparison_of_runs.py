@@ -63,6 +63,23 @@ def test_rejections_of_runs_are_compared_side_by_side():
     assert "refused" not in compare(run_with("b")).table()
 
 
+def test_an_innovation_has_the_name_of_its_channel():
+    counts = rejection_event([Rejections("imu[2]", 0, 800), Rejections("odometer[0]", 3, 90)])
+    named = run_with(events=(Event(0, "info", "refused", "", counts),))
+    comparison = compare([named, run_with("b", innovation=False)])
+    assert list(comparison.runs[0].consistency.channels) == ["imu[2]", "odometer[0]"]
+    assert "innovation 0" not in comparison.table()
+    assert list(compare(run_with()).runs[0].consistency.channels) == ["innovation 0", "innovation 1"]
+
+
+def test_a_small_nees_is_printed_with_its_digits():
+    run = run_with(sigma=0.001)
+    nees = compare(run).runs[0].consistency.states["heading"].mean
+    (line,) = [line for line in compare(run).table().splitlines() if line.startswith("  heading  ")][-1:]
+    assert float(line.split()[-3]) == pytest.approx(nees, rel=0.05)
+    assert 0.0 < nees < 0.005
+
+
 def test_an_estimate_with_errors_beyond_its_covariance_is_called_too_sure():
     comparison = compare([run_with(off=(0, 0, 0)), run_with("b", off=(0.2, 0.0, 0.0))])
     assert [row["verdict"] for row in comparison.rows()] == ["consistent", "too sure"]
@@ -218,13 +235,13 @@ def test_innovations_are_judged_without_a_truth():
     )
 
     def verdict(pose, nis):
-        return FilterConsistency(pose, NOT_REPORTED, nis, {}, (), (0.5,), 0.05)
+        return FilterConsistency(pose, NOT_REPORTED, nis, {}, {}, (0.5,), 0.05)
 
     assert verdict(few, far).verdict == "too sure"
     assert verdict(few, right).verdict == "cannot tell"
     assert verdict(right, far).verdict == "consistent"
     assert verdict(NOT_REPORTED, right).verdict == "consistent"
-    drift = FilterConsistency(few._replace(mean=1.0), right, right, {}, (), (), np.nan)
+    drift = FilterConsistency(few._replace(mean=1.0), right, right, {}, {}, (), np.nan)
     assert drift.verdict == "consistent"
     (first, then), (_, correlated) = drift.messages, verdict(NOT_REPORTED, right).messages
     assert (first.code, first.figures["of"], first.figures["mean"]) == (

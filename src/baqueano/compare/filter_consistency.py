@@ -18,6 +18,8 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
 from baqueano.messages import text
 from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
+from baqueano.monitor.rejections import rejections_in
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
 if TYPE_CHECKING:
@@ -47,7 +49,7 @@ class FilterConsistency:
     nees_velocity: Band
     nis: Band
     states: dict[str, Band]  # NEES by name of STATE_NAMES
-    channels: tuple[Band, ...]  # NIS of each innovation
+    channels: dict[str, Band]  # NIS by channel of the innovation, such as "imu[2]"
     correlations: tuple[float, ...]  # lag-1 autocorrelation of each innovation  (1)
     correlation_limit: float
 
@@ -108,7 +110,7 @@ class FilterConsistency:
     def _bands_by_name(self) -> dict[str, Band]:
         bands = {name: getattr(self, name) for name in JOINT_FIGURES}
         bands |= {f"nees_{name}": band for name, band in self.states.items()}
-        return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
+        return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels.values())}
 
     def _decision(self) -> tuple[str, str, Band | None]:
         """Return the verdict, the name of the joint test that decides, and its band (None if not reported)."""
@@ -156,7 +158,7 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
     log, truth = run.estimate, run.truth
     errors: dict[str, np.ndarray] = {}  # whitened
     states: dict[str, Band] = dict.fromkeys(STATE_NAMES, NOT_REPORTED)
-    channels: tuple[Band, ...] = ()
+    channels: dict[str, Band] = {}
     correlations, limit = np.zeros(0), float("nan")
     if log is not None and truth is not None and len(truth.t_ns) > 1:
         e = np.column_stack([
@@ -176,7 +178,9 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         y, S = log.innovation, log.innovation_cov
         errors["nis"] = consistency.whiten(y, S)
         deviations = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
-        channels = tuple(consistency.band(channel[:, None]) for channel in (y / deviations).T)
+        ratios = (y / deviations).T
+        names = innovation_names(run, len(ratios))
+        channels = {name: consistency.band(ratio[:, None]) for name, ratio in zip(names, ratios, strict=True)}
         correlations = consistency.whiteness(y, S)
         samples = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
         limit = float(1.96 / np.sqrt(samples)) if samples else limit
@@ -187,6 +191,12 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         **bands, states=states, channels=channels, correlations=tuple(correlations.tolist()),
         correlation_limit=limit,
     )  # fmt: skip
+
+
+def innovation_names(run: "Run", size: int) -> list[str]:
+    """Return the names of the `size` entries of an innovation: channels such as "imu[2]" if the run contains them."""
+    names = [refusal.name for refusal in rejections_in(run.events)]
+    return names if len(names) == size else [_("innovation {k}", k=k) for k in range(size)]
 
 
 def _all_have_verdict(bands: list[tuple[str, Band]], verdict: str) -> bool:

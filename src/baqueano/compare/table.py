@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.compare.consistency import NOT_REPORTED
 from baqueano.compare.filter_consistency import JOINT_FIGURES, STATE_NAMES
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -189,7 +190,7 @@ def _paces(name: str) -> list[TableLine]:
 
 
 def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    channels = max((len(run.consistency.channels) for run in comparison.runs), default=0)
+    channels = dict.fromkeys(name for run in comparison.runs for name in run.consistency.channels)
     yield (
         _("NEES, 1 if consistent"),
         [
@@ -209,8 +210,8 @@ def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[T
         [
             TableLine(_("all innovations"), "", lambda j: _band(j.consistency.nis)),
             *(
-                TableLine(_("innovation {k}", k=k), "", lambda j, k=k: _channel_text(j, k))
-                for k in range(channels)
+                TableLine(k, "", lambda j, k=k: _band(j.consistency.channels.get(k, NOT_REPORTED)))
+                for k in channels
             ),
             TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation),
         ],
@@ -231,13 +232,9 @@ def _refusal_text(run: "RunComparison", name: str) -> str:
     )
 
 
-def _channel_text(run: "RunComparison", k: int) -> str:
-    channels = run.consistency.channels
-    return _band(channels[k]) if k < len(channels) else "-"
-
-
 def _band(band: "Band") -> str:
-    mean, low, high = (_nees_text(x) for x in (band.mean, band.low, band.high))
+    low, high = _nees_text(band.low), _nees_text(band.high)
+    mean = f"{number(band.mean):.2g}" if band.mean < 0.1 else _nees_text(band.mean)
     return _("{mean} [{low}, {high}]", mean=mean, low=low, high=high) if np.isfinite(band.mean) else "-"
 
 

@@ -172,8 +172,8 @@ def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]
         t, two = seconds(log.t_ns, run.start_ns), np.full(len(log.t_ns), 2.0)
         std = np.sqrt(np.diagonal(log.innovation_cov, axis1=1, axis2=2))
         panels = [
-            (_("innovation {k}", k=k), {"±2σ": (t, two), "residual": (t, y)})
-            for k, y in enumerate((log.innovation / std).T) if np.isfinite(y).any()
+            (name, {"±2σ": (t, two), "residual": (t, y)})
+            for name, y in zip(corridor.channels, (log.innovation / std).T, strict=True) if np.isfinite(y).any()
         ]  # fmt: skip
         remark = _(
             "Innovations over time, in standard deviations: with a correct covariance 95 % are in the band."

@@ -210,14 +210,14 @@ def _consistency_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
         _("NEES of the speed"): (estimate.nees_speed, NEES_RANGE),
     }
     figures |= {
-        _("NIS of innovation {k}", k=k): (band, NIS_RANGE) for k, band in enumerate(consistency.channels)
+        _("NIS of {channel}", channel=name): (band, NIS_RANGE) for name, band in consistency.channels.items()
     }
     for name, (band, bar) in figures.items():
         ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
         cells = row(estimate.recording, estimate.estimator, name, band.mean, 1.0)
         out.append(cells | {"ok": ok, "verdict": band.verdict})
-    for k, value in enumerate(consistency.correlations):
-        name = _("lag-1 correlation of innovation {k}", k=k)
+    for channel, value in zip(consistency.channels, consistency.correlations, strict=True):
+        name = _("lag-1 correlation of {channel}", channel=channel)
         out.append(
             row(estimate.recording, estimate.estimator, name, value, 0.0)
             | {"ok": bool(abs(value) <= MAX_AUTOCORRELATION)}

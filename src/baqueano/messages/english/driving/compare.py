@@ -1,6 +1,6 @@
 """English sentences about comparisons, and about the requirements of their figures."""
 
-CONSISTENCY = "{figure} of {of:word} is {mean:.2f}. A correct covariance gives {low:.2f} to {high:.2f}{worst}"
+CONSISTENCY = "{figure} of {of:word} is {mean:.3g}. A correct covariance gives {low:.3g} to {high:.3g}{worst}"
 
 TEMPLATES: dict[str, str] = {
     "compare.laps": (
@@ -38,7 +38,7 @@ TEMPLATES: dict[str, str] = {
     "consistency.consistent": f"Consistent: the {CONSISTENCY}",
     "consistency.too-sure": f"The {CONSISTENCY}",
     "consistency.too-cautious": f"The {CONSISTENCY}",
-    "consistency.worst": "; the worst state is {state:word}, {nees:.2f}",
+    "consistency.worst": "; the worst state is {state:word}, {nees:.3g}",
     "consistency.unknown": "{of:word} cannot be evaluated with this run",
     "consistency.correlated": (
         "The innovations are correlated ({correlation:.2f} at lag 1): the model or the noise is incomplete"
