@@ -184,6 +184,23 @@ def test_a_draft_reads_the_abbreviations_of_spanish_columns(tmp_path):
     assert tables["sensors"]["odometer"]["z"] == [{"column": "vel_m_s", "unit": "m/s"}]
 
 
+@pytest.mark.parametrize(
+    "columns",
+    [
+        ("acel_x_g", "acel_y_g", "giro_z"), ("aceleración x", "aceleración y", "giróscopo z"), ("ax", "ay", "gz"),
+        ("accX", "accY", "gyroZ"),
+    ],
+)  # fmt: skip
+def test_a_draft_finds_the_axes_of_an_imu(tmp_path, columns):
+    others = ("gyro_x", "giro_y", "mag_x", "mag_y", "mag_z", "acel_z")
+    (tmp_path / "log.csv").write_text(
+        f"t,{','.join([*others, *columns])}\n" + ("0.1" + ",2" * 9 + "\n") * 3, encoding="utf-8"
+    )
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert tuple(entry["column"] for entry in tables["sensors"]["imu"]["z"]) == columns
+    assert "truth" not in tables
+
+
 @pytest.mark.parametrize("name", ["a\\b left", 'the "left"', "left #1", "it's left"])
 def test_a_draft_is_valid_toml_with_any_column_name(tmp_path, name):
     head = "t,{0} rpm,right rpm,{0} pwm".format(name.replace('"', '""'))

@@ -2,6 +2,7 @@
 
 import json
 import re
+import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -28,13 +29,18 @@ COMMAND_PATTERN, SPEED_PATTERN = (
 )
 FORWARD_PATTERN = r"(^|_)(speed|vel(ocity|ocidad)?(_x)?)(_|$)"
 IMU_PATTERNS = (
-    r"(^|_)(ax|acc(el)?_x)(_|$)",
-    r"(^|_)(ay|acc(el)?_y)(_|$)",
-    r"(gyro|giro)(_z)?(_|$)|(^|_)(gz|omega|yaw_rate)(_|$)",
+    r"(^|_)a(c+(el[a-z]*)?)?_?x(_|$)",
+    r"(^|_)a(c+(el[a-z]*)?)?_?y(_|$)",
+    r"(gyro|giro)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)|(^|_)(gz|wz|omega(_z)?|yaw_rate)(_|$)",
 )
 COUNT_PATTERN = r"(^|_)(enc|encoder|counts?|ticks?)(_|$)"
 TWIST_PATTERNS = r"(^|_)linear_x$", r"(^|_)angular_z$"  # names of ROS
-POSE_PATTERNS = (r"(?<!linear)(^|_)x(_|$)", r"(?<!linear)(^|_)y(_|$)", r"(^|_)(yaw|psi|theta|heading)(_|$)")
+POSITION_PATTERN = r"^(?!.*(linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|_)"
+POSE_PATTERNS = (
+    rf"{POSITION_PATTERN}x(_|$)",
+    rf"{POSITION_PATTERN}y(_|$)",
+    r"(^|_)(yaw|psi|theta|heading|rumbo)(_|$)",
+)
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
 FULL_DUTY_COUNTS = 255.0  # counts of a duty of 8 bits
 
@@ -122,8 +128,9 @@ def _remaining_lines(free_columns: Sequence[str]) -> list[str]:
 
 
 def _plain_name(name: str) -> str:
-    """Return a column's name in lower case, with its words separated by _."""
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    """Return a column's name in lower case and without accents, with its words separated by _."""
+    letters = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
+    return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")
 
 
 def _take_column(free_columns: list[str], pattern: str) -> str:
