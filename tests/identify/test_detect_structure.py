@@ -14,6 +14,7 @@ from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import FREE_CAR, car_file, car_values, drive_group, run_of_vehicle
 from baqueano.study.identification import trials
+from baqueano.vehicle_file import load
 
 
 def driven_as(file, u, effective, seed=0):
@@ -52,6 +53,23 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     assert fit.verdict == "WARN"
     missing = [reason for reason in fit.reasons if reason.code == "residual.missing"]
     assert "term.dry-friction" in {reason.figures["what"].code for reason in missing}
+
+
+def test_a_wrong_speed_of_the_dry_friction_is_reported_with_its_key(case, u):
+    coulomb, speed = {"model.friction.coulomb": [0.3, 0.0, 0.0]}, "model.friction.coulomb_speed"
+    run = simulate(case.with_values(coulomb | {speed: [0.2, 0.05, 0.5]}), u, 0)
+    in_file = case.with_values(coulomb | {speed: [0.02, 0.05, 0.5]})
+    fit = identify(run, in_file)
+    fixes = {reason.fix for reason in fit.reasons if reason.code == "residual.missing-free"}
+    assert f"--free +{speed}" in fixes
+    assert identify(run, in_file, [f"+{speed}"]).value(f"{speed}[0]") == pytest.approx(0.2, rel=0.2)
+
+
+def test_an_imu_that_is_turned_on_its_mount_is_reported_with_its_key():
+    small, key = load("small"), "sensors.imu.heading_rad"
+    u = random_steps(small.command.limit, 15.0, 100.0, 3, hold_s=0.5)
+    fit = identify(simulate(small.with_values({key: 0.06}), u, 3), small)
+    assert f"--free +{key}" in {reason.fix for reason in fit.reasons}
 
 
 def test_the_errors_by_a_missing_effect_are_correlated(case, u):

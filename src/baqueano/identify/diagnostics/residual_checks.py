@@ -65,6 +65,17 @@ MIN_RELATIVE_DIFFERENCE = 0.05  # relative to the parameter
 MIN_SHARE, MIN_EXCESS = 0.05, 1.3  # (1), (2)
 MIN_MEASUREMENTS = 20  # measurements of a channel
 OUTLIER_SIGMA, MIN_OUTLIERS, LATE_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
+KEYS_OF_TERMS = {  # code of an effect → key of the file that models it
+    "term.delay": DELAY_PATH,
+    "term.low-pass": "sensors.{sensor}.low_pass_hz",
+    "term.imu-turned": "sensors.{sensor}.heading_rad",
+    "term.imu-ahead": "sensors.{sensor}.lever_arm_m",
+    "term.imu-beside": "sensors.{sensor}.lever_arm_m",
+}
+COULOMB_SPEEDS = {  # magnitude of the dry friction → speed over which it changes its sign
+    "model.friction.coulomb": "model.friction.coulomb_speed",
+    "model.coulomb_m_s2": "model.coulomb_speed_m_s",
+}
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
 
@@ -164,18 +175,32 @@ def _missing_terms(
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
         test = test._replace(shift=bounded_shift(fit.residuals, test, fit.low, fit.high))
-        k, is_delay = fit.most_biased(test), code == "delay"
-        if is_delay and DELAY_PATH in fit.paths:
+        k, key = fit.most_biased(test), _free_key(term_note, fit.paths)
+        if code == "delay" and not key:
             continue  # the delay is already in the model, so this effect is not a delay
         if k is not None:
-            path = f"sensors.{term_note.subject}.low_pass_hz" if is_filter else DELAY_PATH
             message = note(
-                "residual.missing-free" if is_delay or is_filter else "residual.missing", Severity.WARNING,
-                f"--free +{path}" if is_delay or is_filter else "", fit.paths[k], term=code, what=term_note,
+                "residual.missing-free" if key else "residual.missing", Severity.WARNING,
+                f"--free +{key}" if key else "", fit.paths[k], term=code, what=term_note, where=_place(code),
                 z=abs(test.z), errors=abs(test.shift[k]) / fit.std[k],
             )  # fmt: skip
             results.append(_SignificantResult(abs(test.z), message, test.shift))
     return results
+
+
+def _free_key(term_note: Diagnostic, paths: Sequence[str]) -> str:
+    """Return the key of the vehicle file that models an effect; "" without such a key, or if it is already free."""
+    free_keys = {path.partition("[")[0] for path in paths}
+    key = KEYS_OF_TERMS.get(term_note.code, "").format(sensor=term_note.subject)
+    if term_note.code == "term.dry-friction":  # its magnitude is free: its speed is wrong
+        key = next((speed for magnitude, speed in COULOMB_SPEEDS.items() if magnitude in free_keys), "")
+    return "" if key in free_keys else key
+
+
+def _place(code: str) -> Diagnostic | str:
+    """Return the axis at the end of a term's code, as a note; "" without one."""
+    name = code.rpartition(", ")[2]
+    return note(f"term.along-{name}") if name in ("x", "y", "psi") else ""
 
 
 def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_SignificantResult]:

@@ -134,11 +134,11 @@ TEMPLATES: dict[str, str] = {
     "guess.percent": " (perhaps per cent)",
     "guess.milli": " (perhaps thousandths of the unit)",
     "residual.missing": (
-        "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by "
+        "the residuals look like {what}{where} ({z:.0f} standard errors), which biases {subject} by "
         "{errors:.0f} standard errors. Add this effect to the model, or make a drive without it"
     ),
     "residual.missing-free": (
-        "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by "
+        "the residuals look like {what}{where} ({z:.0f} standard errors), which biases {subject} by "
         "{errors:.0f} standard errors. Add this effect to the model. Type: {fix}"
     ),
     "residual.parts-differ": (
@@ -195,6 +195,9 @@ TEMPLATES: dict[str, str] = {
     "term.drag": "drag that does not grow as in the model",
     "term.steep-drag": "drag that does not grow as in the model",
     "term.one-sided-drag": "friction that is not equal forward and backward",
+    "term.along-x": " in forward motion",
+    "term.along-y": " in sideways motion",
+    "term.along-psi": " in turning",
     "term.caster": "a caster that flips when the direction of motion reverses",
     "term.cornering": "drag of cornering, or tyres that slip",
     "term.turning": "a centre of mass or an IMU away from the axle",
