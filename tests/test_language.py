@@ -1,5 +1,6 @@
 """The current language, and that each other language has all entries, none of them fuzzy or with other placeholders."""
 
+import errno
 import os
 import re
 import subprocess
@@ -103,6 +104,15 @@ def test_numbers_are_written_as_in_spanish(value, spec, text_written):
     language.choose_language("es")
     assert f"{number(value):{spec}}" == text_written
     assert f"{number([value])[0]:{spec}}" == text_written
+
+
+@pytest.mark.parametrize(
+    "number_of_error", [errno.ENOSPC, errno.EACCES, errno.EROFS, errno.EISDIR, errno.EFBIG]
+)
+def test_an_error_of_the_operating_system_is_spanish(number_of_error):
+    words = os.strerror(number_of_error)
+    language.choose_language("es")
+    assert words not in text(fault("runs.not-read", path="a", error=words))
 
 
 def test_a_text_without_a_translation_stays_english():

@@ -10,6 +10,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
 from baqueano.messages import text as sentence_of
+from baqueano.messages.language import use_language
 from baqueano.runs import (
     Channel,
     Event,
@@ -149,6 +150,14 @@ def test_show_rounds_the_start_of_a_run(run):
     start = "0.0001351260208695354 -3.551184036010849e-06 0.0"
     shown_text = show(replace(run, metadata=run.metadata | {"start": start})).table()
     assert "start 0.0001351 -3.551e-06 0" in shown_text
+
+
+def test_show_translates_the_names_and_numbers_of_the_metadata(run):
+    metadata = {"machine": "Linux x86_64", "rest_s": "2.5"}
+    with use_language("es"):
+        shown_text = " ".join(show(replace(run, metadata=metadata)).table().split())
+    assert "reposo antes del recorrido [s] 2,5" in shown_text
+    assert "machine" not in shown_text
 
 
 def test_show_aligns_its_columns_under_a_long_name(make_run):

@@ -161,7 +161,9 @@ def _figure_texts(message: Diagnostic, argument: Callable[[str], object]) -> dic
         if isinstance(value, Diagnostic)
         else f" {language.shown_unit(value)}"
         if name == "unit" and value
-        else _TranslatedText(value)
+        else _TranslatedText(
+            language.translate(value) if name == "error" else value
+        )  # of the operating system
         if isinstance(value, str)
         else language.number(value)
         for name, value in message.figures.items()

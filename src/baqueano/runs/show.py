@@ -29,11 +29,15 @@ SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
     "recovered_from": N_("recovered from"), "map": N_("map"), "commands": N_("commands"), "files": N_("files"),
     "signal": N_("signal"), "route": N_("route"), "start": N_("start"), "note": N_("note"), "created": N_("created"),
+    "machine": N_("machine"), "rest_s": N_("rest before the drive [s]"),
 }  # fmt: skip
 
 
-def _start(value: str) -> str:
-    """Return the first pose of a run with four digits; the metadata contain all digits."""
+NUMBERS = ("start", "rest_s")  # of the metadata
+
+
+def _with_few_digits(value: str) -> str:
+    """Return numbers of the metadata with four digits in the current language; the metadata contain all digits."""
     return re.sub(r"-?\d+\.\d+(e-?\d+)?", lambda digits: f"{number(float(digits[0])):.4g}", value)
 
 
@@ -71,7 +75,7 @@ class ShownRun:
         """Return the topics, then the events and the notes on the file, as text."""
         run, lines = self.run, []
         counts = " ".join(
-            f"{_(SHOWN_KEYS.get(key, key))} {_start(value) if key == 'start' else _(value)};"
+            f"{_(SHOWN_KEYS.get(key, key))} {_with_few_digits(value) if key in NUMBERS else _(value)};"
             for key, value in run.metadata.items()
             if "\n" not in value and value
         )

@@ -29,6 +29,13 @@ COLUMNS = (
     N_("time [s]"), N_("times"), N_("to"), N_("topic"), N_("truth"), N_("unit"), N_("value"), N_("verdict"), N_("what"),
     N_("poorly"), N_("yes"), N_("no"), N_("notes"), N_("duration"), N_("vehicle"),
 )  # fmt: skip
+SYSTEM_ERRORS = (  # texts of os.strerror, which are English in each language
+    N_("No space left on device"), N_("File too large"), N_("Disk quota exceeded"), N_("Read-only file system"),
+    N_("Permission denied"), N_("Operation not permitted"), N_("No such file or directory"), N_("Is a directory"),
+    N_("Not a directory"), N_("File exists"), N_("Directory not empty"), N_("Too many open files"),
+    N_("Input/output error"), N_("No such device"), N_("Device or resource busy"), N_("Connection refused"),
+    N_("Address already in use"), N_("File name too long"),
+)  # fmt: skip
 GROUPS = N_("group dialout"), N_("group i2c"), N_("group gpio")
 RESETS = (
     N_("power"), N_("external"), N_("brown-out"), N_("watchdog"), N_("hung"), N_("warm"), N_("cause unknown"),
