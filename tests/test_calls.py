@@ -9,9 +9,12 @@ import pytest
 
 import baqueano as bq
 from baqueano.errors import FileError, Misuse
+from baqueano.identify.noise.at_rest import RestMeasurement
 from baqueano.identify.noise.covariances import Noise
+from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
+from baqueano.tune.tune_result import TuneResult
 
 ROBOT = bq.load("small")
 ROUTE = bq.guides.shapes.circle(0.5, 0.2)
@@ -47,6 +50,14 @@ def code_of(call) -> str:
         ("call.kind", lambda: bq.routes.smooth("lab")),
         ("call.kind", lambda: Fit.updated_file(None, ROBOT)),
         ("call.kind", lambda: Noise.updated_file(None, RUN)),
+        ("call.kind", lambda: RestMeasurement.updated_file(None, RUN)),
+        ("call.kind", lambda: Calibration.updated_file(None, RUN)),
+        ("call.kind", lambda: bq.identify(RUN, ROBOT, options={"segment_s": 3.0})),
+        ("call.kind", lambda: bq.import_run(3)),
+        ("call.kind", lambda: ROBOT.save(3)),
+        ("call.kind", lambda: RUN.plot("path", ax=3)),
+        ("call.kind", lambda: RUN.plot(3)),
+        ("call.positions", lambda: TuneResult.updated_file(None, ROBOT)),
         ("call.order", lambda: bq.identify(ROBOT, RUN)),
         ("call.order", lambda: bq.repeat("lab", ROBOT)),
         ("call.missing", lambda: bq.repeat(ROBOT)),
@@ -71,6 +82,22 @@ def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():
     with pytest.raises(Misuse) as error:
         bq.compare("runs/0001.mcap")
     assert error.value.diagnostic.fix == 'run = bq.read_run("runs/0001.mcap")'
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "found"),
+    [
+        (lambda: bq.compare([RUN, ROBOT]), "runs[1]", "VehicleFile(…)"),
+        (lambda: bq.compare([RUN, "runs/0002.mcap"]), "runs[1]", '"runs/0002.mcap"'),
+        (lambda: bq.compare([RUN, Run]), "runs[1]", "class Run"),
+        (lambda: bq.load(int), "source", "class int"),
+    ],
+)
+def test_the_wrong_item_of_a_list_is_named(call, name, found):
+    with pytest.raises(Misuse) as error:
+        call()
+    figures = error.value.diagnostic.figures
+    assert (figures["name"], figures["found"]) == (name, found)
 
 
 def test_a_result_in_place_of_its_part_is_answered_with_the_part():

@@ -65,6 +65,11 @@ ALLOWED = {  # part of an annotation → the kind
         N_("a route"), _has_class("Route"), "from baqueano.runs import read_route; route = read_route({})"
     ),
     "Fit": ArgumentKind(N_("a fit"), _has_class("Fit")),
+    "FitOptions": ArgumentKind(N_("the options of a fit"), _has_class("FitOptions")),
+    "ColumnMap": ArgumentKind(N_("a map"), _has_class("ColumnMap")),
+    "Axes": ArgumentKind(N_("axes of matplotlib"), _has_class("Axes")),
+    "Figure": ArgumentKind(N_("a figure of matplotlib"), _has_class("Figure")),
+    "SubFigure": ArgumentKind(N_("a figure of matplotlib"), _has_class("SubFigure")),
     "date": ArgumentKind(N_("a date"), lambda value: isinstance(value, date)),
     "Guide": ArgumentKind(N_("a guide"), lambda value: isinstance(value, Guide)),
     "int": ArgumentKind(N_("a whole number"), lambda value: isinstance(value, Integral)),
@@ -186,6 +191,11 @@ def _refuse_kind(
         kind.accepts(values[other]) for other in wrong[1:] for kind in kinds[name]
     ):
         raise Misuse(fault("call.order", example, call=call))
+    label = name
+    if type(value) in (list, tuple) and _is_accepted([], kinds[name]):
+        wrong_items = (i for i, item in enumerate(value) if not _is_accepted([item], kinds[name]))
+        if (position := next(wrong_items, None)) is not None:
+            label, value = f"{name}[{position}]", value[position]
     reader = next((kind.reader for kind in kinds[name] if kind.reader), "")
     is_text = isinstance(value, str | PurePath)
     value_text = f'"{value}"' if is_text else _short_repr(value)
@@ -194,10 +204,16 @@ def _refuse_kind(
     if part is not None and any(kind.accepts(part) for kind in kinds[name]):
         fix = re.sub(rf"\b{name}\b", f"result.{name}", example)
     expected = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
-    raise Misuse(fault("call.kind", fix, call=call, name=name, found=value_text, expected=expected.name))
+    raise Misuse(fault("call.kind", fix, call=call, name=label, found=value_text, expected=expected.name))
+
+
+def _is_accepted(value: object, kinds: tuple[ArgumentKind, ...]) -> bool:
+    return any(kind.accepts(value) for kind in kinds)
 
 
 def _short_repr(value: object) -> str:
-    """Return a number, None or a short list as Python writes it; of any other object the name of its class."""
+    """Return a number, None or a short list as Python writes it; of a class or any other object its name."""
+    if isinstance(value, type):
+        return f"class {value.__name__}"
     is_short = (value is None or isinstance(value, Real | list | tuple)) and len(repr(value)) <= MAX_REPR
     return repr(value) if is_short else f"{type(value).__name__}(…)"

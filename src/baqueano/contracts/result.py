@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.messages import text
@@ -65,6 +66,7 @@ class Result:
         """Return the HTML summary that a notebook shows."""
         return import_module("baqueano.report.card").html_of(self)
 
+    @checked_call('result.plot("path", width="column")')
     def plot(
         self: Tabular,
         kind: str = "",

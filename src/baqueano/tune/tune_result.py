@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Controller, OwnBlock
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import verdict_line
@@ -262,6 +263,7 @@ class TuneResult(Result):
             )
         return lines  # fmt: skip
 
+    @checked_call("gains.updated_file()")
     def updated_file(self) -> "VehicleFile":
         """Return a vehicle file with these gains; nothing is written to disk."""
         from baqueano.vehicle_file.provenance import Provenance
@@ -271,6 +273,7 @@ class TuneResult(Result):
         keys = [key for key in values if key != "controller.kind"]
         return self.vehicle_file.with_values(values, dict.fromkeys(keys, origin))
 
+    @checked_call('gains.save("vehicle.toml")')
     def save(self, path: str | Path | None = None) -> Path:
         """Write the vehicle file with these gains, to `path` or by default to its present path; return the path."""
         return self.updated_file().save(path)

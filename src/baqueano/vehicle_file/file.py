@@ -174,6 +174,7 @@ class VehicleFile:
         text = edit_text(self, values, provenance or {}, parameter_cov, envelope)
         return parse(text, self.label, self.path, self.layers, self.on_disk)
 
+    @checked_call('robot.save("vehicle.toml")')
     def save(self, path: str | Path | None = None) -> Path:
         """Write the text, completely or not at all, to `path` or to its present path, and return the path. Raise
         FileError if another program changed the file since it was read, or if it cannot be written. Raise UsageError

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
@@ -217,6 +218,7 @@ class RestMeasurement(Result):
         lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not visible in a run of this length"))
         return "\n".join([*lines, *(f"- {finding}" for finding in texts(self.findings)), _(self.verdict)])
 
+    @checked_call("at_rest.updated_file(robot)")
     def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
         """Return the file with noise, bias and walk of its IMUs as measured at rest. Raise UsageError if no IMU of
         the file was measured."""

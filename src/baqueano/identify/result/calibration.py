@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
@@ -125,6 +126,7 @@ class Calibration(Result):
         values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
         return values, {names[entry.name]: entry.half_width for entry in usable}
 
+    @checked_call("calibration.updated_file(robot)")
     def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
         """Return the file with the scales that the run determines and their errors, the bias of the gyro, and their
         origin; the unchanged file if the calibration is refused."""
