@@ -161,6 +161,15 @@ def test_the_site_needs_no_network_and_has_no_dead_link(site):
 
 
 @needs_sphinx
+def test_each_section_that_the_style_sheet_lays_out_exists(site):
+    sheet = (ROOT / "docs" / "site" / "static" / "site.css").read_text(encoding="utf-8")
+    sections = set(re.findall(r"#([a-z][a-z-]+)(?=[,) ])", sheet)) - {"baqueano"}
+    assert {"glossary-glosario", "glosario-glossary"} <= sections
+    text = "".join(page.read_text(encoding="utf-8") for page in site.rglob("*.html"))
+    assert not [name for name in sections if f'id="{name}"' not in text]
+
+
+@needs_sphinx
 def test_every_page_links_to_its_other_language(site):
     for name in NAMES:
         page, up = "index" if name == "README" else name, "../" * name.count("/")
