@@ -28,7 +28,7 @@ from docs.site.reference import catalogue_file, texts_to_translate
 
 SOURCE = CATALOGUES.parent
 OF_CLICK = {"_": None, "ngettext": (1, 2)}
-OF_PARAMETERS = {"shown_by", "measured_by", "label"}
+OF_PARAMETERS = {"shown_by", "measured_by", "label", "term"}
 COMMENT = re.compile(r'# (.*)|^about = "(.*)"', re.MULTILINE)
 CODE = re.compile(
     rf"`[^`\n]+`|--[a-z][a-z-]+|baqueano (?:{'|'.join(SUBCOMMANDS)})\b|\[[a-z_]{{3,}}(?:\.[a-z_]+)*\](?!\()"

@@ -25,6 +25,8 @@ from baqueano.identify.selection.terms import (
     terms_of,
     without_terms,
 )
+from baqueano.messages import text
+from baqueano.messages.language import use_language
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
@@ -104,6 +106,9 @@ def test_each_chosen_or_rejected_term_is_reported_with_its_figures(choice):
     )
     assert (message.code, message.figures["channel"]) == ("choose.taken", "speed")
     assert message.figures["errors"] > message.figures["needed"]
+    with use_language("es"):
+        assert "fricción seca" in text(message)
+        assert "dry friction" not in choice.table()
     rejected = [judgement for judgement in choice.term_results if judgement.verdict == "excluded"]
     assert rejected
     assert {judgement.message.code for judgement in rejected} <= {"choose.left-out", "choose.left-out-for"}

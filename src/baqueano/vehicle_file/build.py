@@ -17,6 +17,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, UsageError, error_text, from_outside, user_code_place
 from baqueano.estimators.readings.velocity_readings import velocity_rows
+from baqueano.messages.printable import baqueano_command
 from baqueano.signals import ByName, sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
 from baqueano.vehicle_file.tables import (
@@ -195,6 +196,8 @@ def missing_values(file: str, role: str, keys: list[str], kind: OwnBlock | None)
             fault("block.lacks-arguments", call, file=file, role=role, keys=keys, block=kind.__name__)
         )
     advice = FINDING_COMMANDS.get(role, "")
+    if role == "controller" and isinstance(kind, str):
+        advice = baqueano_command("tune", "--controller", kind, "--update")
     code = "vehicle.lacks-found-by" if advice else "vehicle.lacks"
     return FileError(fault(code, advice, file=file, role=role, keys=keys))
 

@@ -82,7 +82,8 @@ class Plan(NamedTuple):
         """Return a table with one row for each parameter and one row for the room."""
         width = max(map(len, (*self.names, _("parameter"))))
         lines = [
-            f"{_('parameter'):{width}}  " + _("expected standard error, due only to the noise of the sensors")
+            _("the expected standard errors are due only to the noise of the sensors"),
+            f"{_('parameter'):{width}}  {_('expected standard error')}",
         ]
         for name, sd in zip(self.names, self.relative_std, strict=True):
             lines.append(

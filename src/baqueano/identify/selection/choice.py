@@ -95,6 +95,7 @@ class TermResult(NamedTuple):
         details: JsonObject = {"errors": self.errors, "needed": self.needed}
         part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
         name = self.term.name
+        details["term"] = name
         if self.verdict == Decision.TAKEN:
             details |= {"channel": self.channel.name, "unit": self.channel.unit}
             return note("choose.taken", subject=name, before=self.without, after=self.with_, **details)
@@ -102,7 +103,7 @@ class TermResult(NamedTuple):
             return note("choose.dropped", subject=name, **part, **details)
         if self.reason is not None:
             code = "choose.refused" if self.verdict == Decision.REFUSED else "choose.left-out-for"
-            return note(code, subject=name, why=self.reason)
+            return note(code, subject=name, term=name, why=self.reason)
         return note("choose.left-out", subject=name, **part, **details)
 
     def row(self) -> "JsonObject":
@@ -163,7 +164,7 @@ class Choice:
             errors = f"{number(result.without):.4g} → {number(result.with_):.4g}"
             one_step = f"{number(result.one_step_without):.4g} → {number(result.one_step_with):.4g}"
             label = f"{_(result.channel.name)} [{result.channel.unit}]"
-            rows.append([result.term.name, _(result.verdict), errors, one_step, label])
+            rows.append([_(result.term.name), _(result.verdict), errors, one_step, label])
         lines = text_table("<<>><", [_("term"), "", _("held out"), _("one step ahead"), ""], *rows)
         lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, _(NO_EVIDENCE), ""]
         return "\n".join(lines) + "\n" + self.fit.table(reported)

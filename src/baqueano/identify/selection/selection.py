@@ -257,7 +257,7 @@ class _ModelSelection:
             open_ = [t for t in self.terms if t.name not in barred and not have.intersection(t.paths)]
             tries = []
             for term in open_:
-                self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=term.name))
+                self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=_(term.name)))
                 tries.append(self.try_term(model, term, ALPHA / len(open_)))
                 last_results[term.name] = tries[-1].result
             accepted = [trial for trial in tries if trial.result.verdict == Decision.TAKEN]
@@ -313,7 +313,7 @@ class _ModelSelection:
         """Return the trial of the least needed of several terms if the model does not need it, else None.  (3)"""
         weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
-            self.progress(_("testing if {term} is still needed", term=term.name))
+            self.progress(_("testing if {term} is still needed", term=_(term.name)))
             remaining_terms = tuple(model_term for model_term in model.terms if model_term is not term)
             is_free, theta = self._mask(remaining_terms), model.theta.copy()
             theta[self._entries(term)] = self.start[self._entries(term)]

@@ -38,6 +38,7 @@ from baqueano.identify.parameters.free import (
     requested_paths,
     value,
 )
+from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import compile_block, value_at_path, with_value
 from baqueano.vehicles.freedoms import with_ideal_drivetrain
@@ -239,26 +240,29 @@ def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bo
     # a servo without a motor does not move the vehicle
     moving_motions = [m for m in motions if np.any(m.max_nu > 0.0)]
     single_channel, terms = [m for m in moving_motions if np.count_nonzero(m.w) == 1], []
-    for direction, field, sign in zip(("forward", "backward"), DEAD_ZONE_PATHS, (1.0, -1.0), strict=True):
+    names = N_("dead zone forward"), N_("dead zone backward")
+    for name, field, sign in zip(names, DEAD_ZONE_PATHS, (1.0, -1.0), strict=True):
         commands = [(k, abs(float(m.w[k]))) for m in single_channel for k in np.flatnonzero(sign * m.w > 0.0)]
         paths = tuple(f"{field}[{k}]" for k, _ in commands)
         starts = tuple(tuple(fraction * magnitude for _, magnitude in commands) for fraction in (0.05, 0.25))
         if paths:
-            terms.append(Term(f"dead zone {direction}", paths, (0.0,) * len(paths), starts))
+            terms.append(Term(name, paths, (0.0,) * len(paths), starts))
     if len(terms) == 2:
         paths, starts = terms[0].paths + terms[1].paths, zip(terms[0].starts, terms[1].starts, strict=True)
-        terms.insert(0, Term("dead zone", paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
-    terms.append(_term("motor lag", LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
+        terms.insert(0, Term(N_("dead zone"), paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
+    terms.append(_term(N_("motor lag"), LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
     terms.append(
         _term(
-            "delay", DELAY_PATH, *((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S)))
+            N_("delay"),
+            DELAY_PATH,
+            *((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S))),
         )
     )
     if model.drivetrain.mixing == "two_wheels":
-        gain = Term("unequal motors", ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
-        terms += [gain, _term("battery sag", "model.drivetrain.sag", 0.05)]
+        gain = Term(N_("unequal motors"), ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
+        terms += [gain, _term(N_("battery sag"), "model.drivetrain.sag", 0.05)]
     if battery:
-        terms.append(_term("battery voltage", BATTERY_EFFECT_PATH, 0.5, 1.0))
+        terms.append(_term(N_("battery voltage"), BATTERY_EFFECT_PATH, 0.5, 1.0))
     return terms
 
 

@@ -17,17 +17,17 @@ CHANGE_TEXT = (
 
 TEMPLATES: dict[str, str] = {
     "choose.taken": (
-        "{subject} was added: the held-out error of {channel} changed from {before:.3g} to "
+        "{term:word} was added: the held-out error of {channel:word} changed from {before:.3g} to "
         "{after:.3g}{unit}, {errors:.1f} standard errors ({needed:.1f} needed)"
     ),
-    "choose.refused": "{subject} was refused: {why}",
-    "choose.left-out-for": "{subject} was excluded: {why}",
+    "choose.refused": "{term:word} was refused: {why}",
+    "choose.left-out-for": "{term:word} was excluded: {why}",
     "choose.dropped": (
-        "{subject} was added, and then removed: together with the other terms it lowers the error by "
+        "{term:word} was added, and then removed: together with the other terms it lowers the error by "
         "only {percent:.1f} ± {percent_sd:.1f} %, {errors:.1f} standard errors"
     ),
     "choose.left-out": (
-        "{subject} was excluded: the held-out error decreases by {percent:.1f} ± {percent_sd:.1f} %, "
+        "{term:word} was excluded: the held-out error decreases by {percent:.1f} ± {percent_sd:.1f} %, "
         "{errors:.1f} standard errors ({needed:.1f} needed)"
     ),
     "term.best-without": "the best fit is the model without it",
