@@ -85,7 +85,7 @@ def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():
 
 
 @pytest.mark.parametrize(
-    ("call", "name", "found"),
+    ("call", "name", "value_text"),
     [
         (lambda: bq.compare([RUN, ROBOT]), "runs[1]", "VehicleFile(…)"),
         (lambda: bq.compare([RUN, "runs/0002.mcap"]), "runs[1]", '"runs/0002.mcap"'),
@@ -93,11 +93,11 @@ def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():
         (lambda: bq.load(int), "source", "class int"),
     ],
 )
-def test_the_wrong_item_of_a_list_is_named(call, name, found):
+def test_the_wrong_item_of_a_list_is_named(call, name, value_text):
     with pytest.raises(Misuse) as error:
         call()
     figures = error.value.diagnostic.figures
-    assert (figures["name"], figures["found"]) == (name, found)
+    assert (figures["name"], figures["found"]) == (name, value_text)
 
 
 def test_a_result_in_place_of_its_part_is_answered_with_the_part():
