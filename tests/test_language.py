@@ -149,6 +149,18 @@ def test_the_columns_of_a_table_are_as_wide_as_their_widest_cell():
         text_table("<>", ["fault", "wrong"], ["slip"])
 
 
+@pytest.mark.parametrize(
+    "first_column", ["ok", "a name of sixty letters that leaves no place for a second column"]
+)
+def test_words_beyond_80_columns_are_wrapped_in_the_last_column(first_column):
+    sentence = (
+        "the serial line of an Uno was not found, so neither its firmware nor its battery can be checked here"
+    )
+    head, first, *others = text_table("<<", ["", "result"], [first_column, sentence])
+    assert max(map(len, (head, first, *others))) <= 80
+    assert " ".join(" ".join([first, *others]).split()) == f"{first_column} {sentence}"
+
+
 def test_no_translated_text_has_a_fixed_width():
     """A Spanish word is often longer than the English word, so it would touch the next column."""
     fixed_width = re.compile(r"\{_\([^{}]*\):[<>^]?[0-9]")

@@ -18,13 +18,14 @@ from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.divergence import InvalidCovariance, cut_at_divergence, diverged_s, invalid_covariance
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.compare.laps import DriveLap, laps_of
-from baqueano.compare.table import LINE_LETTERS, table
+from baqueano.compare.table import table
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number
+from baqueano.messages.text_table import LINE_LETTERS
 from baqueano.monitor import Rejections, rejections_in
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 

@@ -13,13 +13,13 @@ from baqueano.compare.filter_consistency import JOINT_FIGURES, STATE_NAMES
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import LINE_LETTERS
 
 if TYPE_CHECKING:
     from baqueano.compare.comparison import Comparison, RunComparison
     from baqueano.compare.consistency import Band
     from baqueano.contracts.values import JsonObject
 
-LINE_LETTERS = 80  # characters of a line
 COLUMN_LETTERS, MIN_COLUMN_LETTERS = 18, 8  # characters of the column of a run
 DEGREES_PER_RAD = 180.0 / np.pi
 ALIGNMENT_TITLES = {

@@ -1,16 +1,30 @@
 """Lay out a table for a terminal: each column is as wide as its widest cell, in every language."""
 
 from collections.abc import Sequence
+from textwrap import wrap
+
+LINE_LETTERS = 80  # characters of a line
+MIN_LAST_LETTERS = 24  # of a cell that is wrapped, and of the place in which it is wrapped
+INDENT = 4  # of words that are written below their line
 
 
 def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
     """Return the lines of a table, the head first, each given as its cells. `sides` contains "<" for each column of
-    words and ">" for each column of numbers. Raise ValueError if a line has another number of cells.
+    words and ">" for each column of numbers. Words of the last column beyond LINE_LETTERS are wrapped. Raise
+    ValueError if a line has another number of cells.
     """
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return [
-        "  ".join(
-            f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=True)
-        ).rstrip()
-        for line in lines
-    ]
+    start = sum(widths[:-1]) + 2 * (len(widths) - 1)
+    indent = start if start <= LINE_LETTERS - MIN_LAST_LETTERS else INDENT
+    out: list[str] = []
+    for line in lines:
+        cells = [f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=True)]
+        whole = "  ".join(cells).rstrip()
+        if sides[-1:] == ">" or len(whole) <= LINE_LETTERS or len(line[-1]) <= MIN_LAST_LETTERS:
+            out.append(whole)
+            continue
+        words = wrap(line[-1], LINE_LETTERS - indent, break_long_words=False, break_on_hyphens=False) or [""]
+        before = "  ".join(cells[:-1])
+        out += [f"{before}  {words.pop(0)}"] if indent == start else [before.rstrip()]
+        out += [f"{'':{indent}}{part}" for part in words]
+    return out

@@ -160,9 +160,7 @@ class Noise(Result):
             for name, q in self.in_motion.items()
             if name in vehicle_file.sensors._fields
         }
-        for name, sensor in vehicle_file.sensors._asdict().items():
-            if name in self.in_motion:
-                values |= simulated_noise(name, sensor, self.in_motion[name])
+        values |= simulated_noise(vehicle_file.sensors, self.in_motion)
         if len(self.process):
             values["estimator.process_noise_cov"] = self.process.tolist()
         values |= {f"estimator.{name}": value.tolist() for name, value in self.fields.items()}

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
@@ -295,13 +296,16 @@ def _variance_range(
     ), max_variance
 
 
-def simulated_noise(name: str, sensor: Tree, Q: np.ndarray) -> "JsonObject":
-    """Return the keys of the file for the white noise of a sensor, from Q (m, m); {} if the file contains it."""
-    std = np.sqrt(np.diagonal(Q))
-    by_field: JsonObject = {}
-    if has_field(sensor, "gyro_noise_std"):
-        by_field = {"accel_noise_std": std[:2].tolist(), "gyro_noise_std": float(std[2])}
-    elif has_field(sensor, "noise_std"):
-        by_field = {"noise_std": float(np.sqrt(np.mean(std**2)))}
-    is_exact = not any(np.any(getattr(sensor, key)) for key in by_field)
-    return {f"sensors.{name}.{key}": value for key, value in by_field.items()} if is_exact else {}
+def simulated_noise(sensors: SensorBlocks, Q: Mapping[str, np.ndarray]) -> "JsonObject":
+    """Return the keys of the file for the white noise of each sensor whose file does not contain it, from Q (m, m)."""
+    values: JsonObject = {}
+    for name in (name for name in sensors._fields if name in Q):
+        sensor, std = getattr(sensors, name), np.sqrt(np.diagonal(Q[name]))
+        by_key: JsonObject = {}
+        if has_field(sensor, "gyro_noise_std"):
+            by_key = {"accel_noise_std": std[:2].tolist(), "gyro_noise_std": float(std[2])}
+        elif has_field(sensor, "noise_std"):
+            by_key = {"noise_std": float(np.sqrt(np.mean(std**2)))}
+        if not any(np.any(getattr(sensor, key)) for key in by_key):
+            values |= {f"sensors.{name}.{key}": value for key, value in by_key.items()}
+    return values

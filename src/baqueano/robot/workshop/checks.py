@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import in_lines
+from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -43,11 +44,9 @@ class Report:
 
     def table(self) -> str:
         """Return a line of text for each check, with its remedy below it unless the verdict is "ok"."""
-        name_width = max(len(_(check.name)) for check in self.checks)
-        grade = max(7, *(len(_(check.verdict)) for check in self.checks))
         lines = []
         for check in self.checks:
-            lines.append(f"{_(check.verdict):{grade}}  {_(check.name):{name_width}}  {check.figure}")
+            lines.append((_(check.verdict), _(check.name), check.figure))
             if check.remedy and check.verdict != "ok":
-                lines.append(f"{'':{grade + 2}}{'':{name_width}}  → {check.remedy}")
-        return in_lines([*lines, _("all in all: {verdict}", verdict=_(self.verdict))])
+                lines.append(("", "", f"→ {check.remedy}"))
+        return in_lines([*text_table("<<<", *lines), _("all in all: {verdict}", verdict=_(self.verdict))])
