@@ -204,6 +204,14 @@ def test_the_spanish_reference_describes_each_function_of_the_front_door(site):
 
 
 @needs_sphinx
+@pytest.mark.parametrize("name", ["blocks", "signals", "contracts.blocks"])
+def test_the_contract_of_a_block_is_described_in_spanish(site, name):
+    text = (site / f"es/reference/{name}.html").read_text(encoding="utf-8")
+    assert not re.search(r">(Return|Protocol|Time) ", text)
+    assert f'id="baqueano.{name}.' in text
+
+
+@needs_sphinx
 def test_an_entry_that_cites_equations_of_its_module_shows_them(site):
     text = re.sub(r"<[^>]*>", "", (site / "reference/estimators.html").read_text(encoding="utf-8"))
     assert "ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)" in text

@@ -1,7 +1,7 @@
 """Generate the API reference from signatures and docstrings of all public names, a page for each module.
 
-In another language the reference has one page, that of `import baqueano as bq`, from the catalogue LANGUAGE.po of this
-folder. It links to the English pages of the other modules.
+In another language the reference has the pages of `import baqueano as bq` and of the contract of a block. Their texts
+are in the catalogue LANGUAGE.po of this folder. They link to the English pages of the other modules.
 """
 
 import dataclasses
@@ -48,7 +48,12 @@ ROOMS = {  # module → its purpose; the first one that offers a name describes 
     "baqueano.diagnostics": "messages as data, and verdicts",
 }
 DOOR = "baqueano"
-SHARED = "reference/index", f"reference/{DOOR}"  # pages in all languages
+TRANSLATED = (
+    DOOR,
+    "baqueano.blocks",
+    "baqueano.signals",
+    "baqueano.contracts.blocks",
+)  # for a block of one's own
 TITLE = "Reference of the Python names"
 INTRODUCTION = "These pages are generated from the code. `help(bq.repeat)` shows the same text."
 MODULES = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
@@ -59,7 +64,7 @@ LONG = 24  # letters of the longest default value that is shown
 def reference(language: str = "en", translate: Translate | None = None) -> dict[str, str]:
     """Return the text of each page by its name; each object is described once."""
     translate = translate or translation(language)
-    names = [name for name in ROOMS if language == "en" or name == DOOR]
+    names = [name for name in ROOMS if language == "en" or name in TRANSLATED]
     described: dict[int, str] = {}
     pages = {f"reference/{_file(name)}": _page(name, described, translate, language) for name in names}
     rows = "".join(
@@ -110,9 +115,12 @@ def _file(module: str) -> str:
     return module.removeprefix("baqueano.")
 
 
+SHARED = "reference/index", *(f"reference/{_file(module)}" for module in TRANSLATED)  # pages in all languages
+
+
 def _address(module: str, language: str) -> str:
     """Return the target of a link from a page of the reference to the page of a module."""
-    is_here = language == "en" or module == DOOR
+    is_here = language == "en" or module in TRANSLATED
     return f"{_file(module)}.md" if is_here else f"en:../reference/{_file(module)}.html"
 
 
