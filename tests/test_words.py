@@ -263,6 +263,18 @@ def test_a_function_name_is_not_a_participle():
     assert not participles, f"a verb, or the quantity that is returned: {participles}"
 
 
+MAX_PARTICIPLES = 199  # local values; most of them are true or false, such as `converged`
+
+
+def test_few_local_values_are_participles():
+    participles = [
+        f"{file}: {name}"
+        for file, kind, name in contents_of(SOURCE).names
+        if kind is ast.Name and PAST.fullmatch(name) and name not in WORDS_IN_ED
+    ]
+    assert len(participles) <= MAX_PARTICIPLES, "name the quantity: clipped_residuals, not clipped"
+
+
 FENCE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

@@ -50,7 +50,7 @@ def compilation_notes(
     subject, place_text = f"{block_class.__name__}.step()", place(getattr(block_class, "step", block_class))
     arguments = _step_arguments(role, block, default_sensors() if sensors is None else sensors, commands)
     try:
-        compiled = function(block.step, *arguments, backend=backend)(*arguments)
+        compiled_output = function(block.step, *arguments, backend=backend)(*arguments)
     except TraceError as error:
         return [
             note("check.slow", Severity.WARNING, subject=subject, place=place_text, cause=error.diagnostic)
@@ -67,7 +67,7 @@ def compilation_notes(
                 error=error_text(error),
             )
         ]
-    if not _are_close(block.step(*arguments), compiled):
+    if not _are_close(block.step(*arguments), compiled_output):
         return [note("check.compiled-otherwise", Severity.WARNING, subject=subject, place=place_text)]
     return []
 

@@ -133,11 +133,11 @@ def refuse_without(other: str, *names: str) -> None:
 def _typed_options(names: tuple[str, ...]) -> list[str]:
     """Return the options of this command line that belong to these parameters, in the order of the help."""
     context = click.get_current_context()
-    typed = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+    typed_sources = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
     return [
         parameter.opts[0]
         for parameter in context.command.params
-        if parameter.name in names and context.get_parameter_source(parameter.name) in typed
+        if parameter.name in names and context.get_parameter_source(parameter.name) in typed_sources
     ]
 
 

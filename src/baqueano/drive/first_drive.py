@@ -270,16 +270,16 @@ def with_rough_gains(result: FirstDrive, vehicle_file: VehicleFile) -> VehicleFi
     """
     if (fault_note := merge_diagnostics([*result.wiring, *result.no_motion])) is not None:
         raise AnswerNo(fault_note)
-    changed = vehicle_file
+    rough_file = vehicle_file
     if not result.file_dead_zones_fit:
-        changed = with_dead_zones(changed, directions(changed), result.onset_level)
+        rough_file = with_dead_zones(rough_file, directions(rough_file), result.onset_level)
     k_x, k_z, changes = _or_one(result.forward_gain), _or_one(result.turn_gain), {}
-    for path, p in all_parameters(changed.vehicle, "model"):
+    for path, p in all_parameters(rough_file.vehicle, "model"):
         if p.role == "gain":
-            old_values = np.asarray(changed.value(path), float)
+            old_values = np.asarray(rough_file.value(path), float)
             factors = np.array([k_x, k_x, k_z])[:, None] if p.axes else 1.0 if p.unit[:3] == "rad" else k_x
             changes[path] = (old_values * factors).tolist()
-    return changed.with_values(changes) if changes else changed
+    return rough_file.with_values(changes) if changes else rough_file
 
 
 def _model_gains(
@@ -299,13 +299,15 @@ def _model_gains(
     begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
     ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
     psi = np.unwrap(truth.eta[:, 2])
-    simulated = []
+    simulated_peaks = []
     for a, b in zip(begins, ends, strict=True):
         rows = slice(a, b + round(RESPONSE_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
-        simulated.append([_peak(truth.nu[rows, 0]), _peak(psi[rows] - psi[max(a - 1, 0)])])
+        simulated_peaks.append([_peak(truth.nu[rows, 0]), _peak(psi[rows] - psi[max(a - 1, 0)])])
     significant, gains, residual = np.array([p.turn_significance > MIN_SIGMA for p in pulses], bool), [], 0.0
     for x, y in zip(
-        np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn_rad for p in pulses]), strict=True
+        np.reshape(simulated_peaks, (-1, 2)).T,
+        ([p.v for p in pulses], [p.turn_rad for p in pulses]),
+        strict=True,
     ):
         y = np.array(y)
         power = float(x[significant] @ x[significant])

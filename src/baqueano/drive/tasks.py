@@ -320,10 +320,10 @@ def replay(
     options = {"backend": backend, "eta": initial_pose(run), "rest_s": run.rest_s} | options
     with permit_blocks(allow_blocks):
         blocks = blocks or replay_blocks(run, vehicle_file, estimator, guide, controller)
-    replayed = drive(blocks, vehicle_file, "replay", world=world, tick_times_ns=world.times, **options)
+    replayed_run = drive(blocks, vehicle_file, "replay", world=world, tick_times_ns=world.times, **options)
     if not smooth:
-        return replayed
-    return smooth_run(replayed, vehicle_file, blocks.estimator, options["eta"], options["backend"], path)
+        return replayed_run
+    return smooth_run(replayed_run, vehicle_file, blocks.estimator, options["eta"], options["backend"], path)
 
 
 def recorded_vehicle_file(run: Run, allow_blocks: bool = False) -> VehicleFile:

@@ -92,11 +92,11 @@ def cholesky_root(P: np.ndarray) -> np.ndarray:
     n = len(P)
     L: list[list[Value]] = [[0.0] * n for _ in range(n)]
     for j in range(n):
-        unexplained = P[j, j] - sum(
+        remainder = P[j, j] - sum(
             x * x for x in L[j][:j]
         )  # the variance that the previous entries do not explain
-        is_certain = unexplained <= ROUNDING_SHARE * P[j, j]
-        divisor = np.sqrt(np.where(is_certain, 1.0, unexplained))
+        is_certain = remainder <= ROUNDING_SHARE * P[j, j]
+        divisor = np.sqrt(np.where(is_certain, 1.0, remainder))
         L[j][j] = np.where(is_certain, 0.0, divisor)
         for i in range(j + 1, n):
             rest_cov = P[i, j] - sum(x * y for x, y in zip(L[i][:j], L[j][:j], strict=True))

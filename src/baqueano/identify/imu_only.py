@@ -92,9 +92,9 @@ def fit_imu_only(
         kind = type(data.vehicle_file.vehicle).__name__
         raise UsageError(fault("imu-only.no-dynamics", vehicle=data.vehicle_file.name, kind=kind))
     zero_rad_s = std_of_gyro_bias(data.vehicle_file, imu) if has_offset(data.vehicle_file.vehicle) else 0.0
-    requested = _requested_parameters(data.blocks, free, options, imu)
+    requested_parameters = _requested_parameters(data.blocks, free, options, imu)
     parameters = parameters_for_fit(
-        data.blocks, requested, data.runs, data.channels, data.vehicle_file.rate_hz, options
+        data.blocks, requested_parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options
     )
     blocks = parameters.blocks
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
@@ -224,10 +224,10 @@ def _requested_parameters(
     if has_offset(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY_PATH])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
-    requested = free_parameters(blocks, free, options.fixed, bounds)
-    if not is_fixed and lever not in [parameter.path for parameter in requested]:
-        requested.append(free_parameter(blocks, lever, options.bounds))
-    return requested
+    requested_parameters = free_parameters(blocks, free, options.fixed, bounds)
+    if not is_fixed and lever not in [parameter.path for parameter in requested_parameters]:
+        requested_parameters.append(free_parameter(blocks, lever, options.bounds))
+    return requested_parameters
 
 
 def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:

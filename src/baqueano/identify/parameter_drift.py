@@ -192,24 +192,24 @@ def parameter_history(
         raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
-    fits, refused = [], []
+    fits, refused_fits = [], []
     for run in runs:
         if progress is not None:
             progress(_("fitting {run}, {duration_s:.0f} s", run=run.name, duration_s=run.duration_s))
         fit = identify(run, vehicle_file, free, use=use, options=options)
-        refused += [run.name] if fit.verdict == Verdict.REFUSED else []
+        refused_fits += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
     accepted_fits = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(accepted_fits) < 2:
         raise UsageError(
             fault(
                 "over-time.few-fits",
-                baqueano_command("identify", refused[0]),
+                baqueano_command("identify", refused_fits[0]),
                 good=len(accepted_fits),
                 count=len(fits),
             )
         )
-    return track_parameters(fits, tuple(refused), [_date_of(run) for run in runs])
+    return track_parameters(fits, tuple(refused_fits), [_date_of(run) for run in runs])
 
 
 def track_parameters(
@@ -224,7 +224,7 @@ def track_parameters(
         if fit.runs[0] not in refused:
             single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
     walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
-    filtered, cov, smoothed = _smooth(single, covs, walk)
+    filtered_values, cov, smoothed_values = _smooth(single, covs, walk)
     changes = [
         change
         for i in range(p)
@@ -235,7 +235,7 @@ def track_parameters(
     last = [fit for fit in fits if fit.runs[0] not in refused][-1]
     dates = tuple(when) or ("",) * len(fits)
     return ParameterHistory(
-        first.names, first.units, runs, dates, single, single_sd, *filtered, cov, *smoothed, walk,
+        first.names, first.units, runs, dates, single, single_sd, *filtered_values, cov, *smoothed_values, walk,
         tuple(changes), refused, last,
     )  # fmt: skip
 
@@ -252,17 +252,23 @@ def _smooth(
     Q = np.diag(np.where(np.isfinite(walk), walk, 0.0) ** 2)
     states = []
     for k in range(K):
-        predicted = x, P if k == 0 else P + Q
-        x, P = predicted
-        measured = np.flatnonzero(np.isfinite(single[k]) & np.isfinite(np.diagonal(covs[k])))
-        if len(measured):
-            H = np.eye(p)[measured]
-            S = P[np.ix_(measured, measured)] + covs[k][np.ix_(measured, measured)]
-            gain = np.linalg.solve(S, P[measured]).T
-            x = x + gain @ (single[k, measured] - x[measured])
+        prior = x, P if k == 0 else P + Q
+        x, P = prior
+        measured_entries = np.flatnonzero(np.isfinite(single[k]) & np.isfinite(np.diagonal(covs[k])))
+        if len(measured_entries):
+            H = np.eye(p)[measured_entries]
+            S = (
+                P[np.ix_(measured_entries, measured_entries)]
+                + covs[k][np.ix_(measured_entries, measured_entries)]
+            )
+            gain = np.linalg.solve(S, P[measured_entries]).T
+            x = x + gain @ (single[k, measured_entries] - x[measured_entries])
             remainder = np.eye(p) - gain @ H
-            P = remainder @ P @ remainder.T + gain @ covs[k][np.ix_(measured, measured)] @ gain.T  # Joseph
-        states.append((predicted, (x, P)))
+            P = (
+                remainder @ P @ remainder.T
+                + gain @ covs[k][np.ix_(measured_entries, measured_entries)] @ gain.T
+            )  # Joseph
+        states.append((prior, (x, P)))
     smoothed_states = [states[-1][1]]
     for k in range(K - 2, -1, -1):
         (x_bar, P_bar), (x, P) = states[k + 1][0], states[k][1]

@@ -87,21 +87,23 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     if gyro is None and odometer is None:
         raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     frames = _frames(run)
-    calibrated, residuals, offset = [], {}, None
+    calibrated_sensors, residuals, offset = [], {}, None
     if gyro is not None:
         name, signal = gyro
         windows = _windows(run, frames, signal)
         fit = _best_regression(lambda o: _turn_equations(windows, signal, o), windows)
         offset = fit.offset_s
-        calibrated += _clock_offset(fit) + _gyro(fit, name, vehicle_file)
+        calibrated_sensors += _clock_offset(fit) + _gyro(fit, name, vehicle_file)
         residuals["heading_rad"] = fit.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
         fit = _best_regression(lambda o: _motion_equations(windows, signal, o), windows, offset)
-        calibrated += (_clock_offset(fit) if offset is None else []) + _odometer(fit, name, vehicle_file)
+        calibrated_sensors += (_clock_offset(fit) if offset is None else []) + _odometer(
+            fit, name, vehicle_file
+        )
         residuals["way_m"] = fit.rms
-    return Calibration(run.name, tuple(calibrated), residuals)
+    return Calibration(run.name, tuple(calibrated_sensors), residuals)
 
 
 def channel_of(

@@ -222,9 +222,9 @@ def _channel_metrics(
     the fit. Also return the evidence against the model."""
     own_channels = [channel for channel in own_channels if np.isfinite(channel.explained)]
     e = c.measured - c.predicted
-    explained = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
+    explained_share = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
     metrics = ChannelMetrics(
-        c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), explained, np.nan, unit
+        c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), explained_share, np.nan, unit
     )
     if not own_channels:
         return metrics, []

@@ -54,9 +54,9 @@ def _with_pose(truth: TruthLog) -> TruthLog:
 
 def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
     """Return the pose η (3,) of the truth at one time, interpolated between two samples."""
-    unwrapped = truth.eta.copy()
-    unwrapped[:, 2] = np.unwrap(unwrapped[:, 2])
-    x, y, psi = _interpolate_rows_at_time(t_ns, truth.t_ns, unwrapped)
+    unwrapped_eta = truth.eta.copy()
+    unwrapped_eta[:, 2] = np.unwrap(unwrapped_eta[:, 2])
+    x, y, psi = _interpolate_rows_at_time(t_ns, truth.t_ns, unwrapped_eta)
     return np.array([x, y, wrap(psi)])
 
 

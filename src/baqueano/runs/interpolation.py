@@ -33,10 +33,10 @@ def interpolate_rows(t_ns: np.ndarray, sample_ns: np.ndarray, rows: np.ndarray) 
 
 def interpolate_poses(t_ns: np.ndarray, sample_ns: np.ndarray, eta: np.ndarray) -> np.ndarray:
     """Return poses (K, 3) interpolated at other times: (N, 3). The heading takes the shorter direction across ±π."""
-    unwrapped = eta.copy()
-    is_known = np.isfinite(unwrapped[:, 2])
-    unwrapped[is_known, 2] = np.unwrap(unwrapped[is_known, 2])
-    poses = interpolate_rows(t_ns, sample_ns, unwrapped)
+    unwrapped_eta = eta.copy()
+    is_known = np.isfinite(unwrapped_eta[:, 2])
+    unwrapped_eta[is_known, 2] = np.unwrap(unwrapped_eta[is_known, 2])
+    poses = interpolate_rows(t_ns, sample_ns, unwrapped_eta)
     poses[:, 2] = wrap(poses[:, 2])
     return poses
 

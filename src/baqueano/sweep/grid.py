@@ -162,10 +162,12 @@ def _vehicle_jobs(
     """
     if not files or not routes or not seeds:
         raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
-    if unsupported := [vehicle_file for vehicle_file in files if not isinstance(vehicle_file, VehicleFile)]:
-        raise UsageError(fault("sweep.mixed", found=type(unsupported[0]).__name__))
-    if unsupported := [route for route in routes.values() if not isinstance(route, Route)]:
-        raise UsageError(fault("sweep.route", found=type(unsupported[0]).__name__))
+    if unsupported_files := [
+        vehicle_file for vehicle_file in files if not isinstance(vehicle_file, VehicleFile)
+    ]:
+        raise UsageError(fault("sweep.mixed", found=type(unsupported_files[0]).__name__))
+    if unsupported_files := [route for route in routes.values() if not isinstance(route, Route)]:
+        raise UsageError(fault("sweep.route", found=type(unsupported_files[0]).__name__))
     jobs, names = [], _labels([vehicle_file.label for vehicle_file in files])
     for cell, blocks in _cells(blocks_by_role, files[0]):
         for name, vehicle_file in zip(names, files, strict=True):

@@ -119,9 +119,9 @@ def job_digest(job: SweepJob, texts_in_file: dict[str, str]) -> str:
         str(job.seed),
         job.drive,
     ]
-    replaced = {role: block for role, block in job.blocks._asdict().items() if block is not None}
+    replaced_blocks = {role: block for role, block in job.blocks._asdict().items() if block is not None}
     parts += [_block_text(role, block, job) for role, block in job.blocks._asdict().items()]
-    parts += [text for role, text in texts_in_file.items() if role not in replaced]
+    parts += [text for role, text in texts_in_file.items() if role not in replaced_blocks]
     hasher = hashlib.sha256("\0".join(parts).encode())
     for part in _arrays(job):
         hasher.update(np.ascontiguousarray(part).tobytes())

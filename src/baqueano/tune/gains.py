@@ -113,7 +113,7 @@ def search_gains(
     equation 2). If that also ends on a bound, and the bound is soft, the search continues with a wider bound.
     """
     descents: list[Descent] = []
-    preferred = initial[0] if initial else rehearsal.space.middle
+    preferred_gains = initial[0] if initial else rehearsal.space.middle
     for _ in range(1 + MAX_WIDENED_SEARCHES):
         space = rehearsal.space
         descents += search(
@@ -122,7 +122,7 @@ def search_gains(
         descents.sort(key=lambda d: d.cost)
         best_gains = descents[0].gains
         ends = at_limit(best_gains, space.low, space.high)
-        if np.any(ends) and (inside := _within_bounds(rehearsal, descents[0], preferred)):
+        if np.any(ends) and (inside := _within_bounds(rehearsal, descents[0], preferred_gains)):
             return rehearsal, [inside, *descents]
         wider = space.widen(ends)
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):

@@ -236,11 +236,11 @@ class Drivetrain:
     def _lagged(self, pieces: list[CommandSegment], lag_state: np.ndarray, dt_s: float) -> Effort:
         """Return the effort of the channels (k,): of motors behind their lag, and of servos without it.  (7)"""
         motors = [piece._replace(u=piece.u[self._motors]) for piece in pieces]
-        lagged = lagged_effort(motors, lag_state[self._motors], self.lag_s, dt_s)
+        lagged_efforts = lagged_effort(motors, lag_state[self._motors], self.lag_s, dt_s)
         if not self.servos:
-            return lagged
+            return lagged_efforts
         servos = [piece._replace(u=piece.u[self.channels - self.servos :]) for piece in pieces]
-        return Effort(*map(np.concatenate, zip(lagged, direct_effort(servos, dt_s), strict=True)))
+        return Effort(*map(np.concatenate, zip(lagged_efforts, direct_effort(servos, dt_s), strict=True)))
 
     def static_response(self, w: np.ndarray) -> np.ndarray:
         """Return the input (k,) of the motor lag for the channels `w` (k,).  (3)-(6)"""

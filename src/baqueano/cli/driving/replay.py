@@ -57,7 +57,7 @@ def command(
     replay_estimator = vehicle_file.estimator(options.block_kind(vehicle_file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded_run.name}")
     with show_time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
-        replayed = replay(
+        replayed_run = replay(
             recorded_run,
             vehicle_file,
             estimator=replay_estimator,
@@ -67,7 +67,7 @@ def command(
             backend=replay_backend,
         )
     print_message(note("cli.run", path=path))
-    several = [recorded_run, replayed] if recorded_run.estimate is not None else [replayed]
+    several = [recorded_run, replayed_run] if recorded_run.estimate is not None else [replayed_run]
     comparison = compare(several, alignment=align)
     print_answer(comparison, as_json)
     options.advise_to_fit(comparison, [recorded_run] * len(several), vehicle_options, folder)
@@ -75,14 +75,14 @@ def command(
         from baqueano.report.run_report import page_of_run
 
         original = recorded_run if recorded_run.estimate is not None else None
-        report.write(lambda: page_of_run(replayed, align, original))
+        report.write(lambda: page_of_run(replayed_run, align, original))
     if shown:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest
-    if not _stops_are_equal(stop_reason_of(replayed), stop_reason_of(recorded_run)):
-        options.raise_stop(replayed, path)
+    if not _stops_are_equal(stop_reason_of(replayed_run), stop_reason_of(recorded_run)):
+        options.raise_stop(replayed_run, path)
     else:
-        options.print_warnings(replayed)
+        options.print_warnings(replayed_run)
 
 
 def _stops_are_equal(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:

@@ -329,8 +329,10 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
 
     loaded_run = options.find_runs((run,), folder)[0]
     path = out if out is not None else Path(f"{loaded_run.name}.{to}")
-    written = export_csv(loaded_run, path, decimal) if to == "csv" else export_tum(loaded_run, path, which)
-    print_result(str(written))
+    exported_path = (
+        export_csv(loaded_run, path, decimal) if to == "csv" else export_tum(loaded_run, path, which)
+    )
+    print_result(str(exported_path))
 
 
 @command.command(

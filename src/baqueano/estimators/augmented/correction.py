@@ -82,9 +82,9 @@ def correct_tick(
             return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
         is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.attribute(sensor, "limit")
-        predicted, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
-        z = np.where(has, slot.z, predicted)
-        innovations.append(difference(sensor, z, predicted)[indices])
+        predicted_measurement, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
+        z = np.where(has, slot.z, predicted_measurement)
+        innovations.append(difference(sensor, z, predicted_measurement)[indices])
         jacobians.append(jacobian(h)(x.mean)[indices])
         noise.append(sensor.cov[indices][:, indices])
         arrivals.append(np.where(has, 1.0, 0.0)[indices])

@@ -163,10 +163,10 @@ def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s:
         gamma = np.where(pair_counts > 0.5, cov / np.maximum(pair_counts, 0.5), 0.0) * taper
         power = np.maximum(np.fft.rfft(gamma).real, 0.0)
         derivatives = np.ascontiguousarray(d[:, c, :])
-        filtered = np.fft.irfft(
+        filtered_scores = np.fft.irfft(
             np.fft.rfft(derivatives, fft_length, axis=0) * power[:, None], fft_length, axis=0
         )[:n]
-        B += inner(derivatives, filtered)
+        B += inner(derivatives, filtered_scores)
     return 0.5 * (B + B.T)
 
 

@@ -59,22 +59,22 @@ def averaged_readings(
     is_inside = (
         (b >= begin_s[0] - INTERVAL_TOLERANCE_S) & (e <= row_end_s[-1] + INTERVAL_TOLERANCE_S) & (e > b)
     )
-    used = np.flatnonzero(is_inside)
-    rows = np.minimum(np.searchsorted(row_end_s, e[used] - INTERVAL_TOLERANCE_S), len(dt_s) - 1)
+    used_rows = np.flatnonzero(is_inside)
+    rows = np.minimum(np.searchsorted(row_end_s, e[used_rows] - INTERVAL_TOLERANCE_S), len(dt_s) - 1)
     is_last = np.append(np.diff(rows) > 0, True)[: len(rows)]
-    used, rows = used[is_last], rows[is_last]
+    used_rows, rows = used_rows[is_last], rows[is_last]
     weights = np.zeros((len(dt_s), WEIGHT_COLUMNS))
     weights[:, :3] = AT_END
-    if not len(used):
-        return used, rows, weights
-    b, e = b[used], e[used]
+    if not len(used_rows):
+        return used_rows, rows, weights
+    b, e = b[used_rows], e[used_rows]
     weights[rows, :3] = _row_weights(b, e, begin_s[rows], dt_s[rows])
     following = np.searchsorted(rows, np.arange(len(dt_s)), side="right")
     early = np.flatnonzero(following < len(rows))
     j = following[early]
     weights[early, 3:6] = _row_weights(b[j], e[j], begin_s[early], dt_s[early])
     weights[rows, 6] = 1.0
-    return used, rows, weights
+    return used_rows, rows, weights
 
 
 def longest_interval_s(weights: np.ndarray | None, dt_s: np.ndarray) -> float:

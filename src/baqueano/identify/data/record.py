@@ -104,8 +104,8 @@ def record_of(
         max_offset_s = MAX_CLOCK_OFFSET_S if name in clocks else 0.0
         readings[name] = _measurements(run, name, block, ends, row_s, notes, max_offset_s)
         if used_channels and name in used_channels:
-            unused = np.setdiff1d(np.arange(block.size), used_channels[name])
-            readings[name].has[:, unused] = 0.0
+            unused_channels = np.setdiff1d(np.arange(block.size), used_channels[name])
+            readings[name].has[:, unused_channels] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
     if np.any(splits > 1):
         dt_s = row_s
@@ -176,8 +176,8 @@ def _measurements(
     is_sound = _valid_mask(name, block, channel, notes)
     if max_offset_s == 0.0 and len(channel.t_ns) > 1 and is_average(run, name, block):
         row_end_s = np.cumsum(row_s) - row_s[: ends[0] + 1].sum()
-        used, rows, weights = averaged_readings(seconds(channel.t_ns, run.t_ns[0]), row_end_s, row_s)
-        z[rows], has[rows] = np.where(is_sound[used], channel.z[used], 0.0), is_sound[used]
+        used_rows, rows, weights = averaged_readings(seconds(channel.t_ns, run.t_ns[0]), row_end_s, row_s)
+        z[rows], has[rows] = np.where(is_sound[used_rows], channel.z[used_rows], 0.0), is_sound[used_rows]
         return Measurements(z, has, None, weights)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(max_offset_s * 1e9))
     first_ns = run.t_ns[0] - round(MAX_EARLY_FRACTION * float(np.median(np.diff(run.t_ns))))

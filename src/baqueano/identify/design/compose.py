@@ -324,9 +324,12 @@ class Composer:
     def _upper_bound(self, other_information: np.ndarray) -> np.ndarray:
         """Return an upper bound (P,) of the increase of J if a primitive is added to F = `other_information` (M, q, q).
         (2)"""
-        augmented, k = other_information + np.eye(other_information.shape[-1]), self.interest_count
-        gradient = np.linalg.inv(augmented)
-        gradient[:, k:, k:] -= np.linalg.inv(augmented[:, k:, k:])
+        augmented_information, k = (
+            other_information + np.eye(other_information.shape[-1]),
+            self.interest_count,
+        )
+        gradient = np.linalg.inv(augmented_information)
+        gradient[:, k:, k:] -= np.linalg.inv(augmented_information[:, k:, k:])
         weights = 2.0 * gradient - gradient * np.eye(other_information.shape[-1])
         return (
             self.upper_triangles

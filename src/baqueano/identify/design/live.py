@@ -105,8 +105,8 @@ class RecursiveInformation:
         """Return the standard error (p,) of each parameter of interest. It is relative to `size` (q,), or to the size
         in the file if `size` is None."""
         size = self.unknowns.size if size is None else size
-        augmented = state.F * np.outer(size, size) + np.eye(len(size))
-        return np.sqrt(np.diagonal(np.linalg.inv(augmented))[: self.unknowns.interest_count])
+        augmented_information = state.F * np.outer(size, size) + np.eye(len(size))
+        return np.sqrt(np.diagonal(np.linalg.inv(augmented_information))[: self.unknowns.interest_count])
 
 
 def information_bits(relative_std: np.ndarray) -> float:
@@ -207,7 +207,10 @@ class MotionAdvisor:
         D, relative_std = np.outer(size, size), self._drive_information.relative_std
         std_before = np.minimum(widening * relative_std(F * D), 1.0)
         std_after = np.array(
-            [np.minimum(widening * relative_std((F + gained) * D), 1.0) for gained in self._F]
+            [
+                np.minimum(widening * relative_std((F + gained_information) * D), 1.0)
+                for gained_information in self._F
+            ]
         )
         gain = np.log(std_before**2 + GOAL_STD**2) - np.log(std_after**2 + GOAL_STD**2)
         k, i = np.unravel_index(np.argmax(gain), gain.shape)

@@ -358,7 +358,7 @@ def _first_allowed_primitive(
     None."""
     for offset in range(0, len(indices), TRIED_PRIMITIVES):
         options = [commands(k) for k in indices[offset : offset + TRIED_PRIMITIVES]]
-        allowed = first_allowed_option(cloud, room, state, options, tick)
-        if allowed:
-            return indices[offset + allowed[0]], allowed[1]
+        allowed_option = first_allowed_option(cloud, room, state, options, tick)
+        if allowed_option:
+            return indices[offset + allowed_option[0]], allowed_option[1]
     return None

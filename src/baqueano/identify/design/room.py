@@ -246,7 +246,7 @@ def _first_allowed_or_last(
     """Return the index of the first allowed option of (C, T, n), the vehicle states after it, and its poses (L, T, 3).
     If none is allowed, return those of the last option."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
-        allowed = first_allowed_option(cloud, room, state, list(options[begin:end]), tick)
-        if allowed is not None:
-            return begin + allowed[0], *allowed[1:]
+        allowed_option = first_allowed_option(cloud, room, state, list(options[begin:end]), tick)
+        if allowed_option is not None:
+            return begin + allowed_option[0], *allowed_option[1:]
     return len(options) - 1, *cloud.drive(state, options[-1], tick)

@@ -33,16 +33,16 @@ def clean(
     def clean_run(run: Run) -> tuple[list[Run], list[Diagnostic]]:
         segments, messages = timestamps.check_timestamps(run, vehicle_file.rate_hz)
         messages += physical_units.implausible_values(run, vehicle_file, sensors)
-        cleaned = []
+        clean_segments = []
         for segment in segments:
             channels, sample_messages = _samples(segment, sensors)
             messages += sample_messages
-            cleaned.append(channels)
+            clean_segments.append(channels)
         if len(runs) > 1:
             messages = [
                 replace(message, figures={**message.figures, "of_run": run.name}) for message in messages
             ]
-        return cleaned, messages
+        return clean_segments, messages
 
     results = parallel_map(clean_run, runs, rows=sum(len(run.t_ns) for run in runs))
     return [run for segments, _ in results for run in segments], tuple(

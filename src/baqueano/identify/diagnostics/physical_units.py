@@ -79,19 +79,21 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     A gyro is confirmed if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
     file. The start of the search is not evidence, so it is not used. (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
-    by_file, _, _ = start_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())
+    unbounded_parameters = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
+    by_file, _, _ = start_theta(
+        end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions()
+    )
     first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = channel_map.measurements(problem), channel_map.predictions(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in first_channel.items() if has_field(sensors[name], "track_m")]
     wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
-    fitted = (
+    fitted_predictions = (
         [channel_map.predictions(problem, end.search.solution.theta)] if _keeps_turning_gains(end) else []
     )
     messages, is_cleared, source = [], True, note("gyro.as-commands")
     for name in (name for name in first_channel if has_field(sensors[name], "gyro_scale")):
         i = first_channel[name] + 2
-        turn_rates = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted)
+        turn_rates = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted_predictions)
         comparisons = [_gyro_comparison(name, z[:, i], omega, source) for omega in turn_rates]
         if not any(comparison.is_near for comparison in comparisons):
             messages, is_cleared = [*messages, comparisons[0].message], False
@@ -135,8 +137,13 @@ def _gyro_comparison(
     (channel,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
     slope, message = abs(channel.regression.slope), None
     if channel.meaning:
-        read = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
-        figures: JsonObject = {"times": slope**power, "by": source, "given": channel.meaning, "read": read}
+        column_unit = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
+        figures: JsonObject = {
+            "times": slope**power,
+            "by": source,
+            "given": channel.meaning,
+            "read": column_unit,
+        }
         message = note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", **figures)
     return _GyroComparison(channel.is_clear and channel.ratio == 1.0, slope, message)
 
@@ -206,12 +213,14 @@ def _gravity_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     has_rest = at_rest.sum() >= MIN_REST_TICKS
     rows = at_rest if has_rest else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
-    expected = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
+    expected_reading = block.accel_bias + STANDARD_GRAVITY * np.array(
+        [-np.sin(theta), np.sin(phi) * np.cos(theta)]
+    )
     messages = []
     for i in range(2):
         x = channel.z[rows, i]
         x = x[np.isfinite(x)]
-        offset = float(np.median(x)) - float(expected[i]) if len(x) else 0.0
+        offset = float(np.median(x)) - float(expected_reading[i]) if len(x) else 0.0
         if abs(offset) > TILT_M_S2:
             is_full_gravity = has_rest and abs(abs(offset) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY
             severity = Severity.ERROR if is_full_gravity else Severity.WARNING

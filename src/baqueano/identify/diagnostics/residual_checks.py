@@ -118,8 +118,8 @@ def _largest_errors_cov(errors: np.ndarray) -> np.ndarray:
     """Return C (k, k) of the `errors` (n, k) of n effects. They can have one cause, so C is not their sum.  (4)"""
     squares = np.sum(errors**2, axis=0)
     scale = np.max(np.abs(errors), axis=0) / np.sqrt(np.where(squares > 0.0, squares, 1.0))
-    scaled = errors * scale
-    return scaled.T @ scaled
+    scaled_errors = errors * scale
+    return scaled_errors.T @ scaled_errors
 
 
 class Diagnosis(NamedTuple):
@@ -168,9 +168,9 @@ class _FitEvidence:
 def _missing_terms(
     fit: _FitEvidence, tests: Sequence[tuple[LabelledTerm, ScoreTest]]
 ) -> list[_SignificantResult]:
-    ranked = sorted(tests, key=lambda pair: -abs(pair[1].z))
+    ranked_tests = sorted(tests, key=lambda pair: -abs(pair[1].z))
     results = []
-    for (code, term_note), test in ranked:
+    for (code, term_note), test in ranked_tests:
         is_filter = term_note.code == "term.low-pass"
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
@@ -264,9 +264,9 @@ def _residual_messages(problem: Residuals, residuals: Sequence[np.ndarray]) -> l
 
 def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
     """Return a message if the residuals are autocorrelated and large.  (1), (2)"""
-    clipped = [np.clip(x, -3.0, 3.0) for x in r]
-    count = sum(max(0, len(x) - 1) for x in clipped)
-    gamma = sum(float(x[1:] @ x[:-1]) for x in clipped) / max(count, 1)
+    clipped_residuals = [np.clip(x, -3.0, 3.0) for x in r]
+    count = sum(max(0, len(x) - 1) for x in clipped_residuals)
+    gamma = sum(float(x[1:] @ x[:-1]) for x in clipped_residuals) / max(count, 1)
     prediction_std = float(np.std(np.concatenate(h)))
     if not gamma > 5.0 / np.sqrt(max(count, 1)):
         return []

@@ -82,28 +82,28 @@ def _check_channel(
 
 def _merge_messages(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]:
     """Return the findings, merged to one if all m channels have the same finding."""
-    merged: list[Diagnostic] = []
+    merged_messages: list[Diagnostic] = []
     for message in messages:
         equal_messages = [o for o in messages if (o.code, o.figures) == (message.code, message.figures)]
         if m > 1 and len(equal_messages) == m:
-            merged += [replace(message, subject=name)] if message is equal_messages[0] else []
+            merged_messages += [replace(message, subject=name)] if message is equal_messages[0] else []
         else:
-            merged.append(message)
-    return merged
+            merged_messages.append(message)
+    return merged_messages
 
 
 def channel_resolution(x: np.ndarray) -> ChannelResolution:
     """Return σ and q of finite values x (M,); both are 0 if too few values change.  (1)"""
-    changed = x[np.concatenate([[True], np.diff(x) != 0.0])]
+    new_values = x[np.concatenate([[True], np.diff(x) != 0.0])]
     levels = np.unique(x)
-    if len(changed) < MIN_SAMPLES or len(levels) < 3:
+    if len(new_values) < MIN_SAMPLES or len(levels) < 3:
         return ChannelResolution(0.0, 0.0)
     gaps = np.diff(levels)
     gaps = gaps[gaps > ROUNDING * np.max(np.abs(levels))]
     if not len(gaps):
         return ChannelResolution(0.0, 0.0)
     step = float(np.quantile(gaps, 0.01))
-    sigma = MAD * float(np.median(np.abs(np.diff(changed, 2)))) / np.sqrt(6.0)
+    sigma = MAD * float(np.median(np.abs(np.diff(new_values, 2)))) / np.sqrt(6.0)
     return ChannelResolution(sigma, step)
 
 
@@ -210,8 +210,8 @@ def _limit_samples(
 
 def _is_beyond_end(y: np.ndarray, index: np.ndarray, end: float, sigma: float) -> np.ndarray:
     """Return the mask (M,) of samples whose signal, apart from noise, is at the end `end` of the range.  (3)"""
-    extended = np.pad(y, MEDIAN_SAMPLES // 2, mode="edge")
-    median = np.median(np.lib.stride_tricks.sliding_window_view(extended, MEDIAN_SAMPLES), axis=1)
+    padded_signal = np.pad(y, MEDIAN_SAMPLES // 2, mode="edge")
+    median = np.median(np.lib.stride_tricks.sliding_window_view(padded_signal, MEDIAN_SAMPLES), axis=1)
     is_beyond = median > end - 2.0 * sigma
     edges = np.flatnonzero(np.diff(np.concatenate([[0], index.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):

@@ -74,10 +74,10 @@ def _check_unit(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     t_ns = _scale_times(run.t_ns, first, rate_ratio)
     if np.any(np.diff(t_ns) <= 0):
         return run, [message]
-    rescaled = replace(
+    rescaled_run = replace(
         run, t_ns=t_ns, sensors=sensors, truth=scale_log(run.truth), estimate=None, reference=None
     )
-    return rescaled, [message]
+    return rescaled_run, [message]
 
 
 def _scale_times(t_ns: np.ndarray, first: int, rate_ratio: float) -> np.ndarray:

@@ -298,11 +298,11 @@ def _reading_terms(
         if has_field(block, "lever_arm_m"):
             terms += _mount_terms(name, h, motions, span)
         if not getattr(block, "has_low_pass", True) and DELAY_PATH in problem.shape.shared:
-            filtered = np.zeros_like(h)
-            filtered[:, span] = LOW_PASS_S * h_dot[:, span]
+            filtered_readings = np.zeros_like(h)
+            filtered_readings[:, span] = LOW_PASS_S * h_dot[:, span]
             curvature = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
-            filtered[1:-1, span] += LOW_PASS_S**2 * curvature
-            terms.append((f"low-pass of {name}", note("term.low-pass", subject=name), filtered))
+            filtered_readings[1:-1, span] += LOW_PASS_S**2 * curvature
+            terms.append((f"low-pass of {name}", note("term.low-pass", subject=name), filtered_readings))
     return terms
 
 

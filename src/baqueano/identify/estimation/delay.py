@@ -203,9 +203,9 @@ def _with_bounds(task: Task, i: int, low: float, high: float) -> Task:
 
 
 def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
-    changed = theta.copy()
-    changed[i] = value
-    return changed
+    changed_theta = theta.copy()
+    changed_theta[i] = value
+    return changed_theta
 
 
 def duty_step_count(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:

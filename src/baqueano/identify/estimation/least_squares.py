@@ -145,10 +145,10 @@ def minimise(
         trial = _clip(theta + s, low, high)
         trial_evaluation = evaluate(trial)
         count += 1
-        expected = -float(s @ (current.gradient + 0.5 * (current.hessian @ s)))
+        expected_decrease = -float(s @ (current.gradient + 0.5 * (current.hessian @ s)))
         gain = current.cost - trial_evaluation.cost
-        if _is_finite(trial_evaluation) and gain > 0.0 and expected > 0.0:
-            damping *= max(MIN_SHRINK, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
+        if _is_finite(trial_evaluation) and gain > 0.0 and expected_decrease > 0.0:
+            damping *= max(MIN_SHRINK, 1.0 - (2.0 * gain / expected_decrease - 1.0) ** 3)
             growth = 2.0
             idle_count = idle_count + 1 if gain < 1e-12 * current.cost else 0
             theta, current, kinks_tested = trial, trial_evaluation, False
@@ -188,11 +188,11 @@ def _is_finite(evaluation: Evaluation) -> bool:
 
 def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return θ (p,) between the bounds; an entry that is at a bound except for rounding is set to the bound."""
-    clipped = np.minimum(np.maximum(theta, low), high)
+    clipped_theta = np.minimum(np.maximum(theta, low), high)
     for bound in (low, high):
-        is_near = np.isfinite(bound) & (np.abs(clipped - bound) <= ROUNDING * np.abs(bound))
-        clipped = np.where(is_near, bound, clipped)
-    return clipped
+        is_near = np.isfinite(bound) & (np.abs(clipped_theta - bound) <= ROUNDING * np.abs(bound))
+        clipped_theta = np.where(is_near, bound, clipped_theta)
+    return clipped_theta
 
 
 def _is_leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

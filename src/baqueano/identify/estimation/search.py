@@ -94,8 +94,8 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
             and second_end.log_sigma_sum(counts) - best_end.log_sigma_sum(counts)
             < DROPPED_LOG_SIGMA * counts.sum()
         ):
-            refined = search(task, second_end.solution.theta, None, second_end)
-            second_end = refined._replace(evaluations=refined.evaluations + second_end.evaluations)
+            refined_end = search(task, second_end.solution.theta, None, second_end)
+            second_end = refined_end._replace(evaluations=refined_end.evaluations + second_end.evaluations)
         gain = (best_end.log_sigma_sum(counts) - second_end.log_sigma_sum(counts)) / counts.sum()
         evaluations = best_end.evaluations + second_end.evaluations
         best_end = (second_end if gain > EQUAL_LOG_SIGMA else best_end)._replace(

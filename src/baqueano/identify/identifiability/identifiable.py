@@ -79,9 +79,9 @@ def identifiability_of(
         rank = [
             (is_by_hand[i], round(loading[i], 1), -diagonal[i] if i >= len(shared) else 0.0) for i in members
         ]
-        removed = int(members[max(range(len(members)), key=rank.__getitem__)])
-        collinear[removed] = tuple(i for i in main_entries if i != removed)
-        is_identifiable[removed] = False
+        removed_entry = int(members[max(range(len(members)), key=rank.__getitem__)])
+        collinear[removed_entry] = tuple(i for i in main_entries if i != removed_entry)
+        is_identifiable[removed_entry] = False
     is_of_vehicle = np.arange(len(theta)) < len(shared)
     signal = signal if span is None else np.minimum(signal, span)
     is_scale = np.array([k < len(shared) and shared[k].definition.role == "scale" for k in range(len(theta))])
@@ -100,9 +100,9 @@ def identifiability_of(
             }
             break
         relative = std / np.maximum(signal[index], 1e-9 * std)
-        removed = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
-        near[removed] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, removed)
-        is_identifiable[removed] = False
+        removed_entry = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
+        near[removed_entry] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, removed_entry)
+        is_identifiable[removed_entry] = False
     return Identifiability(is_identifiable, is_weak, collinear, near)
 
 
@@ -153,7 +153,7 @@ def fix_unidentifiable(
     # the starts of segments are nuisance parameters
     count = problem.size if is_uncut else problem.layout.first_start
     is_fixed, collinear, partners = np.zeros(count, bool), {}, {}
-    released: int | None = None  # an entry that was fixed first, and the result with it
+    released_entry: int | None = None  # an entry that was fixed first, and the result with it
     first_result: tuple[Search, Identifiability, Information] | None = None
     while True:
         problem, theta = end.problem, end.solution.theta
@@ -174,15 +174,15 @@ def fix_unidentifiable(
         )
         collinear |= identifiability.collinear
         partners |= identifiability.correlated | identifiability.collinear
-        if first_result is not None and not identifiability.mask[released]:
+        if first_result is not None and not identifiability.mask[released_entry]:
             return first_result
         if np.array_equal(~identifiability.mask, is_fixed):
             result = end, identifiability._replace(collinear=collinear), info
             pair = None if first_result else _pair_with_bound(task, theta, is_fixed, partners, free)
             if pair is None:
                 return result
-            first_result, (released, at_bound) = result, pair
-            is_fixed[[released, at_bound]] = False, True
+            first_result, (released_entry, at_bound) = result, pair
+            is_fixed[[released_entry, at_bound]] = False, True
         else:
             is_fixed = ~identifiability.mask
         is_held_fixed = np.concatenate([is_fixed, np.zeros(problem.size - count, bool)])

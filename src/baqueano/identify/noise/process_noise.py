@@ -239,8 +239,8 @@ def predict(
     residual = nu_dot - vehicle.nu_dot(nu, previous, eta[2])
     eta_bar, nu_bar, _ = vehicle.advance(eta, nu, effort, dt_s)
     nu_bar = nu_bar + residual * dt_s
-    faded = np.exp(-dt_s / fading_s) * residual
-    return np.concatenate([nu_bar, vehicle.nu_dot(nu_bar, effort.last, eta_bar[2]) + faded])
+    faded_residual = np.exp(-dt_s / fading_s) * residual
+    return np.concatenate([nu_bar, vehicle.nu_dot(nu_bar, effort.last, eta_bar[2]) + faded_residual])
 
 
 def prediction_of(fit: "Fit") -> tuple[str, float]:

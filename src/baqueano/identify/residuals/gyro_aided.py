@@ -250,9 +250,11 @@ def slow_part(e: np.ndarray) -> np.ndarray:
     if n < MIN_ROWS:
         return e
     limit = CLIP_SIGMA * MAD * float(np.median(np.abs(e - np.median(e))))
-    clipped = np.clip(e, np.median(e) - limit, np.median(e) + limit)
-    spectrum = np.fft.rfft(np.concatenate([clipped, clipped[::-1]]))  # mirrored, so that its ends meet
-    ratio = _most_likely_ratio(np.abs(np.fft.rfft(clipped - clipped.mean()))[1:] ** 2 / n, n)
+    clipped_errors = np.clip(e, np.median(e) - limit, np.median(e) + limit)
+    spectrum = np.fft.rfft(
+        np.concatenate([clipped_errors, clipped_errors[::-1]])
+    )  # mirrored, so that its ends meet
+    ratio = _most_likely_ratio(np.abs(np.fft.rfft(clipped_errors - clipped_errors.mean()))[1:] ** 2 / n, n)
     if ratio is None:
         return np.zeros(n)
     power = ratio[0] * _spectrum(ratio[1], 2 * n)

@@ -108,17 +108,17 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         drivetrain, effort = blocks_at.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
-        predicted, P = _prediction(
+        predicted_mean, P = _prediction(
             blocks_at.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)}
         )
         innovations, jacobians, lines = _innovation(
-            blocks_at.sensors, predicted, state, z, row[1 + n + 2 * m :], row[0], shape
+            blocks_at.sensors, predicted_mean, state, z, row[1 + n + 2 * m :], row[0], shape
         )
         y, H = weight * np.concatenate(innovations), weight[:, None] * np.concatenate(jacobians)
         is_present = np.where(weight > 0.0, 1.0, 0.0)
         correction = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
         signals, previous_h = _corrected_signals(lines, jacobians, correction.move, shape.sample_fraction)
-        eta, nu = _corrected_state(predicted, correction.move)
+        eta, nu = _corrected_state(predicted_mean, correction.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
         return FilterState(vehicle, correction.cov, signals, previous_h), np.concatenate(
             [correction.e, is_present * np.log(correction.s)]

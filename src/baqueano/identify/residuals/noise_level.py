@@ -151,8 +151,8 @@ def profile_with_slow_noise(
     for c in range(len(sigma)):
         variances = [(sigma[c] * p[:, c]) ** 2 for p in profile]
         limits = [SLOW_CLIP_SIGMA * np.sqrt(variance) for variance in variances]
-        clipped = [np.clip(r[:, c], -x, x) for r, x in zip(residuals, limits, strict=True)]
-        sums, squares = _block_squares(clipped, [w[:, c] for w in has], speeds, dt_s)
+        clipped_residuals = [np.clip(r[:, c], -x, x) for r, x in zip(residuals, limits, strict=True)]
+        sums, squares = _block_squares(clipped_residuals, [w[:, c] for w in has], speeds, dt_s)
         if len(sums) < MIN_BLOCKS:
             continue
         s_0, kappa = _fit_slow_noise(sums, squares, max(typical, 1e-9))

@@ -161,8 +161,8 @@ class Residuals:
 
         def of(rows: np.ndarray, index: np.ndarray) -> float:
             r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
-            clipped = np.minimum(r, HUBER)
-            return float(np.sum(clipped * (r - 0.5 * clipped)))
+            clipped_residuals = np.minimum(r, HUBER)
+            return float(np.sum(clipped_residuals * (r - 0.5 * clipped_residuals)))
 
         return sum(self._map_segments(of))
 

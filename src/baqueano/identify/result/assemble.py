@@ -223,9 +223,9 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
     """Return the values of the shared entries of θ in the order of `requested`, with `frozen_value` for the frozen
     parameters."""
-    ordered = np.full(len(end.requested), frozen_value, dtype=float)
-    ordered[end.in_theta] = values
-    return ordered
+    ordered_values = np.full(len(end.requested), frozen_value, dtype=float)
+    ordered_values[end.in_theta] = values
+    return ordered_values
 
 
 def _start(end: FinishedFit) -> np.ndarray:
@@ -251,10 +251,18 @@ def _channels(
         out = []
         for c, (name, i) in enumerate(labels):
             finite = has[:, c] > 0.0
-            measured = np.where(finite, z[:, c], np.nan)
+            measured_values = np.where(finite, z[:, c], np.nan)
             share = explained_variance(z[finite, c], h[finite, c], sigma[c])
             channel = ChannelFit(
-                run_name, name, i, t_s, measured, h[:, c], float(sigma[c]), share, float(autocorrelation[c])
+                run_name,
+                name,
+                i,
+                t_s,
+                measured_values,
+                h[:, c],
+                float(sigma[c]),
+                share,
+                float(autocorrelation[c]),
             )
             out.append(channel)
         return out
@@ -290,9 +298,9 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     for i, parameter in enumerate(end.free):
         if not end.identifiability.mask[i]:
             collinear = end.confused_with(end.identifiability.collinear, i)
-            confused = end.confused_with(end.identifiability.correlated, i)
+            correlated_parameters = end.confused_with(end.identifiability.correlated, i)
             unobservable_terms.append(
-                unobservable_reason(parameter, collinear, float(end.task.start[i]), confused)
+                unobservable_reason(parameter, collinear, float(end.task.start[i]), correlated_parameters)
             )
     return tuple(unobservable_terms), tuple(never_shown)
 

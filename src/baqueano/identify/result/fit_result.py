@@ -321,13 +321,13 @@ class Fit(Result):
             label = _("{channel} of {run}", channel=label, run=c.run) if len(self.runs) > 1 else label
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
-            explained = percent_text(c.explained)
+            explained_text = percent_text(c.explained)
             out.append(
                 _(
                     "{channel}: noise {noise}, the model explains {part}",
                     channel=label,
                     noise=noise,
-                    part=explained,
+                    part=explained_text,
                 )
             )
         return out

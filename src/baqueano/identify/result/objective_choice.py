@@ -271,5 +271,5 @@ def _cost(block: _ObjectiveBlock, change: np.ndarray) -> float:
     """Return C_b from the open-loop residuals after the `change` of the fit."""
     with np.errstate(invalid="ignore", over="ignore"):  # a model that diverged
         r = np.abs(block.r + block.d @ change[block.entries])
-        clipped = np.minimum(r, HUBER)
-        return float(np.sum(clipped * (r - 0.5 * clipped)))
+        clipped_residuals = np.minimum(r, HUBER)
+        return float(np.sum(clipped_residuals * (r - 0.5 * clipped_residuals)))

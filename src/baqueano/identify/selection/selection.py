@@ -260,11 +260,11 @@ class _ModelSelection:
                 self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=_(term.name)))
                 tries.append(self.try_term(model, term, ALPHA / len(open_)))
                 last_results[term.name] = tries[-1].result
-            accepted = [trial for trial in tries if trial.result.verdict == Decision.TAKEN]
-            if not accepted:
+            accepted_trials = [trial for trial in tries if trial.result.verdict == Decision.TAKEN]
+            if not accepted_trials:
                 return model
-            best_trial = _simplest_of_the_best(accepted)
-            for trial in accepted:
+            best_trial = _simplest_of_the_best(accepted_trials)
+            for trial in accepted_trials:
                 if trial is not best_trial:
                     last_results.pop(trial.result.term.name)
             self.progress(text(best_trial.result.message))

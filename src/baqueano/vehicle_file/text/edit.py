@@ -91,8 +91,8 @@ def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFil
         layers = (*vehicle_file.layers, *(f"--set {setting}" for setting in settings))
         return parse(text, vehicle_file.label, vehicle_file.path, layers, vehicle_file.on_disk)
     except FileError as error:
-        joined = " --set ".join(settings)
-        raise UsageError(fault("vehicle.set", setting=joined, cause=error.diagnostic)) from error
+        joined_settings = " --set ".join(settings)
+        raise UsageError(fault("vehicle.set", setting=joined_settings, cause=error.diagnostic)) from error
 
 
 def edit_text(
@@ -305,11 +305,11 @@ def _round(value: Any, sd: Any) -> Any:
     if sd is None or isinstance(value, str | bool):
         return value
     array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))
-    rounded = [
+    rounded_values = [
         round(float(v), SD_DIGITS - floor(log10(s))) if isfinite(s) and s > 0.0 else float(v)
         for v, s in zip(array.ravel(), sd.ravel(), strict=True)
     ]
-    return np.array(rounded).reshape(array.shape)
+    return np.array(rounded_values).reshape(array.shape)
 
 
 def _digits(array: np.ndarray, digits: int) -> np.ndarray:
