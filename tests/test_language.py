@@ -161,6 +161,15 @@ def test_words_beyond_80_columns_are_wrapped_in_the_last_column(first_column):
     assert " ".join(" ".join([first, *others]).split()) == f"{first_column} {sentence}"
 
 
+def test_a_key_with_its_value_and_a_command_stay_in_one_line():
+    key, command = 'unit = "deg/s"', "baqueano robot setup pilot@rover.local"
+    advice = f"this sensor turns faster than a small vehicle can turn, so write {key} there or type {command}"
+    for shift in range(20):
+        printed = "\n".join(text_table("<<", ["info", "x" * shift + " " + advice.replace("@", "-")]))
+        assert key in printed
+        assert command.replace("@", "-") in printed
+
+
 def test_no_translated_text_has_a_fixed_width():
     """A Spanish word is often longer than the English word, so it would touch the next column."""
     fixed_width = re.compile(r"\{_\([^{}]*\):[<>^]?[0-9]")

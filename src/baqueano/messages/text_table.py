@@ -1,11 +1,14 @@
 """Lay out a table for a terminal: each column is as wide as its widest cell, in every language."""
 
+import re
 from collections.abc import Sequence
 from textwrap import wrap
 
 LINE_LETTERS = 80  # characters of a line
 MIN_LAST_LETTERS = 24  # of a cell that is wrapped, and of the place in which it is wrapped
 INDENT = 4  # of words that are written below their line
+TYPED = re.compile(r"\w+ = \S+|\bbaqueano( [-\w./:\"'=]+)+")  # to type as it is printed, so in one line
+NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
@@ -23,8 +26,15 @@ def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
         if sides[-1:] == ">" or len(whole) <= LINE_LETTERS or len(line[-1]) <= MIN_LAST_LETTERS:
             out.append(whole)
             continue
-        words = wrap(line[-1], LINE_LETTERS - indent, break_long_words=False, break_on_hyphens=False) or [""]
+        words = _wrapped(line[-1], LINE_LETTERS - indent)
         before = "  ".join(cells[:-1])
         out += [f"{before}  {words.pop(0)}"] if indent == start else [before.rstrip()]
         out += [f"{'':{indent}}{part}" for part in words]
     return out
+
+
+def _wrapped(words: str, letters: int) -> list[str]:
+    """Return the lines of a text, in which a key with its value and a command are not divided."""
+    whole_commands = TYPED.sub(lambda match: match[0].replace(" ", NO_BREAK), words)
+    lines = wrap(whole_commands, letters, break_long_words=False, break_on_hyphens=False) or [""]
+    return [line.replace(NO_BREAK, " ") for line in lines]
