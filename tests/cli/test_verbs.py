@@ -29,6 +29,10 @@ def test_the_blocks_of_a_new_project_pass_the_check(baqueano, tmp_path, monkeypa
     second = baqueano("new", "mi lab")
     assert second.code == 2
     assert second.reason.code == "cli.folder-not-empty"
+    assert second.fix == "baqueano new 'mi lab-2'"
+    (tmp_path / "mi lab-2").mkdir()
+    assert baqueano("new", "mi lab").fix == "baqueano new 'mi lab-3'"
+    assert baqueano("new", ".").fix == "baqueano new mylab"
     monkeypatch.chdir(tmp_path / "mi lab")
     for block in ("my_estimator.py:MyEstimator", "my_guide.py:MyGuide", "my_controller.py:MyController"):
         check = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")

@@ -64,7 +64,10 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     """
     folder = Path(folder)
     if folder.exists() and any(folder.iterdir()):
-        raise UsageError(fault("cli.folder-not-empty", baqueano_command("new", f"{folder}-2"), folder=folder))
+        base = folder if folder.name.strip(".") else folder / "mylab"  # "." and ".." cannot get a number
+        candidates = (base, *(Path(f"{base}-{k}") for k in range(2, 1000)))
+        command = baqueano_command("new", str(next(path for path in candidates if not path.exists())))
+        raise UsageError(fault("cli.folder-not-empty", command, folder=folder))
     vehicle_file = guess_of(vehicle)
     folder.mkdir(parents=True, exist_ok=True)
     if vehicle_file.is_guess and vehicle_file.simulation.truth not in names():

@@ -86,13 +86,9 @@ def encode_frame(kind: int, seq: int, payload: bytes) -> bytes:
 def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
     """Return the bytes of a frame, with a zero at both ends.
 
-    Args:
-        frame: any NamedTuple of frames.py.
-        seq: its sequence; taken modulo 256.
-        kind: the kind, if two kinds share a layout; needed only to send as the firmware.
-
-    Raises:
-        UsageError: a number is out of the range that the firmware accepts.
+    `frame` is any NamedTuple of frames.py. `seq` is its sequence number, modulo 256. `kind` is needed only to send as
+    the firmware does, if two kinds have the same layout. Raise UsageError for a number outside the range of the
+    firmware.
     """
     if wrong := first_out_of_range(frame):
         path, value, (low, high) = wrong
