@@ -218,13 +218,13 @@ def fine(accelerate, changes, delay_s, times, servos=0):
         def dot(t, x, w=w):
             psi, nu = x[2], x[3:6] if accelerate else VELOCITY @ x[6:]
             go = [np.cos(psi) * nu[0] - np.sin(psi) * nu[1], np.sin(psi) * nu[0] + np.cos(psi) * nu[1], nu[2]]
-            rise = accelerate(nu, x[6:]) if accelerate else np.zeros(3)
+            rise = accelerate(nu, x[6:]) if accelerate else VELOCITY @ (w - x[6:]) / LAG_S
             return np.concatenate([go, rise, (w - x[6:]) / LAG_S])
 
         x = solve_ivp(dot, (a, b), x, rtol=1e-11, atol=1e-13).y[:, -1]
         nu = x[3:6] if accelerate else VELOCITY @ x[6:]
-        z = accelerate(nu, x[6:]) + np.cross([0.0, 0.0, nu[2]], nu) if accelerate else np.zeros(0)
-        out[b] = np.concatenate([x[:3], nu, z[:2]])
+        nu_dot = accelerate(nu, x[6:]) if accelerate else VELOCITY @ (w - x[6:]) / LAG_S
+        out[b] = np.concatenate([x[:3], nu, (nu_dot + np.cross([0.0, 0.0, nu[2]], nu))[:2]])
     return np.array([out[t] for t in times])
 
 
@@ -237,8 +237,8 @@ def test_the_integration_error_of_every_vehicle_is_of_fourth_order(kind, delay_s
     exactly, differences = fine(accelerate, changes, delay_s, moments, make(0.0, 1.0).drivetrain.servos), []
     for dt_s in ticks:
         each = round(ticks[0] / dt_s)
-        imus, steps_s = [Imu(rate_hz=1e5)] * bool(accelerate), np.full(each * len(moments), dt_s)
-        had = simulated_outputs(make(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
+        steps_s = np.full(each * len(moments), dt_s)
+        had = simulated_outputs(make(delay_s, dt_s), [Imu(rate_hz=1e5)], steps_s, changes)[each - 1 :: each]
         differences.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
     worst = np.array(differences)
     is_moving = worst[0] > 1e-11  # otherwise only rounding errors remain
@@ -250,6 +250,18 @@ def test_the_integration_error_of_every_vehicle_is_of_fourth_order(kind, delay_s
         return
     assert slopes.min() > 3.4
     assert np.all(worst[0, :6] < 1e-5)
+
+
+@pytest.mark.parametrize(("delay_s", "tolerance"), [(0.0, 1e-4), (0.003, 0.04)])
+def test_a_low_pass_follows_the_acceleration_of_a_kinematic_vehicle_with_a_lag(delay_s, tolerance):
+    """V e^(−t/λ)/λ behind a low-pass τ is V (e^(−t/λ) − e^(−t/τ))/(λ − τ)."""
+    motors = Drivetrain(delay_s=delay_s, delay_slots=int(delay_s > 0.0), lag_s=LAG_S)
+    imu, steps_s = Imu(rate_hz=1e5, low_pass_hz=LOW_PASS_HZ), np.full(20, 0.01)
+    changes = [(0.0, np.zeros(3)), (0.01, np.array([0.8, 0.0, 0.0]))]
+    readings = simulated_outputs(Kinematic(VELOCITY, drivetrain=motors), [imu], steps_s, changes)[1:, 6]
+    t_s, tau_s = np.cumsum(steps_s)[:-1] - delay_s, 0.5 / np.pi / LOW_PASS_HZ
+    expected = 0.8 * VELOCITY[0, 0] * (np.exp(-t_s / LAG_S) - np.exp(-t_s / tau_s)) / (LAG_S - tau_s)
+    assert readings == pytest.approx(expected, abs=tolerance * expected.max())
 
 
 def test_an_eight_bit_timer_quantises_the_duty():

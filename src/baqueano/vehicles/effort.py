@@ -9,7 +9,7 @@ with the time constant λ, the effort l follows λ l̇ = w − l exactly:
 
 A Runge-Kutta step evaluates its stages on the line, and is as exact as the line. The change of ν depends on M₀; the
 curve of ν during the tick also depends on M₁. An accelerometer at the end of the tick measures the effort of that
-instant: l, or the last w without a lag.
+instant: l, or the last w without a lag. The effort changes with l̇ = (w − l)/λ; without a lag, l̇ is taken as 0.
 """
 
 from collections.abc import Sequence
@@ -34,16 +34,22 @@ class Effort(NamedTuple):
         Value of the line at the end of the tick.
     last : ndarray (n,) [unit of u]
         The real effort at the end of the tick, which an accelerometer measures.
+    start_rate, mean_rate, last_rate : ndarray (n,) [unit of u per s]
+        Rate of change of the real effort: at the beginning, its mean, and at the end. Zero without a lag.
 
     Examples
     --------
-    >>> Effort(np.array([0.0]), np.array([1.0]), np.array([1.0])).mean
+    >>> from baqueano.vehicles import constant_effort
+    >>> constant_effort(np.array([0.5])).mean
     array([0.5])
     """
 
     start: np.ndarray
     end: np.ndarray
     last: np.ndarray
+    start_rate: np.ndarray
+    mean_rate: np.ndarray
+    last_rate: np.ndarray
 
     @property
     def mean(self) -> np.ndarray:
@@ -53,7 +59,7 @@ class Effort(NamedTuple):
 
 def constant_effort(effort: np.ndarray) -> Effort:
     """Return an effort (n,) that does not change during the tick."""
-    return Effort(effort, effort, effort)
+    return _without_rates(effort, effort, effort)
 
 
 def direct_effort(pieces: Sequence[CommandSegment], dt_s: Value) -> Effort:
@@ -67,13 +73,14 @@ def direct_effort(pieces: Sequence[CommandSegment], dt_s: Value) -> Effort:
         integral = integral + w * (h / dt_s)
         moment = moment + w * (h * (2.0 * a + h) / dt_s**2)
         last = np.where(a < END_OF_TICK * dt_s, w, last)
-    return _effort_line(integral, moment, last)
+    return _without_rates(*_line(integral, moment), last)
 
 
 def lagged_effort(
     pieces: Sequence[CommandSegment], lag_state: np.ndarray, lag_s: Value, dt_s: Value
 ) -> Effort:
     """Return the effort of motors with the time constant `lag_s`; `lag_state` (k,) is their state before.  (1)-(3)"""
+    drive, start_rate = direct_effort(pieces, dt_s), (pieces[0].u - lag_state) / lag_s
     integral = moment = np.zeros(len(pieces[0].u))
     dt_s = np.maximum(dt_s, MIN_TICK_S)
     for w, a, h in pieces:
@@ -84,9 +91,15 @@ def lagged_effort(
         integral = integral + (w * h + x * j_0) / dt_s
         moment = moment + (w * (h * (2.0 * a + h)) + 2.0 * x * (a * j_0 + j_1)) / dt_s**2
         lag_state = w + x * fade
-    return _effort_line(integral, moment, lag_state)
+    mean_rate, last_rate = (drive.mean - integral) / lag_s, (drive.last - lag_state) / lag_s
+    return Effort(*_line(integral, moment), lag_state, start_rate, mean_rate, last_rate)
 
 
-def _effort_line(mean: np.ndarray, moment: np.ndarray, last: np.ndarray) -> Effort:
+def _line(mean: np.ndarray, moment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     m_1 = moment - mean
-    return Effort(mean - 3.0 * m_1, mean + 3.0 * m_1, last)
+    return mean - 3.0 * m_1, mean + 3.0 * m_1
+
+
+def _without_rates(start: np.ndarray, end: np.ndarray, last: np.ndarray) -> Effort:
+    zero = np.zeros(len(last))
+    return Effort(start, end, last, zero, zero, zero)

@@ -1,8 +1,8 @@
 """The paper's kinematic model: an effort causes a velocity immediately, without a phase of acceleration.
 
     ν = V e − (0, k ν_x ν_ψ, 0)                                                                           (1)
-    ν̇ = (ν − ν_before) / δ                                                                                (2)
-    η̇ = J(ψ) ν, with ν of (1) during the whole tick δ                                                     (3)
+    ν̇ = V ė − (0, k (ν̇_x ν_ψ + ν_x ν̇_ψ), 0) with a lag,  (ν − ν_before) / δ without                       (2)
+    η̇ = J(ψ) ν, without a lag with ν of (1) during the whole tick δ                                       (3)
 
 η is the pose, ν the velocity, V a matrix. e is the present effort if the motors have a lag, else the mean effort of the
 tick. Without a lag, the present effort would let ν jump at each command, which real vehicles do not do. Grotz et al.
@@ -114,15 +114,42 @@ class Kinematic:
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         scatter = self.process_noise_std * noise
         eta, nu, nu_dot = self._travel(state.eta, state.nu, effort, dt_s, scatter)
-        state = VehicleState(eta, nu, nu_dot, drivetrain)
-        return state, Motion(eta, nu, nu_dot, np.zeros(2))
+        motion = Motion(eta, nu, nu_dot, np.zeros(2))
+        tick = motion, motion, motion
+        if self.drivetrain.has_lag:
+            lag_state = self.drivetrain.unmix(state.drivetrain.lag_state)
+            efforts = _parabola(lag_state, effort.mean, effort.last)
+            rates = _parabola(effort.start_rate, effort.mean_rate, effort.last_rate)
+            tick = tuple(
+                Motion(eta_k, self.velocity(e) + scatter, self._acceleration(e, e_dot), np.zeros(2))
+                for eta_k, e, e_dot in zip((state.eta, eta, eta), efforts, rates, strict=True)
+            )
+        return VehicleState(eta, nu, nu_dot, drivetrain), motion._replace(tick=tick)
+
+    def _acceleration(self, effort: np.ndarray, effort_dot: np.ndarray) -> np.ndarray:
+        """Return ν̇ (3,) for an effort (3,) and its rate of change (3,).  (2)"""
+        nu, nu_dot = self.velocity_matrix @ effort, self.velocity_matrix @ effort_dot
+        return nu_dot - np.array([0.0, self.slide_s * (nu_dot[0] * nu[2] + nu[0] * nu_dot[2]), 0.0])
 
     def _travel(
         self, eta: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float, scatter: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (η, ν, ν̇) after `dt_s`, with `scatter` (3,) added to ν; ν̇ = 0 if `dt_s` is 0.  (2), (3)"""
-        effort = effort if self.drivetrain.has_lag else constant_effort(effort.mean)
+        """Return (η, ν, ν̇) after `dt_s`, with `scatter` (3,) added to ν.  (2), (3)
+        Without a lag, ν̇ = 0 if `dt_s` is 0.
+        """
+        has_lag = self.drivetrain.has_lag
+        effort = effort if has_lag else constant_effort(effort.mean)
         x = rk4(lambda x, e: map_from_body(x[2]) @ (self.velocity(e) + scatter), eta, effort, dt_s)
         nu = self.velocity(effort.last) + scatter
-        nu_dot = np.where(dt_s > 0.0, (nu - previous) / np.maximum(dt_s, MIN_TICK_S), 0.0)
+        if has_lag:
+            nu_dot = self._acceleration(effort.last, effort.last_rate)
+        else:
+            nu_dot = np.where(dt_s > 0.0, (nu - previous) / np.maximum(dt_s, MIN_TICK_S), 0.0)
         return np.array([x[0], x[1], wrap(x[2])]), nu, nu_dot
+
+
+def _parabola(
+    start: np.ndarray, mean: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return start, middle and end (n,) of the parabola over a tick with this `mean`, by Simpson's rule."""
+    return start, 1.5 * mean - 0.25 * (start + end), end

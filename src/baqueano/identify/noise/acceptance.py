@@ -320,7 +320,8 @@ def _step_part(
     h, kick = dt_s / TICK_PARTS, ekf.velocity_walk_std * np.sqrt(0.5 * dt_s / TICK_PARTS)
     begin, end = _effort_at(effort, k / TICK_PARTS), _effort_at(effort, (k + 1) / TICK_PARTS)
     kicked_nu = nu + kick * walk[0]
-    _, nu, _ = ekf.vehicle.advance(eta, kicked_nu, Effort(begin, end, end), h)
+    rates = [(end - begin) / h] * 3
+    _, nu, _ = ekf.vehicle.advance(eta, kicked_nu, Effort(begin, end, end, *rates), h)
     nu = nu + h * disturbance_acceleration(ekf.vehicle, x[6:SCALE_INDEX])
     mean_nu = 0.5 * (kicked_nu + nu)
     displacement = h * (mean_nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], mean_nu))
