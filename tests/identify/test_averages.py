@@ -60,17 +60,21 @@ def distance_m(t_s, edges_s, duties):
     return out
 
 
-@pytest.fixture
-def run(tmp_path):
-    """Return the import of 8 s of counts and commands at 10 Hz."""
-    t_s, duty = 0.1 * np.arange(80), np.repeat([0.0, 0.8, -0.5, 0.3, 0.0, 0.9, 0.2, -0.7], 10)
+def import_counts(folder, t_s):
+    """Return the import of counts and commands at `t_s` (80,) [s], whole milliseconds."""
+    duty = np.repeat([0.0, 0.8, -0.5, 0.3, 0.0, 0.9, 0.2, -0.7], 10)
     counts = np.rint(
         distance_m(t_s, [0.0, *(t_s[1:] + DELAY_S)], [0.0, *duty[1:]]) / RADIUS_M / (2e-6 * np.pi)
     )
     rows = [f"{1000.0 * t:.0f},{u},{n:.0f}" for t, u, n in zip(t_s, duty, counts, strict=True)]
-    (tmp_path / "log.csv").write_text("\n".join(["t_ms,duty,counts", *rows]))
-    (tmp_path / "map.toml").write_text(MAP)
-    return import_run(tmp_path / "map.toml", [tmp_path / "log.csv"]).run
+    (folder / "log.csv").write_text("\n".join(["t_ms,duty,counts", *rows]))
+    (folder / "map.toml").write_text(MAP)
+    return import_run(folder / "map.toml", [folder / "log.csv"]).run
+
+
+@pytest.fixture
+def run(tmp_path):
+    return import_counts(tmp_path, 0.1 * np.arange(80))
 
 
 def problem_of(run, file=FILE, backend="numpy", **options):
@@ -87,6 +91,13 @@ def test_rates_from_counts_at_10_hz_equal_the_predictions_of_the_true_model(run)
     assert (
         np.abs(misfit).max() < 1e-4
     )  # m/s; 0.007 if the reading is compared with the middle of its interval
+
+
+def test_the_interval_of_an_imported_rate_ends_at_its_later_count(tmp_path):
+    uneven_ms = 100 * np.arange(80) + np.random.default_rng(5).integers(-30, 31, 80) * (np.arange(80) > 0)
+    problem, theta = problem_of(import_counts(tmp_path, 1e-3 * uneven_ms))
+    assert problem.has[0][:, 0].sum() == 78  # the first begins before the rows
+    assert np.abs(problem.misfits(theta)[0]).max() < 1e-4  # 0.006 if it ends midway between two timestamps
 
 
 def test_a_block_of_counts_averages_in_the_same_way_without_the_import(run):
@@ -117,7 +128,7 @@ def test_a_mean_of_a_parabola_is_exact_in_rows_of_any_length():
     rng = np.random.default_rng(3)
     dt_s = rng.uniform(0.002, 0.03, 200)
     ends, readings = np.cumsum(dt_s), np.arange(0.05, 2.5, 0.0371)
-    used, rows, weights = averaged_readings(readings, ends, dt_s)
+    used, rows, weights = averaged_readings(readings, np.full(len(readings), 0.0371), ends, dt_s)
     sensor = Odometer()
 
     def motion(t):

@@ -102,20 +102,32 @@ def test_a_slow_signal_is_repeated_or_interpolated_at_the_ticks(lab):
 def test_a_rate_is_derived_from_an_angle_across_pi(lab):
     psi = np.cumsum(lab.board["wz"]) * 0.02
     lab.board["imu yaw"] = np.degrees(np.mod(psi, 2 * np.pi))
-    before = lab.run().run.sensors["imu"].z[1:, 2]
+    steps = lab.run().run.sensors["imu"].z[1:, 2]
     lab.edit('"wz", unit = "rad/s"', '"imu yaw", unit = "deg", derivative = true')
-    assert lab.run().run.sensors["imu"].z[:, 2] == pytest.approx(before, abs=1e-5)
+    imu = lab.run().run.sensors["imu"]
+    assert imu.z[:, 2] == pytest.approx(0.5 * (steps[:-1] + steps[1:]), abs=1e-5)
+    assert np.array_equal(imu.arrival_ns[:-1], imu.t_ns[1:])  # the rate at a row needs the next row
 
 
 def test_a_rate_of_a_scaled_wrapped_angle_is_correct_across_pi(lab):
     psi = np.cumsum(lab.board["wz"]) * 0.02
     lab.board["imu yaw"] = np.degrees(np.mod(psi, 2 * np.pi))
     lab.board["imu yaw"][40] = 999.0  # one bad row is not an angle beyond a turn
-    before = lab.run().run.sensors["imu"].z[1:, 2]
+    steps = lab.run().run.sensors["imu"].z[1:, 2]
     lab.edit('"wz", unit = "rad/s"', '"imu yaw", unit = "deg", derivative = true, scale = 1.02')
-    sound = np.delete(np.arange(1499), [39, 40])
+    sound = np.delete(np.arange(1498), [38, 39, 40])
     rate = lab.run().run.sensors["imu"].z[:, 2]
-    assert rate[sound] == pytest.approx(1.02 * before[sound], abs=1e-5)
+    assert rate[sound] == pytest.approx(0.51 * (steps[:-1] + steps[1:])[sound], abs=1e-5)
+
+
+def test_the_velocity_of_a_truth_by_derivative_is_that_of_its_own_instant(lab):
+    """ν̇ = 0.8 m/s², in steps of 5 and 20 ms: a parabola, for which the derivative is exact."""
+    t_s = np.cumsum(np.tile([0.005, 0.02], 500))
+    lab.camera = {"t": t_s, "x": 0.4 * t_s**2, "y": 0.0 * t_s, "yaw": 0.0 * t_s}
+    rate = '[{ column = "x", unit = "m", derivative = true }, { constant = 0.0 }, { constant = 0.0 }]'
+    lab.edit("[truth]\n", f"[truth]\nnu = {rate}\n")
+    truth = lab.run().run.truth
+    assert truth.nu[:, 0] == pytest.approx(0.8 * (truth.t_ns * 1e-9 - 1.002), abs=1e-5)
 
 
 def test_a_heading_is_computed_from_a_quaternion(lab):

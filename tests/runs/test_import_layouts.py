@@ -72,6 +72,7 @@ def test_a_rate_is_timestamped_midway_between_its_rows(board):
     wheels = run_of_board(board).sensors["wheels"]
     t_s = (wheels.t_ns - START_S * 10**9) * 1e-9
     np.testing.assert_allclose(t_s[:3], [0.31, 0.33, 0.35], atol=1e-6)
+    np.testing.assert_allclose(wheels.arrival_ns - wheels.t_ns, 10_000_000, atol=1)  # with the later count
     late = np.mean(wheels.z[:, 0] - (0.5 + 0.1 * t_s)) / 0.1  # v = 0.5 + 0.1 t
     assert abs(late) < 0.005  # of a step of 20 ms
 

@@ -5,9 +5,10 @@
     h̄ = a s + w_c · h,    s ← (1 − a) s + w_n · h                                                         (3)
 
 s sums the rows of an interval before its last row, in which the reading ends (a = 1, else 0). w_c is the part of this
-reading in the row, w_n the part of the next reading, both divided by e − b. An interval is centred at the timestamp.
-The intervals of successive counts touch, so a reading lasts as long as the shorter step to its neighbours. In a row
-without a reading h̄ is h at its end. A sensor with a delay line has one value per row in it, the mean of the row.
+reading in the row, w_n the part of the next reading, both divided by e − b. An interval is centred at the timestamp. An
+imported rate arrives with its later count, at e. The intervals of other readings touch, so each lasts as long as the
+shorter step to its neighbours. In a row without a reading h̄ is h at its end. A sensor with a delay line has one value
+per row in it, the mean of the row.
 """
 
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
 from baqueano.runs.run import MEANS_KEY, Run
 from baqueano.sensors.sampling import delayed_signal
-from baqueano.signals import Motion
+from baqueano.signals import Motion, seconds
 
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0
 AT_END = np.array([0.0, 0.0, 1.0])
@@ -38,24 +39,32 @@ class AveragedSignal(NamedTuple):
 
 def is_average(run: Run, name: str, sensor: Tree) -> bool:
     """Return True if the readings of this sensor are means: rates that the import derived, or a block of counts."""
-    return optional.attribute(sensor, "averages") or name in run.metadata.get(MEANS_KEY, "").split(", ")
+    return optional.attribute(sensor, "averages") or name in _imported_means(run)
 
 
-def durations_s(t_s: np.ndarray) -> np.ndarray:
-    """Return the duration (M,) of the interval around each timestamp `t_s` (M,), in order of time; M > 1."""
-    steps = np.diff(t_s)
+def _imported_means(run: Run) -> list[str]:
+    return run.metadata.get(MEANS_KEY, "").split(", ")
+
+
+def durations_s(run: Run, name: str) -> np.ndarray:
+    """Return the duration (M,) [s] of the interval of each reading of a sensor, in order of time; M > 1."""
+    channel = run.sensors[name]
+    half_s = seconds(channel.arrival_ns, channel.t_ns)
+    if name in _imported_means(run) and np.all(half_s > 0.0):
+        return 2.0 * half_s
+    steps = seconds(np.diff(channel.t_ns))
     return np.minimum(np.append(steps, steps[-1]), np.append(steps[0], steps))
 
 
 def averaged_readings(
-    t_s: np.ndarray, row_end_s: np.ndarray, dt_s: np.ndarray
+    t_s: np.ndarray, duration_s: np.ndarray, row_end_s: np.ndarray, dt_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the indices (K,) of the readings with an interval inside the rows, the row (K,) in which each ends, and
-    the weights (N, WEIGHT_COLUMNS). `t_s` (M,) are timestamps. Of several readings in a row, the last one is used.
+    the weights (N, WEIGHT_COLUMNS). `t_s` (M,) are the centres of intervals of `duration_s` (M,). Of several readings
+    in a row, the last one is used.
     """
     begin_s = row_end_s - dt_s
-    half_s = 0.5 * durations_s(t_s)
-    b, e = t_s - half_s, t_s + half_s
+    b, e = t_s - 0.5 * duration_s, t_s + 0.5 * duration_s
     is_inside = (
         (b >= begin_s[0] - INTERVAL_TOLERANCE_S) & (e <= row_end_s[-1] + INTERVAL_TOLERANCE_S) & (e > b)
     )

@@ -22,7 +22,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.averaging import averaged_readings, is_average
+from baqueano.identify.data.averaging import averaged_readings, durations_s, is_average
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import ByName, seconds
 from baqueano.vehicles.rk4 import MAX_ROW_S, row_counts
@@ -176,7 +176,8 @@ def _measurements(
     is_sound = _valid_mask(name, block, channel, notes)
     if max_offset_s == 0.0 and len(channel.t_ns) > 1 and is_average(run, name, block):
         row_end_s = np.cumsum(row_s) - row_s[: ends[0] + 1].sum()
-        used_rows, rows, weights = averaged_readings(seconds(channel.t_ns, run.t_ns[0]), row_end_s, row_s)
+        t_s, duration_s = seconds(channel.t_ns, run.t_ns[0]), durations_s(run, name)
+        used_rows, rows, weights = averaged_readings(t_s, duration_s, row_end_s, row_s)
         z[rows], has[rows] = np.where(is_sound[used_rows], channel.z[used_rows], 0.0), is_sound[used_rows]
         return Measurements(z, has, None, weights)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(max_offset_s * 1e9))

@@ -24,6 +24,7 @@ from baqueano.messages.text_table import text_table
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.importing.rates import rates, times_ns, wraps_each_turn
 from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, quaternion_of, recordings_of
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
@@ -247,21 +248,15 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
             if entry.wraps is not None:
                 turn = entry.wraps * entry.si_factor
                 step = step - turn * np.rint(step / turn)  # the shorter way round
-            elif unit_of_entry and unit_of_entry.measures == "angle" and _wraps_each_turn(column):
+            elif unit_of_entry and unit_of_entry.measures == "angle" and wraps_each_turn(column):
                 step = wrap(step)
-            column = np.concatenate([[np.nan], step / (np.diff(source.t_ns) / NANOSECONDS)])
+            column = rates(step, np.diff(source.t_ns) / NANOSECONDS, signal.is_rate)
         column = entry.scale * entry.radius_m * column + entry.offset
         column = column if entry.times is None else column * source.table.numbers(entry.times)
         for name, value in entry.backward.items():
             column = np.where(source.table.has(name, value), -column, column)
         columns.append(column)
     return np.column_stack(columns)
-
-
-def _wraps_each_turn(angle: np.ndarray) -> bool:
-    """Return True if an angle wraps after each turn; the angle of a wheel can continue beyond one turn."""
-    finite_values = angle[np.isfinite(angle)]
-    return len(finite_values) > 0 and float(np.ptp(np.quantile(finite_values, (0.01, 0.99)))) < 2.01 * np.pi
 
 
 def _check_header(entry: Entry) -> None:
@@ -282,31 +277,24 @@ def _check_header(entry: Entry) -> None:
 
 
 def _finite_rows(
-    signal: ColumnSignal, source: Source, findings: list[ImportFinding], t_ns: np.ndarray | None = None
+    signal: ColumnSignal, source: Source, findings: list[ImportFinding]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of the rows with all values. `t_ns` (rows,) replaces the times of the source.
+    """Return the mask (rows,) of the rows with all values, and their values.
     A finding reports the missing values. Raise FileError if no row is left.
     """
     values = _values(signal, source)
     present_columns = [k for k, entry in enumerate(signal.entries) if not entry.is_absent]
     is_complete = np.asarray(np.isfinite(values[:, present_columns]).all(axis=1))
-    first = 1 if any(e.derivative for e in signal.entries) else 0  # the first value of a rate is missing
-    lost_rows = np.count_nonzero(~is_complete[first:])
+    has_rate = any(e.derivative for e in signal.entries)
+    rows = slice(1 if has_rate else 0, -1 if has_rate and not signal.is_rate else None)  # others have no rate
+    lost_rows = np.count_nonzero(~is_complete[rows])
     if lost_rows:
-        first_ns = int(source.t_ns[first:][~is_complete[first:]][0])
+        first_ns = int(source.t_ns[rows][~is_complete[rows]][0])
         reason = note("recording.missing", key=signal.key, lost=lost_rows, rows=len(is_complete))
         findings.append(ImportFinding("missing", "warning", first_ns, reason))
     if not is_complete.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
-    return (source.t_ns if t_ns is None else t_ns)[is_complete], values[is_complete]
-
-
-def _instants_ns(signal: ColumnSignal, source: Source) -> np.ndarray:
-    """Return the times (rows,) [ns] of a signal: for the difference of two rows, the middle of their times."""
-    t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
-    if signal.is_rate:
-        return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
-    return t_ns
+    return is_complete, values[is_complete]
 
 
 def _applied_commands(
@@ -315,7 +303,8 @@ def _applied_commands(
     """Return the number of ticks before the first command, the ticks (N,) [ns] with a command, and their commands
     (N, n). Raise FileError if no tick has a command.
     """
-    t_ns, u = _finite_rows(m.command, sources[m.command.file], findings)
+    is_complete, u = _finite_rows(m.command, sources[m.command.file], findings)
+    t_ns = sources[m.command.file].t_ns[is_complete]
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])
     if m.in_force == "from":
@@ -344,12 +333,13 @@ def _span_text(t_ns: np.ndarray) -> str:
 
 def _sample(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (M,) [ns] and values (M, m) of a signal, as measured or resampled at the ticks.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times and arrivals (M,) [ns] and values (M, m) of a signal, as measured or resampled at the ticks.
     Raise FileError if all its times are before or after the ticks.
     """
     source = sources[signal.file]
-    t_ns, values = _finite_rows(signal, source, findings, _instants_ns(signal, source))
+    is_complete, values = _finite_rows(signal, source, findings)
+    t_ns, arrival_ns = (times[is_complete] for times in times_ns(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
         raise FileError(
             fault(
@@ -362,30 +352,30 @@ def _sample(
             )
         )
     if signal.sample == "measured":
-        return t_ns, values
+        return t_ns, arrival_ns, values
     ticks_within = ticks[(ticks >= t_ns[0]) & (ticks <= t_ns[-1])]
     if signal.sample == "hold":
-        return ticks_within, values[np.searchsorted(t_ns, ticks_within, side="right") - 1]
+        return ticks_within, ticks_within, values[np.searchsorted(t_ns, ticks_within, side="right") - 1]
     x, x_ticks = (t_ns - t_ns[0]) / NANOSECONDS, (ticks_within - t_ns[0]) / NANOSECONDS
     angles = [not e.derivative and unit(e.unit).measures == "angle" for e in signal.entries]  # pyright: ignore[reportOptionalMemberAccess]
     columns = [np.unwrap(c) if a else c for c, a in zip(values.T, angles, strict=True)]
-    return ticks_within, np.column_stack([np.interp(x_ticks, x, c) for c in columns])
+    return ticks_within, ticks_within, np.column_stack([np.interp(x_ticks, x, c) for c in columns])
 
 
 def _channel(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> Channel:
-    t_ns, z = _sample(signal, sources, ticks, findings)
+    t_ns, arrival_ns, z = _sample(signal, sources, ticks, findings)
     angles = [measures == "angle" for measures in KINDS.get(signal.kind or "", ())]
     if any(angles):
         z = np.where(angles, wrap(z), z)
-    return Channel(t_ns, t_ns, z)
+    return Channel(t_ns, arrival_ns, z)
 
 
 def _truth(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> TruthLog:
-    t_ns, values = _sample(signal, sources, ticks, findings)
+    t_ns, _, values = _sample(signal, sources, ticks, findings)
     no_rates = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
     return TruthLog(
