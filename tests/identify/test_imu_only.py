@@ -86,7 +86,7 @@ def test_a_measured_scale_has_priority_over_a_data_sheet():
     from baqueano.vehicle_file import Provenance
 
     file = load("car")
-    np.testing.assert_allclose(scale_stds(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
+    np.testing.assert_allclose(scale_stds(file, "imu"), np.full(3, 0.03) / np.sqrt(3.0))
     path = "sensors.imu.gyro_scale"
     measured_file = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
     assert scale_stds(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)

@@ -6,7 +6,9 @@ import pytest
 
 from baqueano.cli import main
 from baqueano.errors import UsageError
+from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.identify.covariance.scale_uncertainty import scale_stds, with_tolerance
+from baqueano.identify.identifiability.identifiable import SCALE_STD
 from baqueano.vehicle_file import load
 from tests.codes import of_code
 
@@ -25,6 +27,12 @@ def test_a_tolerance_may_be_given_by_key_or_by_kind(tolerance, python):
     np.testing.assert_allclose(
         scale_stds(with_tolerance(car, tolerance), "imu"), scale_stds(car, "imu", python), rtol=5e-3
     )
+
+
+def test_scales_without_calibration_have_the_tolerance_of_the_data_sheet_in_every_room():
+    one = 0.03 / np.sqrt(3.0)  # PS-MPU-6000A: initial tolerance of accelerometers and gyro
+    np.testing.assert_allclose(scale_stds(load("car"), "imu"), one)
+    assert pytest.approx(one) == ACCEL_SCALE_STD == SCALE_STD
 
 
 def test_a_given_tolerance_is_written_with_its_provenance():

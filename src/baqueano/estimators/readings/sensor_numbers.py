@@ -21,6 +21,7 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import Parameter, parameters
+from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
 from baqueano.symbolic import jacobian, value_at_path, with_value
@@ -31,8 +32,8 @@ GENERAL_MOTION = np.array(
 )  # (η, ν, ν̇) at which no term of h vanishes
 FORWARD_NU, TURNING_NU = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])  # ν
 PARAMETER_STEP = 0.1  # change of a parameter in (2)
-# uniform within the ± 2 % of its data sheet; without a wheel, the speed follows from a_y / ν_ψ
-ACCEL_SCALE_STD = 0.02 / np.sqrt(3.0)
+# uniform within its data sheet; without a wheel, the speed follows from a_y / ν_ψ
+ACCEL_SCALE_STD = SCALE_TOLERANCE / np.sqrt(3.0)
 
 
 class UncertainParameter(NamedTuple):

@@ -24,6 +24,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import segment_derivatives
 from baqueano.identify.covariance.information import Information, pseudo_inverse
 from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 RELATIVE_STEP = 1e-3  # part of a reading, and of 1 rad/s
 ZERO_RATE_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
 GYRO_CHANNEL = 2  # channel of an IMU
-DATA_SHEET_TOLERANCES = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs without calibration
+DATA_SHEET_TOLERANCES = {"accel": SCALE_TOLERANCE, "gyro": SCALE_TOLERANCE}
 CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
 
 

@@ -30,6 +30,7 @@ from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
 from baqueano.identify.parameters.setup import Parameters
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicles.freedoms import AXIS_NAMES
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 SINGULAR_EIGENVALUE = 1e-9  # of the largest eigenvalue of C, below which a direction is unobservable
 BLIND_RATIO = 0.5
 NOISE_ENERGY = 30.0  # largest energy that a model without motion fits to the noise, 5 σ of one value
-SCALE_STD = 0.03 / 3.0**0.5  # σ of a scale with ± 3 % in its data sheet, such as the MPU-6050
+SCALE_STD = SCALE_TOLERANCE / 3.0**0.5  # σ of a scale by its data sheet
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
 MIN_LOADING = 0.01  # least part of the largest entry, for a parameter that is fixed to resolve a direction
