@@ -137,6 +137,20 @@ def test_a_draft_of_a_map_is_a_valid_map(baqueano, tmp_path):
     assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").reason.code == "cli.file-exists"
 
 
+def test_a_draft_is_for_all_its_files_or_names_the_one_with_other_columns(baqueano, tmp_path):
+    for name in ("log.csv", "second.csv"):
+        (tmp_path / name).write_text(
+            LOG + "0,1,1,0,0,0,0,0,0,0,0,a\n20,1,1,0,0,0,0,0,0,0,0,a\n", encoding="utf-8"
+        )
+    (tmp_path / "camera.csv").write_text("time_ms,x_mm\n0,1\n20,2\n", encoding="utf-8")
+    end = baqueano("runs", "import", "log.csv", "camera.csv", "--draft", "log.toml")
+    assert (end.code, end.reason.code) == (2, "import.draft-columns")
+    assert end.fix == "baqueano runs import camera.csv --draft camera.toml"
+    assert not (tmp_path / "log.toml").exists()
+    drafted = baqueano("runs", "import", "log.csv", "second.csv", "--draft", "log.toml")
+    assert "baqueano runs import log.toml log.csv second.csv" in drafted.out
+
+
 def test_a_draft_takes_columns_with_the_package_names_of_commands_as_commands(baqueano, tmp_path):
     rows = "".join(f"{0.02 * k},0.5,0.1,{0.01 * k},0,0\n" for k in range(60))
     (tmp_path / "log.csv").write_text("t,u_x,u_psi,x_m,y_m,psi_rad\n" + rows, encoding="utf-8")

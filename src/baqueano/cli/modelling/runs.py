@@ -143,7 +143,7 @@ eta = [
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--draft", type=click.Path(path_type=Path), metavar="MAP.toml",
-    help="Write a draft of a map for a CSV file, which is given in place of MAP.",
+    help="Write a draft of a map for CSV files with the same columns. The first is given in place of MAP.",
 )  # fmt: skip
 @options.vehicle
 @options.runs_folder
@@ -154,7 +154,7 @@ def import_(
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     if draft is not None:
-        return _draft_map(map, draft)
+        return _draft_map(draft, map, *files)
     if files and files[0].suffix == ".toml" and Path(map).is_file() and Path(map).suffix != ".toml":
         raise UsageError(
             fault("cli.map-second", baqueano_command("runs", "import", files[0], map, *files[1:]))
@@ -197,14 +197,14 @@ def import_(
     _print_next_command(first_run, "--held-out", last_run, vehicle_options=vehicle_options)
 
 
-def _draft_map(recording: str, path: Path) -> None:
-    """Write the draft of a map for a recording to the file `path`."""
+def _draft_map(path: Path, *recordings: Path | str) -> None:
+    """Write the draft of a map for recordings with the same columns to the file `path`."""
     from baqueano.runs.importing.draft import draft
 
     if path.exists():
         raise FileError(fault("cli.file-exists", "--draft FILE.toml", out=path))
-    path.write_text(draft(recording), encoding="utf-8", newline="\n")
-    print_result(note("cli.drafted", fix=baqueano_command("runs", "import", path, recording), path=path))
+    path.write_text(draft(*recordings), encoding="utf-8", newline="\n")
+    print_result(note("cli.drafted", fix=baqueano_command("runs", "import", path, *recordings), path=path))
 
 
 def _print_next_command(*runs: str, vehicle_options: list[str]) -> None:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from baqueano.errors import FileError
+from baqueano.diagnostics import fault
+from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 
@@ -45,10 +47,19 @@ KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("lengt
 FULL_DUTY_COUNTS = 255.0  # counts of a duty of 8 bits
 
 
-def draft(path: Path | str) -> str:
-    """Return a map in TOML for the CSV file at `path`. Raise FileError if its columns cannot be read."""
+def draft(path: Path | str, *others: Path | str) -> str:
+    """Return a map in TOML for the CSV file at `path`, and for `others` with the same columns. Raise FileError if
+    their columns cannot be read, and UsageError if they differ.
+    """
     path = Path(path)
     table = read_table(path, {})
+    for other in map(Path, others):
+        columns = read_table(other, {}).columns
+        if missing := [name for name in table.columns if name not in columns]:
+            fix = baqueano_command("runs", "import", other, "--draft", other.with_suffix(".toml").name)
+            raise UsageError(
+                fault("import.draft-columns", fix, table=other.name, first=path.name, missing=missing)
+            )
     free_columns = list(table.columns)
     return (
         "\n".join(

@@ -235,6 +235,10 @@ TEMPLATES: dict[str, str] = {
     "import.all-with-path": (
         "{map} has the files {files}, all with a path. State which file is which: {first}=PATH"
     ),
+    "import.draft-columns": (
+        "{table} lacks the columns {missing} of {first}; a draft is for files with the same columns. To draft a map "
+        "for {table}: {fix}"
+    ),
     "import.file-shared": (
         "{map} has the files {files}, and {shared} has a path for several runs. State which file is which: "
         "{first}=PATH"
