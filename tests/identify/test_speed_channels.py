@@ -11,7 +11,7 @@ from baqueano.drive import experiment
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise.accelerometer_misfit import MIN_SHARE, accelerometer_share
-from baqueano.identify.noise.speed_channels import ratio_of_blocks
+from baqueano.identify.noise.speed_channels import ratio_of_blocks, speed_channels
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
@@ -65,11 +65,13 @@ def test_accelerometers_that_worsen_the_speed_are_not_used(fit):
     assert noise.speed.names == (), noise.speed.message
 
 
-def test_with_too_few_segments_no_accelerometer_is_chosen(fit):
-    noise = measure_noise(*fit, held_out=[drive_fit(SMALL, 20.0, 3)])
-    assert noise.speed is not None
-    assert noise.speed.names == ()
-    assert noise.speed.message.code == "speed.too-short"
+def test_too_few_segments_do_not_change_the_choice_in_the_file():
+    ekf, file_names = SMALL.estimator(), ("imu[0]",)
+    speed = speed_channels(
+        lambda names: replace(ekf, speed_from=names), file_names, [drive_fit(SMALL, 20.0, 3)]
+    )
+    assert (speed.names, speed.message.code) == (file_names, "speed.too-short")
+    assert not speed.is_from_held_out
 
 
 def test_the_error_ratio_over_blocks_is_computed_from_their_sums():

@@ -49,7 +49,8 @@ def speed_channels(
 ) -> SpeedChannels | None:
     """Return the channels that should correct the speed, or None for a filter without accelerometers. (1)
     `filters(channels)` returns the filter with `channels` in its field `speed_from`, and with its noise estimated
-    again. `file_names` contains the channels in the vehicle file; they are returned if no run shows the speed."""
+    again. `file_names` are the channels in the vehicle file; they are returned if no run shows the speed, or if all
+    are too short."""
     without_speed = filters(())
     channels = tuple(_undecided_channels(without_speed))
     if not channels:
@@ -64,15 +65,19 @@ def speed_channels(
     errors_without, ratios = _errors(without_speed, with_speed, backend), {}
     if not np.isfinite(errors_without).all():
         return None  # the model itself diverges
-    for names in dict.fromkeys([*((channel,) for channel in channels), channels]):
-        ratios[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), errors_without)
-    best_names = min(ratios, key=lambda names: ratios[names][0])
-    ratio, low, high = ratios[best_names]
     source = ", ".join(sorted({source for *_, source in with_speed}))
     runs = ", ".join(run.name for run, *_ in with_speed)
-    if not np.isfinite(high):
+    if len(errors_without) < MIN_BLOCKS:
         pieces = {"pieces": len(errors_without), "least": MIN_BLOCKS, "block_s": BLOCK_S}
-        return SpeedChannels((), note("speed.too-short", runs=runs, **pieces))
+        return SpeedChannels(file_names, note("speed.too-short", runs=runs, **pieces), is_from_held_out=False)
+    for names in dict.fromkeys([*((channel,) for channel in channels), channels]):
+        errors = _errors(filters(names), with_speed, backend)
+        if np.isfinite(errors).all():
+            ratios[names] = ratio_of_blocks(errors, errors_without)
+    if not ratios:
+        return None  # every filter diverges
+    best_names = min(ratios, key=lambda names: ratios[names][0])
+    ratio, low, high = ratios[best_names]
     details = {"channels": best_names, "ratio": ratio, "low": low, "high": high, "by": source, "runs": runs}
     if high < 1.0:
         return SpeedChannels(best_names, note("speed.corrected", **details))
