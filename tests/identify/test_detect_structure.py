@@ -15,6 +15,7 @@ from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import FREE_CAR, car_file, car_values, drive_group, run_of_vehicle
 from baqueano.study.identification import trials
 from baqueano.vehicle_file import load
+from tests.identify.true_drives import robot_on_floor
 
 
 def driven_as(file, u, effective, seed=0):
@@ -70,6 +71,15 @@ def test_an_imu_that_is_turned_on_its_mount_is_reported_with_its_key():
     u = random_steps(small.command.limit, 15.0, 100.0, 3, hold_s=0.5)
     fit = identify(simulate(small.with_values({key: 0.06}), u, 3), small)
     assert f"--free +{key}" in {reason.fix for reason in fit.reasons}
+
+
+def test_a_wrong_inertia_is_named_as_its_ratio_to_the_centre_of_mass():
+    drive = robot_on_floor(3, 40.0)
+    inertia = 1.5 * drive.file.value("model.inertia_kg_m2")
+    fit = identify(drive.run, drive.file.with_values({"model.inertia_kg_m2": inertia}))
+    missing = [reason.figures["what"].code for reason in fit.reasons if reason.code == "residual.missing"]
+    assert "term.turning-about" in missing
+    assert "term.turning" not in missing
 
 
 def test_the_errors_by_a_missing_effect_are_correlated(case, u):

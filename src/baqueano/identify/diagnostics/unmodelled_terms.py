@@ -53,6 +53,8 @@ MOTION_TERMS = (
     "turning",
     "slip",
 )
+# −(m c/I) ν_x ν_ψ about ψ shows the centre of mass c and the inertia I only as their ratio; c ν_ψ² along x shows c
+TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 GYRO_CHANNEL = 2  # of an IMU
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
@@ -82,7 +84,9 @@ def force_terms(axis: int, channel_count: int) -> list[Force]:
         for code in COMMAND_TERMS
         for j in range(channel_count)
     ]
-    motion_forces = [Force(code, _term(code), axis) for code in MOTION_TERMS]
+    motion_forces = [
+        Force(code, TURNING_TERMS[axis] if code == "turning" else _term(code), axis) for code in MOTION_TERMS
+    ]
     return [*command_forces, *motion_forces, Force("sideways", SIDEWAYS_TERMS[axis], 1)]
 
 

@@ -201,6 +201,9 @@ TEMPLATES: dict[str, str] = {
     "term.caster": "a caster that flips when the direction of motion reverses",
     "term.cornering": "drag of cornering, or tyres that slip",
     "term.turning": "a centre of mass or an IMU away from the axle",
+    "term.turning-about": (
+        "a wrong ratio of centre of mass to moment of inertia, or an IMU away from the axle"
+    ),
     "term.slip": "drag of cornering, or tyres that slip",
     "term.sideways-slip": "tyres that slip sideways",
     "term.sideways-push": "a sideways force when turning",
