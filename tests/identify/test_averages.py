@@ -115,6 +115,16 @@ def test_a_delayed_sensor_averages_its_delayed_signal(run):
     assert np.abs(problem.misfits(theta)[0]).max() < 1e-4
 
 
+def test_a_free_clock_shifts_the_interval_of_a_mean(run):
+    c = run.sensors["wheels"]
+    early = Channel(c.t_ns - 40_000_000, c.arrival_ns - 40_000_000, c.z)  # two rows
+    run = Run("early", None, run.t_ns, run.applied, metadata=run.metadata, sensors={"wheels": early})
+    problem, theta = problem_of(run, clocks=("wheels",))
+    assert problem.has[0][:, 0].sum() > 70
+    theta = np.append(theta[: len(FREE)], 0.04)
+    assert np.abs(problem.misfits(theta)[0]).max() < 1e-4  # 0.007 if the mean is compared with an instant
+
+
 def test_the_sensitivities_of_means_are_the_derivatives_of_the_residuals(run):
     problem, theta = problem_of(run, backend="python")
     _, slopes, _ = problem.sensitivities(theta)[0]

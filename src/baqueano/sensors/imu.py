@@ -28,7 +28,8 @@ from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
 from baqueano.vehicles.drivetrain import quantise
 
 MODELS = ("physical", "paper")
-SCALE_TOLERANCE = 0.03  # ±, of both scales of the MPU-6050 (PS-MPU-6000A rev 3.4, 6.1 and 6.2), without calibration
+# ±, of the scales of an MPU-6050 without calibration (PS-MPU-6000A rev 3.4, 6.1 and 6.2)
+SCALE_TOLERANCE = 0.03
 
 
 @document

@@ -20,10 +20,12 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.runs.run import MEANS_KEY, Run
 from baqueano.sensors.sampling import delayed_signal
 from baqueano.signals import Motion, seconds
+from baqueano.vehicles.delay import delayed_value
 
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0
 AT_END = np.array([0.0, 0.0, 1.0])
 WEIGHT_COLUMNS = 7  # w_c, w_n and a of (3)
+ROW_MEAN = np.append(SIMPSON, np.zeros(WEIGHT_COLUMNS - 3))  # the weights of the mean over a whole row
 INTERVAL_TOLERANCE_S = 1e-7  # rounding of timestamps to whole nanoseconds
 
 
@@ -139,3 +141,13 @@ def average_step(
     mean = weights[6] * state.total + weights[:3] @ nodes
     total = (1.0 - weights[6]) * state.total + weights[3:6] @ nodes
     return state._replace(total=total, previous_h=h), mean
+
+
+def delayed_average(
+    newest: np.ndarray, line: np.ndarray, steps_s: np.ndarray, age_s: Value, length_s: Value
+) -> np.ndarray:
+    """Return the mean (m,) of h over an interval of `length_s` centred `age_s` ago. `newest` (m,) is ∫ h dt up to now,
+    and `line` (slots, m) its values before the steps `steps_s` (slots,).
+    """
+    end, begin = (delayed_value(newest, line, steps_s, age_s + half * length_s) for half in (-0.5, 0.5))
+    return (end - begin) / length_s

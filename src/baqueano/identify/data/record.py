@@ -31,6 +31,7 @@ GAP_STEPS = 2.5  # median steps, above which a step is a gap
 ROW_TOLERANCE = 1e-6  # of a row: rounding
 MAX_EARLY_FRACTION = 0.02  # of a step: a timestamp this close to a tick is treated as equal to it
 MAX_CLOCK_OFFSET_S = 0.25  # the largest clock offset that a fit estimates
+MAX_INTERVAL_RATIO = 2.0  # of the median interval of means: a longer one is not used if the clock is free
 
 
 class Measurements(NamedTuple):
@@ -42,6 +43,7 @@ class Measurements(NamedTuple):
     # sensor is free: the age of the reading at the end of the row [s]
     sample_fraction: np.ndarray | None
     mean_weights: np.ndarray | None = None  # (N, 7) of averaging.py, if the readings are means
+    duration_s: np.ndarray | None = None  # (N,) of the intervals of means, if the clock of the sensor is free
 
 
 class FitRecord(NamedTuple):
@@ -63,8 +65,7 @@ class FitRecord(NamedTuple):
             return None if x is None else x[rows]
 
         sensors = {
-            name: Measurements(s.z[rows], s.has[rows], part(s.sample_fraction), part(s.mean_weights))
-            for name, s in self.sensors.items()
+            name: Measurements(s.z[rows], s.has[rows], *map(part, s[2:])) for name, s in self.sensors.items()
         }
         return self._replace(t_s=self.t_s[rows], dt_s=self.dt_s[rows], u=self.u[rows], sensors=sensors)
 
@@ -174,13 +175,16 @@ def _measurements(
     m, row_count = block.size, len(row_s)
     z, has = np.zeros((row_count, m)), np.zeros((row_count, m))
     is_sound = _valid_mask(name, block, channel, notes)
-    if max_offset_s == 0.0 and len(channel.t_ns) > 1 and is_average(run, name, block):
+    intervals_s = durations_s(run, name) if len(channel.t_ns) > 1 and is_average(run, name, block) else None
+    if max_offset_s == 0.0 and intervals_s is not None:
         row_end_s = np.cumsum(row_s) - row_s[: ends[0] + 1].sum()
-        t_s, duration_s = seconds(channel.t_ns, run.t_ns[0]), durations_s(run, name)
-        used_rows, rows, weights = averaged_readings(t_s, duration_s, row_end_s, row_s)
+        t_s = seconds(channel.t_ns, run.t_ns[0])
+        used_rows, rows, weights = averaged_readings(t_s, intervals_s, row_end_s, row_s)
         z[rows], has[rows] = np.where(is_sound[used_rows], channel.z[used_rows], 0.0), is_sound[used_rows]
         return Measurements(z, has, None, weights)
-    tick = np.searchsorted(run.t_ns, channel.t_ns + round(max_offset_s * 1e9))
+    usual_s = 0.0 if intervals_s is None else float(np.median(intervals_s))
+    assigned_s = max_offset_s + 0.5 * usual_s * (max_offset_s > 0.0)
+    tick = np.searchsorted(run.t_ns, channel.t_ns + round(assigned_s * 1e9))
     first_ns = run.t_ns[0] - round(MAX_EARLY_FRACTION * float(np.median(np.diff(run.t_ns))))
     is_inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (max_offset_s > 0.0))
     row_index, part = ends[tick[is_inside]], np.zeros(0)
@@ -192,8 +196,15 @@ def _measurements(
         age_s = np.zeros(row_count)
         age_s[row_index] = seconds(run.t_ns[tick[is_inside]], channel.t_ns[is_inside])
         # the delay line is not full yet
-        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * MAX_CLOCK_OFFSET_S))])] = 0.0
-        return Measurements(z, has, age_s)
+        full_ns = round(1e9 * (2.0 * MAX_CLOCK_OFFSET_S + usual_s))
+        has[: int(ends[min(np.searchsorted(run.t_ns - run.t_ns[0], full_ns), len(ends) - 1)])] = 0.0
+        if intervals_s is None:
+            return Measurements(z, has, age_s)
+        duration_s = np.full(row_count, usual_s)
+        duration_s[row_index] = intervals_s[is_inside]
+        # an interval that is much longer than usual is longer than the delay line
+        has[duration_s > MAX_INTERVAL_RATIO * usual_s] = 0.0
+        return Measurements(z, has, age_s, None, duration_s)
     if np.all(part < MAX_EARLY_FRACTION):
         return Measurements(z, has, None)
     sample_fraction = np.zeros(row_count)
@@ -240,9 +251,16 @@ def sensor_range(block: Tree) -> np.ndarray | None:
     return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step
 
 
-def offset_rows(dt_s: np.ndarray) -> int:
-    """Return the number of past rows that offsets of ± MAX_CLOCK_OFFSET_S need, for steps `dt_s` (N,) [s]."""
-    return int(np.ceil(2.0 * MAX_CLOCK_OFFSET_S / float(np.median(dt_s)))) + 2
+def offset_s(record: FitRecord) -> float:
+    """Return the age [s] of the oldest h that offsets of ± MAX_CLOCK_OFFSET_S and the intervals of means need."""
+    intervals = [s.duration_s for s in record.sensors.values() if s.duration_s is not None]
+    longest_s = max((MAX_INTERVAL_RATIO * float(np.median(x)) for x in intervals), default=0.0)
+    return 2.0 * MAX_CLOCK_OFFSET_S + longest_s
+
+
+def offset_rows(record: FitRecord) -> int:
+    """Return the number of past rows that `offset_s` needs."""
+    return int(np.ceil(offset_s(record) / float(np.median(record.dt_s)))) + 2
 
 
 class FittedBlocks(NamedTuple):

@@ -11,12 +11,19 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
-from baqueano.identify.data.averaging import WEIGHT_COLUMNS, AveragedSignal, average_step, longest_interval_s
+from baqueano.identify.data.averaging import (
+    ROW_MEAN,
+    WEIGHT_COLUMNS,
+    AveragedSignal,
+    average_step,
+    longest_interval_s,
+)
 from baqueano.identify.data.record import (
     MAX_CLOCK_OFFSET_S,
     FitRecord,
     FittedBlocks,
     offset_rows,
+    offset_s,
     past_rows_of,
     record_of,
 )
@@ -58,6 +65,7 @@ class ThetaShape(NamedTuple):
     past_rows: int = 0  # rows before the newest that free clocks need
     has_voltage: bool = False  # True if rows end with the battery's voltage
     means: tuple[str, ...] = ()  # sensors whose readings are means over an interval
+    clock_means: tuple[str, ...] = ()  # sensors of means among `clocks`; they are not in `means`
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -70,14 +78,20 @@ class ThetaShape(NamedTuple):
         return (*self.per_run, *(f"clock.{name}" for name in self.clocks))
 
     def mean_weights(self, names: Sequence[str], columns: np.ndarray) -> list[np.ndarray | None]:
-        """Return for each sensor its weights (7,) of a mean, from the beginning of `columns`; None for an instant."""
+        """Return for each sensor its weights (7,) of a mean, from the beginning of `columns`; None for an instant. A
+        sensor of means with a free clock has those of a whole row.
+        """
         first = {name: WEIGHT_COLUMNS * k for k, name in enumerate(self.means)}
-        return [columns[first[n] : first[n] + WEIGHT_COLUMNS] if n in first else None for n in names]
+        whole_row = {name: ROW_MEAN for name in self.clock_means}
+        return [
+            columns[first[n] : first[n] + WEIGHT_COLUMNS] if n in first else whole_row.get(n) for n in names
+        ]
 
     @property
     def extra_columns(self) -> int:
         """Return the number of columns of a row after the weights of its measurements."""
-        return sum(self.sample_fraction) + WEIGHT_COLUMNS * len(self.means) + self.has_voltage
+        means = WEIGHT_COLUMNS * len(self.means) + len(self.clock_means)
+        return sum(self.sample_fraction) + means + self.has_voltage
 
     @property
     def size(self) -> int:
@@ -166,9 +180,9 @@ def records_of(
         drivetrain = getattr(blocks.model, "drivetrain", None)
         delay_s = float(np.median(record.dt_s)) * getattr(drivetrain, "delay_slots", 0)
         settled_s = LEAD_LAGS * getattr(drivetrain, "lag_s", 0.0)
-        offset_s = 2.0 * MAX_CLOCK_OFFSET_S if options.clocks else 0.0
+        past_s = offset_s(record) if options.clocks else 0.0
         intervals_s = [longest_interval_s(s.mean_weights, record.dt_s) for s in record.sensors.values()]
-        lead_s = max(delay_s, settled_s, offset_s, *intervals_s)
+        lead_s = max(delay_s, settled_s, past_s, *intervals_s)
         if not options.at_rest:
             record = _after_unknown_commands(record, float(getattr(drivetrain, "delay_s", 0.0)))
         segments += [record] if options.segment_s is None else split_record(record, options.segment_s, lead_s)
@@ -213,10 +227,21 @@ def shape_of(
         name not in means and any(r.sensors[name].sample_fraction is not None for r in records)
         for name in names
     )
-    past_rows = max(offset_rows(record.dt_s) for record in records) if options.clocks else 0
+    past_rows = max(map(offset_rows, records)) if options.clocks else 0
+    clock_means = tuple(
+        n for n in options.clocks if any(r.sensors[n].duration_s is not None for r in records)
+    )
     has_voltage = any(VOLTAGE_KEY in record.sensors for record in records)
     return ThetaShape(
-        paths, tuple(run_paths), start, sample_fraction, tuple(options.clocks), past_rows, has_voltage, means
+        paths,
+        tuple(run_paths),
+        start,
+        sample_fraction,
+        tuple(options.clocks),
+        past_rows,
+        has_voltage,
+        means,
+        clock_means,
     )
 
 
@@ -328,7 +353,8 @@ def initial_state(
         for name, sensor in zip(blocks.sensors._fields, blocks_at.sensors, strict=True):
             h = sensor.h(motion)
             signal = constant_signal(sensor, h)
-            signals.append(AveragedSignal(*signal, np.zeros(len(h)), h) if name in shape.means else signal)
+            is_mean = name in shape.means or name in shape.clock_means
+            signals.append(AveragedSignal(*signal, np.zeros(len(h)), h) if is_mean else signal)
         return vehicle, tuple(signals)
 
     return start

@@ -125,7 +125,7 @@ def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_fr
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
     """Return the rows (N, q) with ω_z and its derivative added at the end of each row. Raise UsageError with fewer
     than 2 gyro readings."""
-    z, has, sample_fraction, _ = record.sensors[imu]
+    z, has, sample_fraction = record.sensors[imu][:3]
     is_measured = has[:, 2] > 0.0
     if np.sum(is_measured) < 2:
         raise UsageError(fault("imu-only.silent-gyro", run=record.name))

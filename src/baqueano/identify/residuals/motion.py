@@ -53,7 +53,7 @@ def motion_rows(record: FitRecord, *columns: np.ndarray) -> np.ndarray:
 
 def motion_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return the scan from motion rows and θ to `Motions`."""
-    n, begin = blocks.model.commands, initial_state(blocks, shape._replace(means=()))
+    n, begin = blocks.model.commands, initial_state(blocks, shape._replace(means=(), clock_means=()))
     at_end = [None] * len(blocks.sensors)
 
     def start(theta: np.ndarray) -> MotionState:

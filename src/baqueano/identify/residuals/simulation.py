@@ -5,7 +5,8 @@
 
 W is 1/σ of each channel, 0 without a measurement. A row of the kernel's input is (dt, u, z, W). For timestamps between
 ticks the row ends with `early`, a part of the step; then h = h_k + early (h_{k−1} − h_k). If a sensor's clock is free,
-h is read from a delay line (data/record.py). Readings that are means are compared with means of h (data/averaging.py).
+h is read from a delay line (data/record.py). Readings that are means are compared with means of h (data/averaging.py);
+if their clock is free, ∫ h dt is in the delay line.
 The model is simulated from its start to the end without a correction by measurements. The cost is the simulation error,
 `equ:cost_function` of Grotz et al. docs/derivations/residuals_and_sensitivities.md gives the details.
 """
@@ -21,7 +22,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE_KEY
-from baqueano.identify.data.averaging import WEIGHT_COLUMNS
+from baqueano.identify.data.averaging import WEIGHT_COLUMNS, delayed_average
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import Evaluation, ThetaLayout, add, arrow_layout, diagonal_matrix
 from baqueano.identify.parallel import parallel_map
@@ -299,6 +300,9 @@ def _rows(record: FitRecord, names: Sequence[str], shape: ThetaShape) -> np.ndar
             columns.append(
                 np.zeros((len(record.dt_s), 1)) if s.sample_fraction is None else s.sample_fraction[:, None]
             )
+    for name in shape.clock_means:
+        duration_s = record.sensors[name].duration_s
+        columns.append(np.ones((len(record.dt_s), 1)) if duration_s is None else duration_s[:, None])
     if shape.has_voltage:
         columns.append(record.sensors[VOLTAGE_KEY].z)
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
@@ -346,18 +350,21 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
         steps_s = with_newest(state.steps_s, dt_s)
         residuals, past_h, lines, offset, fraction_index = [], [], [], 0, 0
         for k, sensor in enumerate(blocks_at.sensors):
-            h = readings[k]
+            h = newest = readings[k]
             if free_clock[k]:
                 offset_s = theta[len(shape.paths) + shape.clocks.index(names[k])]
-                subtract = partial(difference, sensor)
-                h = delayed_value(
-                    h, state.lines[k], steps_s, sample_fraction[fraction_index] - offset_s, subtract
-                )
+                age_s = sample_fraction[fraction_index] - offset_s
+                if names[k] in shape.clock_means:
+                    newest = state.lines[k][0] + dt_s * h  # ∫ h dt
+                    length_s = sample_fraction[sum(shape.sample_fraction) + shape.clock_means.index(names[k])]
+                    h = delayed_average(newest, state.lines[k], steps_s, age_s, length_s)
+                else:
+                    h = delayed_value(h, state.lines[k], steps_s, age_s, partial(difference, sensor))
             elif shape.sample_fraction[k]:
                 h = h + sample_fraction[fraction_index] * difference(sensor, state.previous_h[k], h)
             fraction_index += shape.sample_fraction[k]
             past_h.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
-            lines.append(with_newest(state.lines[k], readings[k]))
+            lines.append(with_newest(state.lines[k], newest))
             span = slice(offset, offset + sizes[k])
             residuals.append(weight[span] * residual(sensor, z[span], h))
             offset += sizes[k]
