@@ -8,7 +8,7 @@ from contextlib import suppress
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.door import sockets
+from baqueano.door import clients, sockets
 from baqueano.door.clients import MAX_BACKLOG, MAX_SHORT_LINE_BYTES, READ_BYTES, DoorClient
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, STOP_CONNECTIONS, Door
@@ -18,6 +18,9 @@ pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this sys
 
 RUNS = b'{"do": "runs"}\n'
 BEAT = b'{"do": "beat"}\n'
+HALF_A_MISSION = (
+    b'{"do": "mission", "door": %d, "mission": "' % sockets.VERSION + b"x" * 2 * MAX_SHORT_LINE_BYTES
+)
 STOP = b'{"do": "stop", "why": "it nears the stairs"}\n'
 
 
@@ -199,6 +202,16 @@ def test_only_one_client_at_a_time_may_send_an_endless_line(door, connect):
     until(lambda: sum(client.partial_line_bytes > MAX_SHORT_LINE_BYTES for client in door._clients) <= 1)
     total_bytes = sum(client.partial_line_bytes for client in door._clients)
     assert total_bytes <= 64 * MAX_SHORT_LINE_BYTES + 12 * (MAX_SHORT_LINE_BYTES + READ_BYTES)
+
+
+def test_half_a_mission_that_stalls_does_not_refuse_the_next_mission(door, connect, monkeypatch):
+    monkeypatch.setattr(clients, "MAX_PAUSE_S", 0.05)
+    stalled, second = connect(), connect()
+    stalled.line.sendall(HALF_A_MISSION)
+    until(lambda: any(client.has_stalled for client in door._clients))
+    second.line.sendall(HALF_A_MISSION + b'"}\n')
+    until(lambda: door.operator.is_busy)
+    assert stalled.file.readline() == b""
 
 
 def test_a_long_line_is_refused_during_a_drive(door, connect):

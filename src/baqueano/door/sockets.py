@@ -202,6 +202,8 @@ class Door:
         """Refuse a line longer than MAX_SHORT_LINE_BYTES; accept one mission at a time, up to MAX_LINE_BYTES."""
         try:
             self.operator.check_admission(client)
+            for other in [other for other in self._clients - {client} if other.has_stalled]:
+                self._disconnect(other)
             is_busy = any(c.partial_line_bytes > MAX_SHORT_LINE_BYTES for c in self._clients - {client})
             if is_busy or client.partial_line_bytes > MAX_LINE_BYTES or not client.can_be_mission:
                 raise Invalid(fault("door.too-long", most_kb=MAX_SHORT_LINE_BYTES >> 10))
