@@ -18,6 +18,7 @@
     range.selectNodeContents(node);
     return { node, box: range.getBoundingClientRect(), lines: [...range.getClientRects()] };
   }).filter(({ box }) => covers(box)); // a text can leave an element of no width
+  const SIDEWAYS = "#tabs, .scroll, .content, pre"; // meant to be scrolled sideways, too
   // cut: the text is wider or higher than the nearest box that clips it
   for (const { node, box } of texts) {
     for (let one = node; one && one !== document.documentElement; one = one.parentElement) {
@@ -25,6 +26,7 @@
       if (style.overflowX === "visible" && style.overflowY === "visible") continue;
       const home = one.getBoundingClientRect(), scrolls = /auto|scroll/.test(style.overflowX + style.overflowY);
       if (!scrolls && (box.right > home.right + 1 || box.left < home.left - 1 || box.bottom > home.bottom + 2 || box.top < home.top - 2)) wrong.push(`cut: ${name(node)} in ${name(one).slice(0, 40)}`);
+      if (scrolls && !one.matches(SIDEWAYS) && box.right > home.right + 1) wrong.push(`cut: ${name(node)} in ${name(one).slice(0, 40)}`);
       if (scrolls) break;
     }
     if (!scroller(node) && (box.right > innerWidth + 1 || box.left < -1 || box.bottom > innerHeight + 1)) wrong.push(`beyond the edge: ${name(node)}`);

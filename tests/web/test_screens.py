@@ -84,3 +84,13 @@ def test_the_layout_check_detects_each_fault(tab, live, spoil, finds):
     )
     problems = tab.js(BOXES)
     assert any(problem.startswith(finds) for problem in problems), problems
+
+
+def test_on_a_phone_each_small_button_answers_a_finger_of_44_px(tab, live):
+    tab.size(*SIZES["phone"])
+    open_page(tab, live, screen="drive")
+    missed = tab.js("""[...document.querySelectorAll("#lease, #settings button, .map-buttons button")].filter((one) => {
+      const { left, right, top, bottom } = one.getBoundingClientRect(), middle = (top + bottom) / 2;
+      return [-21, 21].some((far) => document.elementFromPoint((left + right) / 2, middle + far) !== one);
+    }).map((one) => one.id || one.title)""")
+    assert missed == []
