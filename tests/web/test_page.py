@@ -163,6 +163,21 @@ def test_a_lost_connection_is_reported_and_restored(tab, live):
     tab.wait("document.getElementById('title').textContent === 'REPEATING'")
 
 
+def test_a_network_that_is_lost_without_a_close_is_reported_and_restored(tab, live):
+    """A sleeping laptop or a phone out of reach keeps a connection that is open and carries nothing."""
+    hurried = "const slow = setInterval; globalThis.setInterval = (act, ms) => slow(act, ms / 20)"
+    tab.do("Page.addScriptToEvaluateOnNewDocument", source=hurried)
+    open_page(tab, live)
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine")
+    tab.js(
+        f"(({{ link }}) => {{ link.first = link.socket; link.socket.send = link.socket.onmessage = () => 0; }})({PAGE})"
+    )
+    tab.wait(f"{PAGE}.link.socket !== {PAGE}.link.first && {PAGE}.link.up")
+    assert not tab.js(f"{PAGE}.hand.mine")
+    tab.wait("document.getElementById('title').textContent === 'REPEATING'")
+
+
 def test_the_scrub_bar_works_by_pointer_and_by_keys(tab, replay):
     open_page(tab, replay)
     at = "Number(document.querySelector('.scrub').getAttribute('aria-valuenow'))"

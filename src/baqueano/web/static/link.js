@@ -2,35 +2,34 @@
 
 const HEAD = 16; // bytes: uint32 stream and number, uint32 rows, float64 time of the first row
 const OVER = 1000; // the drives have ended as they should
-const WAITS_MS = [500, 1000, 2000, 4000];
+const WAITS_MS = [500, 1000, 2000];
 
 export class Link {
   /** `on`: {rows, down, over, <word>…}, each called with what came. */
   constructor(language, on) {
-    Object.assign(this, { language, on, seen: 0, number: 0, tries: 0, came_ms: 0, up: false, asked: 0 });
-    this.token = tokenOf(location);
-    this.answers = new Map();
+    Object.assign(this, { language, on, seen: 0, number: 0, tries: 0, came_ms: 0, asked: 0, token: tokenOf(location), answers: new Map() });
     this.fields = [0, 0, 0]; // of each stream
     this.connect();
   }
 
   connect() {
-    const scheme = location.protocol === "https:" ? "wss" : "ws", socket = new WebSocket(`${scheme}://${location.host}/ws`, "baqueano.1");
+    const socket = new WebSocket(`${location.origin.replace("http", "ws")}/ws`, "baqueano.1");
     socket.binaryType = "arraybuffer";
-    this.socket = socket;
+    Object.assign(this, { socket, up: false, silent: 0 });
+    this.answers.clear();
     socket.onopen = () => this.send({ is: "hello", lang: this.language, ...(this.token && { token: this.token }) });
     socket.onmessage = ({ data }) => {
       if (socket !== this.socket) return;
+      this.silent = 0;
       if (typeof data === "string") this.#word(JSON.parse(data));
       else this.#frame(data);
     };
     socket.onclose = ({ code }) => {
       if (socket !== this.socket) return;
       this.up = false;
-      this.answers.clear();
       if (code === OVER) { this.on.over(); return; }
       this.on.down();
-      this.timer = setTimeout(() => this.connect(), WAITS_MS[Math.min(this.tries++, WAITS_MS.length - 1)]);
+      this.timer = setTimeout(() => this.connect(), WAITS_MS[this.tries++] ?? 4000);
     };
   }
 

@@ -165,7 +165,6 @@ function announce() {
   const { state, hello, opened, recorded, screen } = page;
   if (!page.link.up) return;
   show(ui.clear, state.state === "STOPPED" && !recorded && page.drives);
-  ui.clear.disabled = !page.hand.mine;
   if (screen?.summary) sentence("info", ...screen.summary);
   else if (opened && (recorded || screen instanceof Replay)) sentence("info", opened.label, opened.about.sentence);
   else if (recorded) sentence("info", t(hello.open ? "replay.loading" : "replay.none"), "");
@@ -238,8 +237,7 @@ function keyDone(event, down) {
   }
   if (screen.key?.(event, down)) return true;
   if (!down || !alone(event) || repeat) return false;
-  const [, number] = /^Digit([1-9])$/.exec(code) ?? [];
-  if (number) open(names[number - 1]);
+  if (/^Digit[1-9]$/.test(code)) open(names[code[5] - 1]);
   else if (code === "KeyL" && page.drives && !recorded) page.hand.toggle();
   else if (event.key === "?") help();
   return false;
@@ -256,10 +254,12 @@ function theme(chosen) {
   readColours();
 }
 
+/** A lost network closes nothing: reconnect after 8 s of silence. */
 function ping() {
-  if (!page.link.up || page.recorded || document.hidden) return;
-  const sent = performance.now();
-  page.ask("ping", {}, () => { page.link_ms = performance.now() - sent; });
+  const { link } = page, sent = performance.now();
+  if (page.recorded || document.hidden) return;
+  if (link.socket.readyState < 2 && ++link.silent > 3) { on.down(); link.restart(link.language); }
+  else if (link.up) page.ask("ping", {}, () => { page.link_ms = performance.now() - sent; });
 }
 
 const costs = []; // ms
@@ -271,7 +271,7 @@ function draw(now_ms) {
   link.seen = link.number; // what has come is drawn
   page.hand.beat(now_ms);
   if (!page.recorded) meters();
-  const age_ms = performance.now() - link.came_ms, waits = page.moves && !(state.paused && state.pace); // time that stands sends no rows
+  const age_ms = began - link.came_ms, waits = page.moves && !(state.paused && state.pace); // time that stands sends no rows
   const old = !page.recorded && ((waits && age_ms > OLD_MS) || !link.up) && state.state !== "OVER" && link.came_ms > 0;
   show(ui.age, old);
   if (old) put(ui, { age: t("age", { s: num(age_ms / 1000) }) });

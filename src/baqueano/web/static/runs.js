@@ -49,7 +49,7 @@ export class Runs {
     const last = Math.min(this.first + PAGE, n);
     for (const id of chosen) if (!runs.some((one) => one.id === id)) chosen.delete(id);
     write(this.pages, t("runs.page", { from: n && this.first + 1, to: last, n }));
-    this.back.disabled = this.first === 0;
+    this.back.disabled = !this.first;
     this.next.disabled = last === n;
     for (const one of [this.pages, this.back, this.next]) show(one, n > PAGE);
     this.#choose();
@@ -79,5 +79,5 @@ export class Runs {
 
 function whenOf(stamp) {
   const when = new Date(stamp ?? NaN);
-  return isNaN(when) ? (stamp ?? "–") : when.toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
+  return isNaN(when) ? stamp ?? "–" : when.toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
 }

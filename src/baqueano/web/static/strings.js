@@ -6,8 +6,7 @@ export let language = "en";
 
 function wanted() {
   const asked = new URLSearchParams(location.search).get("lang") ?? localStorage.getItem("lang");
-  if (LANGUAGES.includes(asked)) return asked;
-  return navigator.languages.some((one) => one.startsWith("es")) ? "es" : "en";
+  return LANGUAGES.includes(asked) ? asked : navigator.languages.some((one) => one.startsWith("es")) ? "es" : "en";
 }
 
 export async function speak(chosen = wanted()) {
@@ -16,7 +15,7 @@ export async function speak(chosen = wanted()) {
   document.documentElement.lang = chosen;
 }
 
-export const otherLanguage = () => LANGUAGES[1 - LANGUAGES.indexOf(language)];
+export const otherLanguage = () => language === "en" ? "es" : "en";
 
 /** Return a text, its {names} filled in; the key itself where there is none, so that a test sees it. */
 export const t = (key, values = {}) => (texts[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
@@ -28,12 +27,12 @@ export const wordFor = (key, name) => texts[`${key}.${name}`] ?? name;
 export function num(value, decimals = 1) {
   if (!Number.isFinite(value)) return "–";
   const plain = value.toFixed(decimals), digits = plain.replace("-", "");
-  return (Number(plain) < 0 ? "−" : "") + (language === "es" ? digits.replace(".", ",") : digits);
+  return (plain < 0 ? "−" : "") + (language === "es" ? digits.replace(".", ",") : digits);
 }
 
 export function three(value) {
   const size = Math.abs(value);
-  return num(value, size >= 99.95 ? 0 : size >= 9.995 ? 1 : size >= 0.9995 ? 2 : size === 0 || size >= 0.001 ? 3 : 4);
+  return num(value, size >= 99.95 ? 0 : size >= 9.995 ? 1 : size >= 0.9995 ? 2 : !size || size >= 0.001 ? 3 : 4);
 }
 
 export const percent = (part, decimals = 0) => `${num(100 * part, decimals)} %`;
