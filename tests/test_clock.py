@@ -1,4 +1,4 @@
-"""The clocks of the loop: simulated, recorded and real-time."""
+"""The clocks of the loop: simulated and real-time."""
 
 import time
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from baqueano import clock
-from baqueano.signals import Tick
 
 
 def test_a_simulated_clock_ends_each_tick_on_a_whole_nanosecond():
@@ -20,11 +19,6 @@ def test_a_clock_without_a_duration_is_endless():
         ticking = clock.simulated_ticks(100.0, duration_s)
         assert [next(ticking) for _ in range(500)][-1] == 5_000_000_000
     assert next(iter(clock.Wall(100.0, float("inf"), lambda: 0, lambda _: None))) == 10_000_000
-
-
-def test_the_clock_of_a_run_returns_its_tick_times():
-    ticks = [Tick(t, np.zeros(3), None) for t in (5, 8, 11)]
-    assert list(clock.tick_times_of_run(ticks)) == [5, 8, 11]
 
 
 class FakeTime:

@@ -1,4 +1,4 @@
-"""Provide clocks: for a simulation, for real time, or from a run. Each yields strictly increasing integers t_ns.
+"""Provide clocks: for a simulation or for real time. Each yields strictly increasing integers t_ns.
 
 A missed tick is skipped and not executed later: the next tick is again on the grid, and `missed` counts the skipped
 ticks.
@@ -6,10 +6,10 @@ ticks.
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from baqueano.signals import NANOSECONDS, Tick
+from baqueano.signals import NANOSECONDS
 
 
 def simulated_ticks(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
@@ -52,9 +52,3 @@ def wall(rate_hz: float, duration_s: float | None = None) -> Wall:
 
 def _is_tick_within(k: int, rate_hz: float, duration_s: float | None) -> bool:
     return duration_s is None or duration_s == math.inf or k <= round(duration_s * rate_hz)
-
-
-def tick_times_of_run(ticks: Iterable[Tick]) -> Iterator[int]:
-    """Yield the time [ns] of each tick of a run."""
-    for tick in ticks:
-        yield tick.t_ns

@@ -74,11 +74,6 @@ def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[
     return SystemState(world, states, record.command.u), LoopOutput(record, truth)
 
 
-def value_sizes(system: System, paths: Sequence[str]) -> list[int]:
-    """Return the number of values at each path."""
-    return [np.size(value_at(system, path)) for path in paths]
-
-
 def value_at(system: System, path: str) -> np.ndarray:
     """Return the value or array of the system at `path`. Raise UsageError for a path without a numeric value."""
     try:
