@@ -84,6 +84,8 @@ def advance_mean(
     )
     scale_displacement = scale_displacement - bend_loss * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
     eta = eta + map_from_body(eta[2]) @ (d_weight * D + scale_displacement)
+    if is_dynamic(vehicle):  # D acts without friction in a row: a lasting d_ψ would turn the heading
+        eta = np.array([eta[0], eta[1], mean[2] + 0.5 * dt_s * (nu[2] + nu_next[2]) + scale_displacement[2]])
     next_disturbance = mean_disturbance + (d - mean_disturbance) * np.exp(
         -dt_s / estimator.disturbance_fade_s
     )
