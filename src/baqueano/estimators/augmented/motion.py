@@ -10,9 +10,9 @@
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
     K ν_x = (κ_v e + c κ_ψ) ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,  κ_v ~ N(0, σ₁²): no speed sensor   (8)
 
-e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. ψ is the trapezoid of ν_ψ (1 + κ_ψ). l is the distance of the origin ahead of the centre of
-turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with an error during a whole bend
-would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7).
+e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. ψ is the trapezoid of (1 + κ_ψ) ν_ψ. l is the distance of
+the origin ahead of the centre of turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with
+an error during a whole bend would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7).
 """
 
 from functools import lru_cache
