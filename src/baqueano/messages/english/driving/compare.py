@@ -27,8 +27,9 @@ TEMPLATES: dict[str, str] = {
         "its model is incomplete. Fit the model again to find the cause."
     ),
     "compare.advice-too-cautious": (
-        "The filter overestimates its errors (NEES below the band). Reduce disturbance_std or "
-        "process_noise_cov."
+        "The filter overestimates its errors (NEES below the band). In a simulation of the same model this is "
+        "normal, because the model has no error there. With runs of the vehicle, measure the noise again by "
+        "identify --update."
     ),
     "consistency.not-reported": "The run does not contain an estimate with a covariance",
     "consistency.cannot-tell": (
