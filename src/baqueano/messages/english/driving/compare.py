@@ -28,7 +28,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "compare.advice-too-cautious": (
         "The filter overestimates its errors (NEES below the band). In a simulation of the same model this is "
-        "normal, because the model has no error there. With runs of the vehicle, measure the noise again by "
+        "normal, because the model is exact there. With runs of the vehicle, measure the noise again by "
         "identify --update."
     ),
     "consistency.not-reported": "The run does not contain an estimate with a covariance",
