@@ -145,6 +145,16 @@ def test_flags_that_a_compiler_refuses_are_omitted(monkeypatch, cache):
     assert compile.load_library(answer(46)).answer() == 46
 
 
+@pytest.mark.parametrize(("machine", "is_whole"), [("x86_64", True), ("AMD64", True), ("aarch64", False)])
+def test_only_batches_on_x86_use_whole_vectors(monkeypatch, machine, is_whole):
+    monkeypatch.setattr(compile.platform, "machine", lambda: machine)
+    compiler = compile.find_compiler().compiler
+    batch, single = (compile._flag_sets(compiler, 10, find_vectors, False) for find_vectors in (True, False))
+    assert [compile.WHOLE_VECTORS in flags for flags in batch] == [True] * is_whole + [False] * 3
+    assert "-march=native" in batch[is_whole]  # also for a compiler that refuses the flag
+    assert not any(compile.WHOLE_VECTORS in flags for flags in single)
+
+
 def test_fast_math_is_never_enabled():
     compiler = compile.find_compiler().compiler
     assert compiler is not None

@@ -33,6 +33,7 @@ MAX_SCHEDULED_OPERATIONS = 4_000  # operations; for more, gcc's first scheduler 
 MAX_THOROUGH_OPERATIONS = 20_000  # operations; for more, -O3 takes minutes
 MIN_HASTY_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
 HASTY_LEVEL = "-O1"  # optimisation level of code that is compiled quickly
+WHOLE_VECTORS = "-mprefer-vector-width=512"  # else gcc splits √ and ⌊ ⌋ of eight lanes, through memory
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\
 typedef double pair __attribute__((vector_size(16)));
@@ -147,7 +148,10 @@ def _flag_sets(
         native += ("-Wa,-muse-unaligned-vector-move",)  # gcc on Windows aligns the stack only to 16 bytes
     if not (compiler.is_clang or is_hasty) and operation_count < MAX_SCHEDULED_OPERATIONS:
         common_flags += ("-fschedule-insns", "-fsched-pressure")
-    return [common_flags + native, (*common_flags, "-mcpu=native"), common_flags]
+    sets = [common_flags + native, (*common_flags, "-mcpu=native"), common_flags]
+    if find_vectors and platform.machine().lower() in ("x86_64", "amd64"):
+        sets.insert(0, (*sets[0], WHOLE_VECTORS))
+    return sets
 
 
 _libraries: dict[str, "ctypes.CDLL"] = {}
