@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.augmented.motion import advance_mean
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import scan
@@ -55,15 +54,3 @@ def test_the_heading_follows_the_gyro_with_any_model(turning_gain):
     late = slice(TICKS // 3, None)  # the misfit has lasted for 5 s
     drift = (error - plain)[late]
     assert np.ptp(drift) < 0.003  # of 10 rad; a permanent pull of the model moves the heading by 0.008
-
-
-def test_a_constant_yaw_rate_against_friction_turns_the_heading_by_rate_times_time():
-    block, dt_s = AugmentedEkf(steady(1.0), SENSORS), 0.02
-    motors = block.vehicle.drivetrain
-    effort = motors.step(motors.init(), np.zeros(3), dt_s)[1]
-    mean = block.init(np.zeros(3), np.array([0.0, 0.0, 1.0])).mean
-    lost = 1.0 - advance_mean(block, mean, np.zeros(2), effort, dt_s)[5]
-    mean[7] = lost / dt_s  # d_ψ replaces what friction takes
-    after = advance_mean(block, mean, np.zeros(2), effort, dt_s)
-    np.testing.assert_allclose(after[5], 1.0, rtol=1e-12)
-    np.testing.assert_allclose(after[2], dt_s, rtol=1e-9)

@@ -10,9 +10,9 @@
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
     K ν_x = (κ_v e + c κ_ψ) ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,  κ_v ~ N(0, σ₁²): no speed sensor   (8)
 
-e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. ψ is the trapezoid of (1 + κ_ψ) ν_ψ. l is the distance of
-the origin ahead of the centre of turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with
-an error during a whole bend would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7).
+e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. l is the distance of the origin ahead of the centre of
+turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with an error during a whole bend
+would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7).
 """
 
 from functools import lru_cache
@@ -84,8 +84,6 @@ def advance_mean(
     )
     scale_displacement = scale_displacement - bend_loss * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
     eta = eta + map_from_body(eta[2]) @ (d_weight * D + scale_displacement)
-    if is_dynamic(vehicle):  # D acts without friction in a row: a lasting d_ψ would turn the heading
-        eta = np.array([eta[0], eta[1], mean[2] + 0.5 * dt_s * (nu[2] + nu_next[2]) + scale_displacement[2]])
     next_disturbance = mean_disturbance + (d - mean_disturbance) * np.exp(
         -dt_s / estimator.disturbance_fade_s
     )
