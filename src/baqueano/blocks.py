@@ -245,7 +245,7 @@ def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> No
     """Raise UsageError if `step` of a class has the arguments of another role of the loop. `remedy`: role → fix."""
     try:
         fitting_role = role_of(block_class)
-    except FileError:  # it has no step, or the inputs of its step have other names
+    except FileError:  # without a step, or its inputs have other names
         return
     if role in LOOP_ROLES and fitting_role != role and fitting_role in LOOP_ROLES:
         fix = remedy(fitting_role)

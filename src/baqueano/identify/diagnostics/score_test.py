@@ -198,7 +198,7 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
 
 
 def shift_by_effects(fit: FitResiduals, D: np.ndarray) -> np.ndarray:
-    """Return the change (K, k) of θ that a unit of each effect in the readings causes; D (K, N m).  (3) with δ = 1"""
+    """Return the change (K, k) of θ if the readings lacked a unit of each effect D (K, N m).  −(3) with δ = 1"""
     return _sums(fit, D).cross @ fit.inverse
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.covariance.scale_uncertainty import GYRO_CHANNEL
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parallel import parallel_map, prefetch
@@ -56,7 +57,6 @@ MOTION_TERMS = (
 # −(m c/I) ν_x ν_ψ about ψ shows the centre of mass c and the inertia I only as their ratio; c ν_ψ² along x shows c
 TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
-GYRO_CHANNEL = 2  # of an IMU
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways

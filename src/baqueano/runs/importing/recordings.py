@@ -286,7 +286,9 @@ def _finite_rows(
     present_columns = [k for k, entry in enumerate(signal.entries) if not entry.is_absent]
     is_complete = np.asarray(np.isfinite(values[:, present_columns]).all(axis=1))
     has_rate = any(e.derivative for e in signal.entries)
-    rows = slice(1 if has_rate else 0, -1 if has_rate and not signal.is_rate else None)  # others have no rate
+    rows = slice(
+        1 if has_rate else 0, -1 if has_rate and not signal.is_rate else None
+    )  # a rate needs both neighbours
     lost_rows = np.count_nonzero(~is_complete[rows])
     if lost_rows:
         first_ns = int(source.t_ns[rows][~is_complete[rows]][0])
