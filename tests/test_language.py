@@ -13,7 +13,7 @@ from babel.messages import Catalog
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.messages import language, text
 from baqueano.messages.language import LANGUAGES, current_language, number, translate
-from baqueano.messages.text_table import text_table
+from baqueano.messages.text_table import text_table, with_remark
 from docs.site.reference import catalogue_file
 from tests.catalogues import compiled, differs, faults, places, read_catalogue, required_reference
 
@@ -175,3 +175,9 @@ def test_no_translated_text_has_a_fixed_width():
     fixed_width = re.compile(r"\{_\([^{}]*\):[<>^]?[0-9]")
     sources = Path(language.__file__).parents[1].rglob("*.py")
     assert [path.name for path in sources if fixed_width.search(path.read_text(encoding="utf-8"))] == []
+
+
+def test_a_remark_that_is_too_long_for_its_line_stands_below_it():
+    assert with_remark("drag  3.2", "may be 0") == ["drag  3.2  (may be 0)"]
+    assert with_remark("drag" + 70 * " " + "3.2", "may be 0") == ["drag" + 70 * " " + "3.2", "    (may be 0)"]
+    assert with_remark("drag  3.2", "") == ["drag  3.2"]

@@ -33,6 +33,12 @@ def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
     return out
 
 
+def with_remark(line: str, remark: str) -> list[str]:
+    """Return a line of the table with its remark, which is below the line if both are wider than LINE_LETTERS."""
+    whole = f"{line}  ({remark})" if remark else line
+    return [whole] if len(whole) <= LINE_LETTERS or not remark else [line, f"{'':{INDENT}}({remark})"]
+
+
 def _wrapped(words: str, letters: int) -> list[str]:
     """Return the lines of a text, in which a key with its value and a command are not divided."""
     whole_commands = TYPED.sub(lambda match: match[0].replace(" ", NO_BREAK), words)

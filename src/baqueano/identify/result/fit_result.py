@@ -18,7 +18,7 @@ from baqueano.messages import group_sentences, text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
-from baqueano.messages.text_table import text_table
+from baqueano.messages.text_table import text_table, with_remark
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
@@ -245,19 +245,19 @@ class Fit(Result):
     def table(self, reported: bool = False) -> str:
         """Return the table as text, with the most severe diagnostics below it. `reported` is True if a report with
         all diagnostics is written."""
-        cells = []
+        cells, remarks = [], [""]
         for row in self.rows():
+            remarks.append("" if row["estimate"] is None else row_remarks(row))
             name = without_model_prefix(row["name"])
             if row["estimate"] is None:
-                start_text = _("fixed at {start:.4g}", start=row["start"])
-                cells.append([name, _("not identifiable"), "", start_text])
+                cells.append([name, _("not identifiable"), "", _("fixed at {start:.4g}", start=row["start"])])
                 continue
-            remarks = row_remarks(row)
             sd = f"± {number(row['sd']):.2g}" if row["sd"] is not None else "± ?"
             value = f"{number(round_to_error(row['estimate'], row['sd'])):.5g}"
-            cells.append([name, value, sd, shown_unit(row["unit"]) + (f"  ({remarks})" if remarks else "")])
+            cells.append([name, value, sd, shown_unit(row["unit"])])
+        table = text_table("<>><", [_("parameter"), _("estimate"), _("± sd"), _("unit")], *cells)
         lines = [
-            *text_table("<>><", [_("parameter"), _("estimate"), _("± sd"), _("unit")], *cells),
+            *(part for row in zip(table, remarks, strict=True) for part in with_remark(*row)),
             "",
             *self._per_run_lines(),
             *self._channel_lines(),
