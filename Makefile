@@ -8,8 +8,8 @@ BIN := $(VENV)/bin
 endif
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-# By whole files, and in the order of tests/conftest.py. Three processes on two cores: many tests wait for a clock.
-PROCESSES := -n 3 --dist loadfile --no-loadscope-reorder
+# By whole files, and in the order of tests/conftest.py. Four processes on two cores: many tests wait for a clock.
+PROCESSES := -n 4 --dist loadfile --no-loadscope-reorder
 
 # What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices; and
 # the browser in which the page is tested.
@@ -29,7 +29,7 @@ test: $(VENV)/test.stamp debian browser-tools
 test-all: $(VENV)/test.stamp debian browser-tools
 	BAQUEANO_LONG=1 $(BIN)/python -m pytest $(PROCESSES)
 
-# The tests of blocks, runs and engine, in some minutes on two cores; tests/conftest.py says what is slow.
+# The quick tests of blocks, runs and engine, in about a minute on two cores; tests/conftest.py says what is slow.
 test-fast: $(VENV)/test.stamp
 	$(BIN)/python -m pytest $(PROCESSES) -m "not slow"
 

@@ -2,8 +2,8 @@
 
 Recordings of real vehicles are not part of the package: a test that needs them is skipped by name.
 
-Tests that drive, fit, draw, install or emulate have the mark `slow`; `make test-fast` skips them. Studies of many fits,
-tutorials and benchmarks have the mark `long`: only `make test-all` runs them.
+Tests that drive, fit, draw, install or emulate, and those of much computation, have the mark `slow`; `make test-fast`
+skips them. Studies of many fits, tutorials and benchmarks have the mark `long`: only `make test-all` runs them.
 
 Tests press Ctrl-C, also in programs that they start. A shell lets its background jobs ignore it; here it is enabled.
 Hypothesis checks no time limits, because a busy machine is slow. A stalled machine delays sockets, firmware and
@@ -34,13 +34,26 @@ from baqueano.symbolic.c_code import compile
 from tests.turns import turn
 
 HERE = Path(__file__).parent
-SLOW = {  # folders and files
+SLOW = {  # folders and files; their many short kernels are compiled quickly
     "cli", "door", "drive", "emulated", "identify", "monitor", "report", "robot", "study", "sweep", "tune", "web",
     "compare/test_corridor.py", "controllers/test_model_following.py", "estimators/test_ekf_pauses.py",
     "estimators/test_every_sensor.py", "estimators/test_smoother.py", "runs/test_importing_page.py",
     "test_any_laptop.py", "test_benchmarks.py",
     "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py",
     "test_first_evening.py", "test_site.py", "test_wheel.py",
+}  # fmt: skip
+
+HEAVY = {  # slow by their computation, and with the compiler flags of the package
+    "fuzz", "compare/test_comparison_of_runs.py", "compare/test_consistency.py", "compare/test_evenness.py",
+    "compare/test_laps.py", "controllers/test_mpc.py", "estimators/test_augmented_ekf.py",
+    "estimators/test_complementary.py", "estimators/test_dead_reckoning.py", "estimators/test_ekf_ages.py",
+    "estimators/test_ekf_laws.py", "estimators/test_place_gate.py", "estimators/test_unscented.py",
+    "guides/test_repeat_by_progress.py", "routes/test_profile.py", "runs/test_damage_is_bounded.py",
+    "runs/test_durability.py", "runs/test_hostile_recordings.py", "runs/test_import.py",
+    "runs/test_import_findings.py", "runs/test_import_recordings.py", "sensors/test_noise.py",
+    "simulate/test_closed_loop.py", "symbolic/test_c_compile.py", "symbolic/test_c_emit.py",
+    "symbolic/test_jacobian.py", "symbolic/test_scan.py", "vehicle_file/test_garage.py",
+    "vehicles/test_continuous_time.py", "worlds/test_long_ticks.py", "worlds/test_shaken.py",
 }  # fmt: skip
 
 FITS = {"identify", "study", "sweep", "tune"}  # whose kernels run long enough to be worth an optimisation
@@ -96,13 +109,9 @@ def is_in(path: Path, places: set[str]) -> bool:
     )
 
 
-def is_slow(path: Path) -> bool:
-    return is_in(path, SLOW)
-
-
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Import no slow test if only fast tests are wanted; the import takes longer than many tests."""
-    return True if config.option.markexpr == "not slow" and is_slow(collection_path) else None
+    return True if config.option.markexpr == "not slow" and is_in(collection_path, SLOW | HEAVY) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -113,7 +122,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 pytest.mark.skip(reason=f"{item.path.name}: sockets of files and ttys are of POSIX")
             )
     for item in items:
-        if is_slow(item.path):
+        if is_in(item.path, SLOW | HEAVY):
             item.add_marker("slow")
         if is_in(item.path, REAL_TIME):
             item.add_marker(pytest.mark.flaky(reruns=2))
@@ -166,7 +175,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly for tests with many short kernels; the other tests use the compiler flags of the package."""
     quick = 0, 0, "-O1" if is_in(item.path, FITS) else "-O0"
     compile.MAX_THOROUGH_OPERATIONS, compile.MAX_SCHEDULED_OPERATIONS, compile.HASTY_LEVEL = (
-        quick if is_slow(item.path) else SHIPPED
+        quick if is_in(item.path, SLOW) else SHIPPED
     )
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
         item.stash[ALONE]()
