@@ -57,6 +57,12 @@ def test_the_heading_follows_the_gyro_despite_a_wrong_turning_model(rate):
     assert estimate.nu[2] == pytest.approx(rate, rel=2e-3)
 
 
+def test_a_lasting_disagreement_with_the_model_does_not_turn_the_heading_away_from_the_gyro():
+    belief, _ = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(1, 200)))
+    after, _ = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(200, 1200)), belief)
+    assert wrap(after.mean[2] - belief.mean[2] - 20.0) == pytest.approx(0.0, abs=1e-3)
+
+
 def test_without_a_speed_sensor_the_model_predicts_the_speed():
     silent, _ = run(filter_of(), (tick(k) for k in range(1, 200)))
     turning, _ = run(filter_of(), (tick(k, (3.0, -2.0, 4.0)) for k in range(1, 200)))

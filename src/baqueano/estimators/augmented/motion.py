@@ -9,10 +9,11 @@
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
     K ν_x = (κ_v e + c κ_ψ) ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,  κ_v ~ N(0, σ₁²): no speed sensor   (8)
+    ∫ν = δ (ν + ν⁺)/2 − δ² (ν̇⁺ − ν̇)/12:   D adds δ² D/2 − δ² (f(ν⁺, e) − f(ν⁺ − δ D, e))/12             (9)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. l is the distance of the origin ahead of the centre of
 turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with an error during a whole bend
-would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7).
+would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7), (9).
 """
 
 from functools import lru_cache
@@ -76,14 +77,18 @@ def advance_mean(
     vehicle, d, nu = estimator.vehicle, mean[6:SCALE_INDEX], mean[3:6]
     D = disturbance_acceleration(vehicle, d)
     step, d_weight = (dt_s, 0.5 * dt_s**2) if is_dynamic(vehicle) else (1.0, dt_s)
-    eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
-    nu_next = nu_next + step * D
+    eta, nu_next, nu_dot = vehicle.advance(mean[:3], nu, effort, dt_s)
+    nu_next, displacement = nu_next + step * D, d_weight * D
+    if is_dynamic(vehicle):
+        displacement = displacement - dt_s**2 / 12.0 * (
+            vehicle.nu_dot(nu_next, effort.last, eta[2]) - nu_dot
+        )  # (9)
     scale_displacement = dt_s * velocity_error(estimator, mean[SCALE_INDEX:BIAS_INDEX], 0.5 * (nu + nu_next))
     bend_loss = (
         0.5 * dt_s * mean[BEND_INDEX] * np.sqrt(0.75) * heading_variance / (1.0 + 0.5 * heading_variance)
     )
     scale_displacement = scale_displacement - bend_loss * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
-    eta = eta + map_from_body(eta[2]) @ (d_weight * D + scale_displacement)
+    eta = eta + map_from_body(eta[2]) @ (displacement + scale_displacement)
     next_disturbance = mean_disturbance + (d - mean_disturbance) * np.exp(
         -dt_s / estimator.disturbance_fade_s
     )
