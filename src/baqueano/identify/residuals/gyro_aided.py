@@ -24,13 +24,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.parameters.setup import (
-    ThetaShape,
-    blocks_in_row,
-    example,
-    initial_state,
-    vehicle_at_start,
-)
+from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state
 from baqueano.identify.residuals.noise_level import MAD, profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
@@ -78,17 +72,17 @@ class GyroAidedResiduals(Residuals):
 
     def with_yaw_rate_at(self, theta: np.ndarray) -> "GyroAidedResiduals":
         """Return the residuals with the expected yaw rate, given the gyro and the model at θ, in their simulation."""
-        yaw_rate_columns = []
+        yaw_rates = []
         for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
             slow = slow_part(omega - outputs[:, 1])
-            slow_derivative = np.gradient(slow, np.cumsum(record.dt_s))
-            yaw_rate_columns.append(np.column_stack([outputs[:, 1] + slow, outputs[:, 2] + slow_derivative]))
-        return self.with_columns([-2, -1], yaw_rate_columns)
+            slow_change = np.column_stack([slow, np.gradient(slow, np.cumsum(record.dt_s))])
+            yaw_rates.append(outputs[:, 1:] + slow_change)
+        return self.with_columns([-2, -1], yaw_rates)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment (N, 3): ν_x of the gyro-aided simulation, the gyro reading by the commands, and its
         derivative."""
-        kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
+        kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, True)
         return [
             np.asarray(kernel.run(rows, theta[index])[1])
             for rows, index in zip(self.rows, self._index, strict=True)
@@ -143,7 +137,9 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
     return rows_with_gyro
 
 
-def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
+def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = False) -> Scan:
+    """Return the scan from rows and θ to the residuals (3,). If `rates`, its outputs (3,) are ν_x of the gyro-aided
+    simulation, the gyro reading by the commands, and its derivative."""
     aided_step, n = _aided_step(blocks), blocks.model.commands
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
@@ -159,40 +155,21 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
             state.free._replace(nu=nu_with_speed), row[1 : 1 + n], row[0], np.zeros(3)
         )
         aided_state, readings = aided_step(blocks_at, state.gyro_aided, row)
+        if rates:
+            reading = imu.h(motion)[2]
+            slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - reading
+            next_state = state._replace(gyro_aided=aided_state, free=free)
+            return next_state, np.array([readings.nu[0], reading, slope])
         aided_signal, accel = step_signal(imu, state.signals[0], readings, row[0])
         free_signal, gyro = step_signal(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
         h_at_sample = h + row[7 + n] * (state.previous_h - h) if sample_fraction else h
-        next_state = GyroAidedState(
-            aided_state, free, (aided_signal, free_signal), h if sample_fraction else state.previous_h
-        )
+        previous_h = h if sample_fraction else state.previous_h
+        next_state = GyroAidedState(aided_state, free, (aided_signal, free_signal), previous_h)
         return next_state, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - h_at_sample)
 
-    return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
-
-
-def _traced_outputs(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
-    """Return a scan from the same rows and θ to (3,): ν_x of the gyro-aided simulation, the gyro reading by the
-    commands, and its derivative."""
-    aided_step, n = _aided_step(blocks), blocks.model.commands
-    at_start = vehicle_at_start(blocks, shape)
-
-    def start(theta: np.ndarray) -> tuple[Tree, Tree]:
-        return at_start(theta), at_start(theta)
-
-    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        blocks_at = blocks_in_row(blocks, shape, theta, row[:-EXTRA_COLUMNS])
-        imu, aided_state, free = blocks_at.sensors[0], *state
-        nu_with_speed = with_speed(blocks_at.model, free.nu, aided_state.nu[0])
-        free, motion = blocks_at.model.step(
-            free._replace(nu=nu_with_speed), row[1 : 1 + n], row[0], np.zeros(3)
-        )
-        aided_state, readings = aided_step(blocks_at, aided_state, row)
-        reading = imu.h(motion)[2]
-        slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - reading
-        return (aided_state, free), np.array([readings.nu[0], reading, slope])
-
-    return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
+    width = 7 + n + sum(shape.sample_fraction) + shape.has_voltage + EXTRA_COLUMNS
+    return scan(step, start, np.zeros(width), example(blocks, shape), backend=backend)
 
 
 def _aided_step(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
@@ -237,11 +214,6 @@ def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
     """Return True for an IMU as the only sensor of a vehicle whose velocity is a state."""
     is_imu_only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
     return is_imu_only and optional.attribute(blocks.model, "turning_arm_m") is not None
-
-
-def _width(shape: ThetaShape, n: int) -> int:
-    """Return q, the number of entries of a row with `n` commands."""
-    return 7 + n + sum(shape.sample_fraction) + shape.has_voltage + EXTRA_COLUMNS
 
 
 def slow_part(e: np.ndarray) -> np.ndarray:
