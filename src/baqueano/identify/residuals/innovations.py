@@ -20,17 +20,11 @@ from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.estimators.covariance import mirror_upper
-from baqueano.estimators.kalman import boxplus, correct
+from baqueano.estimators.covariance import block_diagonal
+from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.setup import (
-    ThetaShape,
-    blocks_in_row,
-    example,
-    initial_state,
-    read_sensor,
-)
+from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state, read_sensor
 from baqueano.sensors.sampling import difference, low_pass_s
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, scan, with_value
@@ -116,7 +110,8 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         )
         y, H = weight * np.concatenate(innovations), weight[:, None] * np.concatenate(jacobians)
         is_present = np.where(weight > 0.0, 1.0, 0.0)
-        correction = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
+        q_now = np.exp(2.0 * noise[len(axes) :])
+        correction = correct(P, y, H, q_now, weight=lambda _c, e, _s: 1.0 / (1.0 + (e / GATE) ** 8))  # (3)
         signals, previous_h = _corrected_signals(lines, jacobians, correction.move, shape.sample_fraction)
         eta, nu = _corrected_state(predicted_mean, correction.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
@@ -142,14 +137,12 @@ def _prediction(
 
     size = state.cov.shape[0]
     x = previous.nu if size == 3 else np.concatenate([previous.eta, previous.nu])
-    eta, nu, _ = model.advance(previous.eta, previous.nu, effort, dt_s)
-    mean = nu if size == 3 else np.concatenate([eta, nu])
-    G, B = jacobian(f)(x), _noise_input_matrix(model, dt_s)
+    B = _noise_input_matrix(model, dt_s)
     R = sum((v[i] * B[:, i][:, None] * B[:, i][None, :] for i in v), np.zeros((3, 3)))
-    if size == 6:
-        O = np.zeros((3, 3))
-        R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
-    return PredictedState(model, previous, dt_s, eta, effort, mean), mirror_upper(G @ state.cov @ G.T + R)
+    R = R if size == 3 else block_diagonal([np.zeros((3, 3)), R])
+    mean, P, _ = predict(Gaussian(x, state.cov), f, R)
+    eta = model.advance(previous.eta, previous.nu, effort, dt_s)[0]
+    return PredictedState(model, previous, dt_s, eta, effort, mean), P
 
 
 def _innovation(
@@ -189,11 +182,6 @@ def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
         return 1.0
     ratio = tau_s / np.maximum(dt_s, MIN_TICK_S)
     return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
-
-
-def _smooth_gate(number: int, e: Any, s: Any) -> Any:
-    """Return the weight of an innovation.  (3)"""
-    return 1.0 / (1.0 + (e / GATE) ** 8)
 
 
 def _noise_input_matrix(model: Tree, dt_s: Value) -> np.ndarray:
