@@ -17,9 +17,8 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.identify import excitation, identify, measure_noise, random_steps
 from baqueano.identify.noise.covariances import positive_definite, unfitted_covariance
 from baqueano.identify.noise.filter_noise import MIN_READINGS, MIN_RESIDUALS, _free_noise, _rounding
-from baqueano.identify.noise.process_noise import coordinate_search, log_det_and_square, predict
+from baqueano.identify.noise.process_noise import coordinate_search, log_det_and_square
 from baqueano.runs.run import Channel
-from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
@@ -104,29 +103,6 @@ def test_the_filter_of_the_file_uses_the_identified_noise(noise_at_rest, small):
     np.testing.assert_allclose(file.estimator().process_noise_cov, noise.process, rtol=1e-2, atol=1e-12)
     assert {row["name"] for row in noise.rows()} >= {"imu[0]", "nu_x", "nu_dot_psi"}
     assert "R of (ν, ν̇) per tick at 100 Hz" in noise.table()
-
-
-def test_prediction_errors_use_the_same_prediction_as_the_filter(small):
-    rng = np.random.default_rng(1)
-    for mode in ("default", "paper"):
-        ekf = small.estimator(mode=mode)
-        belief = ekf.init()._replace(t_ns=0, mean=rng.normal(size=9), effort=rng.normal(size=3) * 0.2)
-        u = np.array([0.6, 0.0, -0.5])
-        silent = sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))
-        after, _ = ekf.step(belief, Tick(10_000_000, u, silent))
-        m = belief.mean
-        g = predict(
-            small.vehicle,
-            mode,
-            ekf.disturbance_time_s,
-            m[:3],
-            m[3:6],
-            m[6:],
-            belief.effort,
-            small.vehicle.drivetrain.step(belief.drivetrain, u, 0.01)[1],
-            0.01,
-        )
-        np.testing.assert_allclose(g, after.mean[3:], rtol=1e-12, atol=1e-12)
 
 
 @given(seed=st.integers(0, 10**6), m=st.integers(1, 5))

@@ -194,23 +194,21 @@ class Ekf:
 
     def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean (9,) and the covariance (9, 9) one row later.  (1, 8, 9)"""
-        g = self._move_paper if self.mode == "paper" and self._is_dynamic else self._move
         previous = Gaussian(belief.mean, belief.cov)
-        predicted = predict(previous, lambda x: g(x, belief.effort, effort, row.moved_s), np.zeros((9, 9)))
+        predicted = predict(
+            previous, lambda x: self.move(x, belief.effort, effort, row.moved_s), np.zeros((9, 9))
+        )
         R = self.process_noise_cov * (row.dt_s * self.rate_hz)
         unmoved = unmoved_cov(row, predicted.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))  # (8)
         return predicted.mean, limit_covariance(predicted.cov + block_diagonal([unmoved, R]))  # (9)
 
-    def _move_paper(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
-        """Return g(u, μ) (9,), the mean after a tick as printed in the paper.  (4)"""
+    def move(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
+        """Return g(u, μ) (9,), the mean after a tick; `previous` (n,) is the effort before it.  (4, 5, 6)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
-        midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
-        eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
-        return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
-
-    def _move(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
-        """Return g(u, μ) (9,), the mean after a tick in the default mode.  (5, 6)"""
-        eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
+        if self.mode == "paper" and self._is_dynamic:
+            midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
+            eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
+            return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
         eta_next, nu_next, nu_dot_next = self.vehicle.advance(eta, nu, effort, dt_s)
         if not self._is_dynamic:
             return _state(eta_next, nu_next, nu_dot_next)

@@ -22,19 +22,17 @@ from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify.data.record import FittedBlocks, record_of
-from baqueano.identify.parameters.free import substitute, value
+from baqueano.identify.data.record import record_of
+from baqueano.identify.residuals.motion import open_loop
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text, texts, with_full_stop
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
-from baqueano.signals import NANOSECONDS, seconds, sensor_slots
+from baqueano.signals import NANOSECONDS, seconds
 from baqueano.simulate.closed_loop import closed_loop, loop_system, start_pose, tick_count_of
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
-from baqueano.symbolic import scan
-from baqueano.symbolic.scan import Scan
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow, Tree
@@ -156,8 +154,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
         raise UsageError(fault("forecast.no-errors"))
     paths = tuple(fit.names[k] for k in entries)
     cov = fit.cov[np.ix_(entries, entries)]
-    theta = np.array([value(fit.blocks, path) for path in paths])
-    kernel = _kernel(fit, paths, theta)
+    kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.eta, fit.backend)  # (1)
     drives = [_drive(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
     forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)]
     notes: list[Diagnostic | str] = []
@@ -175,21 +172,6 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
         notes.append(note("forecast.unseen-exact"))
     notes.append(note("forecast.more-errors"))
     return Forecast(tuple(forecasts), tuple(message for message in notes if message))
-
-
-def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
-    """Return the kernel of η (3,) in open loop, from rows (dt, u).  (1)"""
-    blocks = FittedBlocks(fit.blocks.model, sensor_slots(())())
-
-    def start(theta: np.ndarray) -> Any:
-        return substitute(blocks, paths, theta).model.init()
-
-    def step(theta: np.ndarray, state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
-        model = substitute(blocks, paths, theta).model
-        state, motion = model.step(state, row[1:], row[0], np.zeros(3))
-        return state, motion.eta
-
-    return scan(step, start, np.zeros(1 + blocks.model.commands), theta, backend=fit.backend)
 
 
 def _drive(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _ModelDrive:

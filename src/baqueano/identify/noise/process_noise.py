@@ -6,11 +6,7 @@
 y and S come from the extended Kalman filter while it runs over the log. So R is correct for that filter, with its
 mode, gate and rate. The search changes one logarithm after the other, up and down, then pairs in opposite directions.
 It halves its steps when J does not decrease, and does not use derivatives. With the truth of a simulation, R is the
-covariance of the prediction error of one step of the model, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
-
-    g in mode "default":  a_d = ν̇ − f(ν, e₋),  ν̄ = ν ⊕ f(·, e) δ + a_d δ,  ν̇̄ = f(ν̄, e) + e^(−δ/T_d) a_d  (3)
-    g in mode "paper":    ν̄ = ν + ν̇ δ,  ν̇̄ = f(ν, e)                                                     (4)
-    g, kinematic model:   ν̄ = V e,  ν̇̄ = (V e − ν)/δ                                                      (5)
+covariance of the prediction error of one step of the filter, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇), g of ekf.py.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,15 +16,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts import optional
-from baqueano.contracts.optional import is_dynamic
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
 from baqueano.estimators.pauses import rows_of_ticks
+from baqueano.identify.residuals.motion import open_loop
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Estimate, Slot, Tick, seconds, sensor_slots
 from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
-from baqueano.vehicles import Effort
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
@@ -174,16 +169,10 @@ def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
 
 def _motion_rms(fit: "Fit", run: Run) -> np.ndarray:
     """Return the root mean square (6,) of (ν, ν̇) of the model under the run's commands."""
-    vehicle = fit.blocks.model
+    kernel, theta = open_loop(fit.blocks.model, (), lambda motion: np.concatenate([motion.nu, motion.nu_dot]))
     dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9
-
-    def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
-        return state, np.concatenate([motion.nu, motion.nu_dot])
-
-    kernel = scan(step, vehicle.init(), np.zeros(1 + vehicle.commands))
     u = np.where(np.isfinite(run.applied), run.applied, 0.0)
-    _, mu = kernel.run(np.ascontiguousarray(np.concatenate([dt_s[:, None], u], axis=1)))
+    _, mu = kernel.run(np.concatenate([dt_s[:, None], u], axis=1), theta)
     return np.maximum(np.sqrt(np.mean(np.asarray(mu) ** 2, axis=0)), 1e-6)
 
 
@@ -195,58 +184,24 @@ class PredictionState(NamedTuple):
 
 
 def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (N, 6) of the prediction of (ν, ν̇) over a tick, and the root mean square (6,) of (ν, ν̇)."""
-    mode, fading_s = prediction_of(fit)
-    vehicle = fit.blocks.model
-    n = vehicle.commands
+    """Return errors (N, 6) of the filter's prediction of (ν, ν̇) over a tick, and the root mean square (6,) of
+    (ν, ν̇)."""
+    ekf = filter_of(fit, {})
+    drivetrain, n = ekf.vehicle.drivetrain, ekf.vehicle.commands
 
     def step(previous: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
-        dt_s, u, eta, nu = row[0], row[1 : 1 + n], row[1 + n : 4 + n], row[4 + n : 7 + n]
-        nu_dot = row[7 + n : 10 + n]
-        drivetrain, effort = vehicle.drivetrain.step(previous.drivetrain, u, dt_s)
-        g = predict(vehicle, mode, fading_s, eta, nu, nu_dot, previous.effort, effort, dt_s)
-        return PredictionState(drivetrain, effort.last), g
+        state, effort = drivetrain.step(previous.drivetrain, row[1 : 1 + n], row[0])
+        return PredictionState(state, effort.last), ekf.move(row[1 + n :], previous.effort, effort, row[0])[
+            3:
+        ]
 
-    kernel = scan(
-        step, PredictionState(vehicle.drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend
-    )
+    kernel = scan(step, PredictionState(drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend)
     errors, states = [], []
     for run in runs:
         rows, mu = _rows(run)
-        g = np.asarray(kernel.run(rows)[1])
-        errors.append((mu[1:] - g)[2:])  # the first rows do not have a previous effort
+        errors.append((mu[1:] - kernel.run(rows)[1])[2:])  # the first rows do not have a previous effort
         states.append(mu)
     return np.concatenate(errors), np.sqrt(np.mean(np.concatenate(states) ** 2, axis=0))
-
-
-def predict(
-    vehicle: Tree,
-    mode: str,
-    fading_s: float,
-    eta: np.ndarray,
-    nu: np.ndarray,
-    nu_dot: np.ndarray,
-    previous: np.ndarray,
-    effort: Effort,
-    dt_s: Value,
-) -> np.ndarray:
-    """Return g = (ν̄, ν̇̄) (6,), the prediction of one step.  (3), (4), (5)"""
-    if not is_dynamic(vehicle):
-        _, nu_bar, nu_dot_bar = vehicle.advance(eta, nu, effort, dt_s)
-        return np.concatenate([nu_bar, nu_dot_bar])
-    if mode == "paper":
-        return np.concatenate([nu + nu_dot * dt_s, vehicle.nu_dot(nu, effort.last, eta[2])])
-    residual = nu_dot - vehicle.nu_dot(nu, previous, eta[2])
-    eta_bar, nu_bar, _ = vehicle.advance(eta, nu, effort, dt_s)
-    nu_bar = nu_bar + residual * dt_s
-    faded_residual = np.exp(-dt_s / fading_s) * residual
-    return np.concatenate([nu_bar, vehicle.nu_dot(nu_bar, effort.last, eta_bar[2]) + faded_residual])
-
-
-def prediction_of(fit: "Fit") -> tuple[str, float]:
-    """Return the mode of the file's estimator, and the time constant [s] of unexplained accelerations."""
-    estimator = fit.file.estimator(process_noise_cov=np.eye(6))
-    return getattr(estimator, "mode", "default"), float(getattr(estimator, "disturbance_time_s", 0.5))
 
 
 def _rows(run: Run) -> tuple[np.ndarray, np.ndarray]:

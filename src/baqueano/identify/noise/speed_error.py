@@ -18,15 +18,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.estimators.augmented.state import layout, start_std
 from baqueano.estimators.augmented_ekf import SCALE_INDEX, AugmentedEkf
-from baqueano.identify.data.record import FittedBlocks, record_of
-from baqueano.identify.parameters.free import substitute, value
+from baqueano.identify.data.record import record_of
+from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.runs.run import Run
-from baqueano.signals import sensor_slots
-from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
@@ -45,7 +42,9 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     if layout(ekf).speed_is_measured or not entries:
         return ekf
     paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]
-    nu_x, derivatives = _speeds(fit, paths, runs)
+    kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.nu[:1], fit.backend)
+    outputs = [kernel.sensitivities(motion_rows(record_of(run, {})), theta) for run in runs]
+    nu_x, derivatives = (np.concatenate(columns)[:, 0] for columns in zip(*outputs, strict=True))
     moving = np.abs(nu_x) > MIN_SPEED_M_S
     C, c, described, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
     for direction in (1.0, -1.0):
@@ -70,24 +69,3 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     if not (np.isfinite(std).all() and abs(c) < MAX_SPEED_PER_GYRO_SCALE):
         return ekf
     return replace(ekf, speed_error_std=std, least_error_speed_m_s=least, speed_per_gyro_scale=c)
-
-
-def _speeds(fit: "Fit", paths: tuple[str, ...], runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray]:
-    """Return ν_x (N,) of the model along the runs, and its derivatives (N, p) by the parameters at `paths`."""
-    blocks = FittedBlocks(fit.blocks.model, sensor_slots(())())
-    theta = np.array([value(fit.blocks, path) for path in paths])
-
-    def start(theta: np.ndarray) -> Tree:
-        return substitute(blocks, paths, theta).model.init()
-
-    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        state, motion = substitute(blocks, paths, theta).model.step(state, row[1:], row[0], np.zeros(3))
-        return state, motion.nu[:1]
-
-    kernel = scan(step, start, np.zeros(1 + blocks.model.commands), theta, backend=fit.backend)
-    records = [record_of(run, {}) for run in runs]
-    outputs = [
-        kernel.sensitivities(np.ascontiguousarray(np.column_stack([r.dt_s, r.u])), theta) for r in records
-    ]
-    nu_x, derivatives = (np.concatenate(columns) for columns in zip(*outputs, strict=True))
-    return np.asarray(nu_x)[:, 0], np.asarray(derivatives)[:, 0]

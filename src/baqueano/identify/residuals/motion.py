@@ -1,6 +1,6 @@
 """Simulate the motion of a model under the commands of a record, without residuals."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.averaging import instant_weights
 from baqueano.identify.data.record import FitRecord, FittedBlocks
+from baqueano.identify.parameters.free import substitute, value
 from baqueano.identify.parameters.setup import (
     ThetaShape,
     blocks_in_row,
@@ -16,6 +17,7 @@ from baqueano.identify.parameters.setup import (
     initial_state,
     read_sensors,
 )
+from baqueano.signals import Motion, sensor_slots
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
@@ -66,3 +68,21 @@ def motion_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
 
     return scan(step, start, np.zeros(1 + n + shape.has_voltage), example(blocks, shape), backend=backend)
+
+
+def open_loop(
+    model: Tree, paths: Sequence[str], output: Callable[[Motion], np.ndarray], backend: str = "auto"
+) -> tuple[Scan, np.ndarray]:
+    """Return the scan from rows (dt, u) and θ to `output` of the motion from rest. Also return θ (p,), the values of
+    the model at `paths`."""
+    blocks = FittedBlocks(model, sensor_slots(())())
+
+    def start(theta: np.ndarray) -> Tree:
+        return substitute(blocks, paths, theta).model.init()
+
+    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
+        state, motion = substitute(blocks, paths, theta).model.step(state, row[1:], row[0], np.zeros(3))
+        return state, output(motion)
+
+    theta = np.array([value(blocks, path) for path in paths])
+    return scan(step, start, np.zeros(1 + model.commands), theta, backend=backend), theta
