@@ -25,6 +25,7 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
+from baqueano.estimators.kalman import correct
 from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
@@ -256,18 +257,10 @@ def _smooth(
         x, P = prior
         measured_entries = np.flatnonzero(np.isfinite(single[k]) & np.isfinite(np.diagonal(covs[k])))
         if len(measured_entries):
-            H = np.eye(p)[measured_entries]
-            S = (
-                P[np.ix_(measured_entries, measured_entries)]
-                + covs[k][np.ix_(measured_entries, measured_entries)]
-            )
-            gain = np.linalg.solve(S, P[measured_entries]).T
-            x = x + gain @ (single[k, measured_entries] - x[measured_entries])
-            remainder = np.eye(p) - gain @ H
-            P = (
-                remainder @ P @ remainder.T
-                + gain @ covs[k][np.ix_(measured_entries, measured_entries)] @ gain.T
-            )  # Joseph
+            R = covs[k][np.ix_(measured_entries, measured_entries)]
+            y = single[k, measured_entries] - x[measured_entries]
+            correction = correct(P, y, np.eye(p)[measured_entries], R)
+            x, P = x + correction.move, correction.cov
         states.append((prior, (x, P)))
     smoothed_states = [states[-1][1]]
     for k in range(K - 2, -1, -1):

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, covariance_of_changes, inflation_factors
+from baqueano.identify.data.segments import pseudo_inverse
 from baqueano.identify.parallel import gram, inner, parallel_map
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import HUBER, Residuals
@@ -115,12 +116,6 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     return cov / np.outer(scale, scale)
 
 
-def pseudo_inverse(A: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inverse (p, p) of A, from scaled entries; it is 0 in directions without information."""
-    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
-    return np.linalg.pinv(A / np.outer(root, root), rcond=1e-12, hermitian=True) / np.outer(root, root)
-
-
 def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
     """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant. Residuals are
     clipped, and rows without a measurement are excluded."""
@@ -190,11 +185,8 @@ def marginal_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -
     root = np.sqrt(np.diagonal(A)[indices])
     C = A[np.ix_(indices, indices)] / np.outer(root, root)
     n = len(index)
-    values, vectors = np.linalg.eigh(C[n:, n:])
-    positive = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
-    gain = C[:n, n:] @ vectors[:, positive]
-    remaining = C[:n, :n] - (gain / values[positive]) @ gain.T
-    return float(np.linalg.eigvalsh(remaining)[0])
+    remaining = C[:n, :n] - C[:n, n:] @ pseudo_inverse(C[n:, n:]) @ C[n:, :n]
+    return float(np.linalg.eigvalsh(0.5 * (remaining + remaining.T))[0])
 
 
 def marginal_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.ndarray:

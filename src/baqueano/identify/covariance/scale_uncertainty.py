@@ -22,7 +22,8 @@ from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import segment_derivatives
-from baqueano.identify.covariance.information import Information, pseudo_inverse
+from baqueano.identify.covariance.information import Information
+from baqueano.identify.data.segments import pseudo_inverse
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.symbolic import value_at_path

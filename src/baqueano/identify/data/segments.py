@@ -23,9 +23,9 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord
 
-# of the largest eigenvalue of a start's information: directions below it are unobservable
 MIN_SEGMENT_ROWS = 10  # for the start of a segment, at most six numbers
-MIN_RELATIVE_EIGENVALUE = 1e-9
+# of the largest eigenvalue of a start's information: directions below it are unobservable
+MIN_EIGENVALUE = 1e-9
 
 
 class ThetaLayout(NamedTuple):
@@ -106,7 +106,7 @@ def eliminate(
     different blocks must be 0. (1)"""
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
     for entries in blocks:
-        gain = bread[:first, entries] @ _pseudo_inverse(bread[entries, entries])  # A_s A_ss⁻¹
+        gain = bread[:first, entries] @ pseudo_inverse(bread[entries, entries], MIN_EIGENVALUE)  # A_s A_ss⁻¹
         A -= gain @ bread[entries, :first]
         cross = gain @ meat[entries, :first]
         B += gain @ meat[entries, entries] @ gain.T - cross - cross.T
@@ -118,25 +118,22 @@ def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -
     of the entries of its start. (2)"""
     start_derivatives, other_derivatives = d[..., start], d[..., ~start]
     weighted_derivatives = start_derivatives * w[..., None]
-    axes = (0, 1), (0, 1)
-    projection = _pseudo_inverse(np.tensordot(weighted_derivatives, start_derivatives, axes)) @ np.tensordot(
-        weighted_derivatives, other_derivatives, axes
+    A_ss, A_so = (
+        np.tensordot(weighted_derivatives, x, ((0, 1), (0, 1)))
+        for x in (start_derivatives, other_derivatives)
     )
-    return other_derivatives - start_derivatives @ projection
+    return other_derivatives - start_derivatives @ (pseudo_inverse(A_ss, MIN_EIGENVALUE) @ A_so)
 
 
-def _pseudo_inverse(A: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inverse of a small information matrix; it is 0 in directions without information."""
+def pseudo_inverse(A: np.ndarray, rcond: float = 1e-12) -> np.ndarray:
+    """Return the pseudo-inverse (p, p) of an information A; it is 0 in directions below `rcond` of the largest
+    eigenvalue of the scaled A."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
-    values, vectors = np.linalg.eigh(A / np.outer(root, root))
-    positive = values > MIN_RELATIVE_EIGENVALUE * np.max(values, initial=1e-300)
-    columns = vectors[:, positive]
-    return (columns / values[positive]) @ columns.T / np.outer(root, root)
+    return np.linalg.pinv(A / np.outer(root, root), rcond=rcond, hermitian=True) / np.outer(root, root)
 
 
-MIN_SEGMENT_ENTRIES = (
-    48  # number of entries of segments above which (3) is faster than one solve of full size
-)
+# number of entries of segments above which (3) is faster than one solve of full size
+MIN_SEGMENT_ENTRIES = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -38,7 +38,7 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     term_columns,
 )
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.residuals.noise_level import MAD
+from baqueano.identify.residuals.noise_level import MAD, white_std
 from baqueano.identify.residuals.simulation import Residuals
 
 # quantiles of Student's t for a probability of 1.25e-5 on each side: (degrees of freedom, t)
@@ -271,8 +271,7 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
     if not gamma > 5.0 / np.sqrt(max(count, 1)):
         return []
     share = np.sqrt(gamma) / prediction_std if prediction_std > 0.0 else np.inf
-    white_std = MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in r])))) / np.sqrt(6.0)
-    excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(white_std, 1e-9)
+    excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(white_std(r), 1e-9)
     if not (share > MIN_SHARE or (share > 0.1 * MIN_SHARE and excess > MIN_EXCESS)):
         return []
     percent = 100.0 * float(share) if np.isfinite(share) else 100.0

@@ -22,7 +22,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.residuals.noise_level import MAD
+from baqueano.identify.residuals.noise_level import white_std
 from baqueano.runs.diagnostics.repeated_readings import find_repeats, is_read_too_fast
 from baqueano.runs.run import Channel
 
@@ -103,8 +103,7 @@ def channel_resolution(x: np.ndarray) -> ChannelResolution:
     if not len(gaps):
         return ChannelResolution(0.0, 0.0)
     step = float(np.quantile(gaps, 0.01))
-    sigma = MAD * float(np.median(np.abs(np.diff(new_values, 2)))) / np.sqrt(6.0)
-    return ChannelResolution(sigma, step)
+    return ChannelResolution(white_std([new_values]), step)
 
 
 def _dead_channel(label: str, x: np.ndarray) -> Diagnostic:

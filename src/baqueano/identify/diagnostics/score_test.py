@@ -21,8 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.information import pseudo_inverse
-from baqueano.identify.data.segments import Evaluation
+from baqueano.identify.data.segments import Evaluation, pseudo_inverse
 from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.parallel import cache_slices
 from baqueano.identify.residuals.simulation import HUBER, Residuals

@@ -22,7 +22,7 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.estimators.readings.velocity_readings import velocity_readings
-from baqueano.identify.residuals.noise_level import MAD
+from baqueano.identify.residuals.noise_level import white_std
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
@@ -80,7 +80,7 @@ def block_sums(speed: TimeSeries, acceleration: TimeSeries, rate: TimeSeries) ->
     velocity, psi = acceleration.integral(), rate.integral()
     regressors = [TimeSeries(psi.t_s, np.cos(psi.x)), TimeSeries(psi.t_s, np.sin(psi.x))]
     regressors += [series.integral() for series in regressors]
-    white_variance = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
+    white_variance = white_std([speed.x]) ** 2
     min_window_s = MIN_WINDOW_SAMPLES * float(np.median(np.diff(speed.t_s)))
     sums = np.zeros((int((end - begin) / BLOCK_S), 2))
     for tau in (window_s for window_s in WINDOWS_S if len(sums) and window_s >= min_window_s):

@@ -35,7 +35,7 @@ from baqueano.identify.noise.process_noise import (
     total_cost,
 )
 from baqueano.identify.noise.speed_error import with_speed_error
-from baqueano.identify.residuals.noise_level import MAD
+from baqueano.identify.residuals.noise_level import white_std
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, value_at_path, with_value
@@ -164,10 +164,10 @@ def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
     lags = np.unique(np.rint(np.linspace(LAGS_S[0], LAGS_S[1] * T, 40) / dt_s).astype(int))
     lags = lags[lags > 0]
-    products, count, second_differences = np.zeros(len(lags)), np.zeros(len(lags)), []
+    products, count, residuals = np.zeros(len(lags)), np.zeros(len(lags)), []
     for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
         r = np.clip(c.measured - c.predicted, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
-        second_differences.append(np.diff(r[np.isfinite(r)], 2))
+        residuals.append(r[np.isfinite(r)])
         for k, lag in enumerate(lags[lags < len(r)]):
             pairs = r[:-lag] * r[lag:]
             products[k] += np.nansum(pairs)
@@ -176,12 +176,10 @@ def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set
         return ekf
     fading = np.exp(-lags * dt_s / T)
     variance = float(np.sum(fading * products / count) / np.sum(fading**2))
-    noise_std = MAD * float(np.median(np.abs(np.concatenate(second_differences)))) / np.sqrt(6.0)
     low, high = FORWARD_NOISE[0][1:]
     ekf = with_value(ekf, "disturbance_std[0]", float(np.clip(np.sqrt(max(variance, 0.0)), low, high)))
-    return with_value(
-        ekf, "velocity_walk_std[0]", float(min(ekf.velocity_walk_std[0], noise_std * np.sqrt(dt_s)))
-    )
+    walk = float(min(ekf.velocity_walk_std[0], white_std(residuals) * np.sqrt(dt_s)))
+    return with_value(ekf, "velocity_walk_std[0]", walk)
 
 
 def _correcting_entries(layout: Layout, name: str) -> list[int]:
@@ -281,19 +279,13 @@ def _variance_range(
 ) -> tuple[float, float]:
     """Return the least and the greatest variance of an inertial channel. With few residuals, the greatest is
     `otherwise`.  (2)"""
-    steps = [
-        np.diff(r[np.isfinite(r)], 2)
-        for r in (c.measured - c.predicted for c in fit.channels if c.sensor == name and c.entry == entry)
-    ]
-    differences = np.concatenate([np.zeros(0), *steps])
-    max_variance = (
-        (MAD * float(np.median(np.abs(differences)))) ** 2 / 6.0 if len(differences) >= MIN_RESIDUALS else 0.0
-    )
-    max_variance = max_variance if max_variance > 0.0 else otherwise
+    residuals = [c.measured - c.predicted for c in fit.channels if (c.sensor, c.entry) == (name, entry)]
+    residuals = [r[np.isfinite(r)] for r in residuals]
+    count = sum(max(0, len(r) - 2) for r in residuals)
+    max_variance = (white_std(residuals) ** 2 if count >= MIN_RESIDUALS else 0.0) or otherwise
     variance_at_rest = np.inf if rest is None else float(rest[entry, entry])
-    return variance_at_rest if variance_at_rest < max_variance else max_variance * np.exp(
-        -2.0 * LOG_RANGE
-    ), max_variance
+    is_usable = variance_at_rest < max_variance
+    return variance_at_rest if is_usable else max_variance * np.exp(-2.0 * LOG_RANGE), max_variance
 
 
 def simulated_noise(sensors: SensorBlocks, Q: Mapping[str, np.ndarray]) -> "JsonObject":

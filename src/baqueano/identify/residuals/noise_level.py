@@ -36,6 +36,11 @@ MIN_BLOCKS = 12  # blocks for (3)
 SLOW_RATIOS = np.array([0.0, *np.geomspace(0.25, 16.0, 13)])  # κ times the root mean square of the speed
 
 
+def white_std(signals: Sequence[np.ndarray]) -> float:
+    """Return the robust standard deviation of the white noise in `signals` (N,), from their second differences."""
+    return MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in signals])))) / np.sqrt(6.0)
+
+
 def robust_sigma(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
     """Return σ (m,) of residuals (N, m) of several runs, in their unit.  (1)"""
     m = residuals[0].shape[1]

@@ -8,9 +8,10 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
-from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, pseudo_inverse
+from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.data.segments import pseudo_inverse
 from baqueano.identify.diagnostics import diagnose
 from baqueano.identify.diagnostics.residual_checks import Diagnosis
 from baqueano.identify.identifiability.identifiable import (
