@@ -8,7 +8,6 @@ second search is a test. The errors of its parameters already contain the autoco
 dropped if process noise explains them (result/objective_choice.py).
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,7 +17,6 @@ from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.segments import Evaluation, dense, eliminate
-from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability.identifiable import FinishedFit
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH, free_parameter, value
@@ -73,8 +71,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     fit, floor = fit_of(second.end), second.likelihood_fit.noise.floor
     paths = [f"{PROCESS_NOISE_PATH}[{axis}]" for axis in second.axes]
     free = [free_parameter(first.blocks, path, {}) for path in paths]
-    std = np.sqrt(floor)
-    cov = _covariance(second, fit)
+    std, cov = np.sqrt(floor), _covariance(second, fit)
     return replace(
         fit,
         names=(*fit.names, *paths),
@@ -92,22 +89,16 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Return the covariance (p + k, p + k) of the parameters of `fit` and of the standard deviations of the process
     noise. Unknown entries are NaN."""
-    p, floor, count = len(fit.names), second.likelihood_fit.noise.floor, len(second.end.identifiability.mask)
-    k, std = len(floor), np.sqrt(floor)
-    cov = np.full((p + k, p + k), np.nan)
-    entries = np.r_[
-        second.end.identifiability.mask, floor > 0.0, np.ones(len(second.info.bread) - count - k, bool)
-    ]
-    entries = np.flatnonzero(entries & (np.diagonal(second.info.bread) > 0.0))
-    entry_cov = covariance_of(second.info, entries)
-    shared_entries = np.array(second.end.in_theta)
-    positions = np.r_[shared_entries, np.full(count - len(shared_entries), -1), p + np.arange(k)]
-    scale = np.r_[np.ones(count), 1.0 / np.maximum(2.0 * std, 1e-300)]
-    free_entries = [n for n, i in enumerate(entries) if i < count + k and positions[i] >= 0]
-    rows = positions[entries[free_entries]]
-    cov[np.ix_(rows, rows)] = entry_cov[np.ix_(free_entries, free_entries)] * np.outer(
-        scale[entries[free_entries]], scale[entries[free_entries]]
-    )
+    p, k, count = len(fit.names), len(second.axes), len(second.end.identifiability.mask)
+    floor, bread, in_theta = second.likelihood_fit.noise.floor, second.info.bread, second.end.in_theta
+    is_free = np.r_[second.end.identifiability.mask, floor > 0.0, np.ones(len(bread) - count - k, bool)]
+    entries = np.flatnonzero(is_free & (np.diagonal(bread) > 0.0))
+    full_cov, cov = np.full(bread.shape, np.nan), np.full((p + k, p + k), np.nan)
+    full_cov[np.ix_(entries, entries)] = covariance_of(second.info, entries)
+    scale = np.r_[np.ones(count), 0.5 / np.sqrt(np.where(floor > 0.0, floor, np.nan))]  # v → √v
+    rows = np.r_[: len(in_theta), count : count + k]
+    places = np.r_[np.array(in_theta, int), p : p + k]
+    cov[np.ix_(places, places)] = full_cov[np.ix_(rows, rows)] * np.outer(scale[rows], scale[rows])
     cov[:p, :p] = fit.cov
     return cov
 
@@ -123,10 +114,10 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
         likely, prediction.axes, _compare_objectives(first, prediction, likely), _noise_ratios(first, likely)
     )
     with_noise, info = _information_matrices(likely, first)
-    optimum, evaluation, p = likely.solution, likely.solution.evaluation, problem.size
+    evaluation, p = likely.solution.evaluation, problem.size
     evaluation = Evaluation(evaluation.cost, evaluation.gradient[:p], dense(evaluation.hessian)[:p, :p])
-    solution = Solution(
-        likely.theta, evaluation, optimum.converged, optimum.decrement, optimum.evaluations, optimum.bound[:p]
+    solution = likely.solution._replace(
+        theta=likely.theta, evaluation=evaluation, bound=likely.solution.bound[:p]
     )
     evaluations = first.search.evaluations + likely.evaluations
     search = first.search._replace(
@@ -197,12 +188,6 @@ def _sensors(second: PredictionErrorFit) -> Diagnostic:
     """Return a note with the noise of the sensors without the process noise."""
     problem, noise = second.end.task.problem, second.likelihood_fit.noise
     sigma = problem.sigma * np.exp(noise.sensors)
-    ends = np.cumsum(problem.sizes)[:-1]
-    by_sensor = zip(problem.names, np.split(sigma, ends), strict=True)
-    return note(
-        "noise.without-floor", noise="; ".join(f"{name} {_numbers(values)}" for name, values in by_sensor)
-    )
-
-
-def _numbers(values: Sequence[float] | np.ndarray) -> str:
-    return ", ".join(f"{x:.3g}" for x in values)
+    by_sensor = zip(problem.names, np.split(sigma, np.cumsum(problem.sizes)[:-1]), strict=True)
+    texts = (f"{name} {', '.join(f'{x:.3g}' for x in values)}" for name, values in by_sensor)
+    return note("noise.without-floor", noise="; ".join(texts))

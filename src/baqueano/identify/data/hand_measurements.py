@@ -51,46 +51,32 @@ class HandMeasurement(NamedTuple):
     std: float
 
 
-class HandKind(NamedTuple):
-    """A kind of hand measurement: the function of the pose that it measures, and its accuracy."""
+@dataclass(frozen=True, slots=True, eq=False)
+class HandSensor:
+    """Sensor block of a kind of hand measurement. `h` returns z (size,): a distance [m], a position [m], or a direction
+    without a jump at half a turn, whose standard deviation is that of the angle [rad].  (1)"""
 
     size: int
     std: float
-    h: Callable[[np.ndarray], np.ndarray]  # η (3,) → (size,)
-
-
-KINDS = {
-    "tape": HandKind(
-        1, LENGTH_STD_M, lambda eta: np.sqrt(np.array([eta[0] ** 2 + eta[1] ** 2 + SMOOTHING_M**2]))
-    ),
-    "back_on_mark": HandKind(2, LENGTH_STD_M, lambda eta: eta[:2]),
-    "turned": HandKind(2, ANGLE_STD_RAD, lambda eta: np.array([np.cos(eta[2]), np.sin(eta[2])])),
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandSensor:
-    """Sensor block of a kind of hand measurement: a distance [m], a position [m], or a direction without a jump at
-    half a turn, whose standard deviation is that of the angle [rad]."""
-
-    kind: str
-    std: float
-
-    @property
-    def size(self) -> int:
-        """Return the number of entries of z."""
-        return KINDS[self.kind].size
+    h: Callable[[Motion], np.ndarray]
 
     @property
     def cov(self) -> np.ndarray:
         """Return the covariance Q (m, m)."""
         return np.eye(self.size) * self.std**2
 
-    def h(self, motion: Motion) -> np.ndarray:
-        """Return z (m,) at the pose of the vehicle.  (1)"""
-        return KINDS[self.kind].h(motion.eta)
+
+def _distance(motion: Motion) -> np.ndarray:
+    return np.sqrt(np.array([motion.eta[0] ** 2 + motion.eta[1] ** 2 + SMOOTHING_M**2]))
 
 
+KINDS = {
+    "tape": HandSensor(1, LENGTH_STD_M, _distance),
+    "back_on_mark": HandSensor(2, LENGTH_STD_M, lambda motion: motion.eta[:2]),
+    "turned": HandSensor(
+        2, ANGLE_STD_RAD, lambda motion: np.array([np.cos(motion.eta[2]), np.sin(motion.eta[2])])
+    ),
+}
 EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
 
 
@@ -99,21 +85,20 @@ def with_hand_measurements(
 ) -> tuple[list[Run], FittedBlocks]:
     """Return the runs with one channel for each hand measurement, and the blocks with a sensor for each channel.
     `measured` contains lines such as "12.4 s: 2.31 m". Raise UsageError for a line that cannot be parsed."""
-    runs_with_tape, sensors = list(runs), blocks.sensors._asdict()
+    runs, sensors = list(runs), blocks.sensors._asdict()
     for line in measured:
         run_index, measurements = read_line(line, runs)
         for measurement in measurements:
             name, drift = measurement.kind, drift_std(blocks.model, runs[run_index], measurement)
-            block = HandSensor(name, float(np.hypot(measurement.std, drift)))
             while name in sensors:
                 name += "_"
-            sensors[name] = block
-            by_run = [[measurement] if k == run_index else [] for k in range(len(runs_with_tape))]
-            runs_with_tape = [
-                _with_channel(run, name, of_run, block)
-                for run, of_run in zip(runs_with_tape, by_run, strict=True)
+            sensors[name] = replace(KINDS[measurement.kind], std=float(np.hypot(measurement.std, drift)))
+            t_ns, z = np.array([measurement.t_ns], dtype=np.int64), measurement.z[None]
+            channels = [Channel(t_ns[:n], t_ns[:n], z[:n]) for n in (np.arange(len(runs)) == run_index) * 1]
+            runs = [
+                replace(run, sensors={**run.sensors, name: c}) for run, c in zip(runs, channels, strict=True)
             ]
-    return runs_with_tape, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
+    return runs, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
 
 
 def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
@@ -127,13 +112,12 @@ def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
 
     def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
         state, motion = vehicle.step(state, row[1:n], row[0], row[n:])
-        return state, motion.eta
+        return state, KINDS[measurement.kind].h(motion)
 
     kernel = scan(step, vehicle.init(), np.zeros(n + 3))
     rng, ends = np.random.default_rng(0), []
     for noise in (np.zeros((tick_count, 3)), *rng.standard_normal((SAMPLED_VEHICLES, tick_count, 3))):
-        eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([columns, noise])))[1])[-1]
-        ends.append(KINDS[measurement.kind].h(eta))
+        ends.append(kernel.run(np.ascontiguousarray(np.column_stack([columns, noise])))[1][-1])
     deviations = np.array(ends[1:]) - ends[0]
     per_entry = 1 if measurement.kind == "turned" else len(measurement.z)  # both entries describe one angle
     return float(np.sqrt(np.sum(deviations**2) / (SAMPLED_VEHICLES * per_entry)))
@@ -176,17 +160,9 @@ def _measurement(text: str, line: str, t_ns: int) -> HandMeasurement:
         )
     factor = {**LENGTHS, **ANGLES}[unit]
     x, std = float(number["x"]) * factor, float(number["sd"] or 0.0) * factor
-    if unit in ANGLES:
-        return HandMeasurement("turned", t_ns, np.array([np.cos(x), np.sin(x)]), std or ANGLE_STD_RAD)
-    if x < 0.0:
+    if x < 0.0 and unit in LENGTHS:
         raise UsageError(fault("tape.negative", line=line, length_m=x))
-    if x == 0.0:
-        return HandMeasurement("back_on_mark", t_ns, np.zeros(2), std or LENGTH_STD_M)
-    return HandMeasurement("tape", t_ns, np.array([x]), std or LENGTH_STD_M)
-
-
-def _with_channel(run: Run, kind: str, measurements: list[HandMeasurement], block: Tree) -> Run:
-    measurements = sorted(measurements, key=lambda reading: reading.t_ns)
-    t_ns = np.array([reading.t_ns for reading in measurements], dtype=np.int64)
-    z = np.array([reading.z for reading in measurements]) if measurements else np.zeros((0, block.size))
-    return replace(run, sensors={**run.sensors, kind: Channel(t_ns, t_ns, z)})
+    kind, z = ("tape", [x]) if x > 0.0 else ("back_on_mark", [0.0, 0.0])
+    if unit in ANGLES:
+        kind, z = "turned", [np.cos(x), np.sin(x)]
+    return HandMeasurement(kind, t_ns, np.array(z), std or KINDS[kind].std)

@@ -243,34 +243,28 @@ def _channels(
     segments = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
 
     def channels_of_run(run: int, run_name: str) -> list[ChannelFit]:
-        segments_of_run = [
-            (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :])
-            for r, h, z, w in segments
-            if r.run == run
-        ]
-        t_s, h, z, has = (np.concatenate(column) for column in zip(*segments_of_run, strict=True))
-        out = []
-        for c, (name, i) in enumerate(labels):
-            finite = has[:, c] > 0.0
-            measured_values = np.where(finite, z[:, c], np.nan)
-            share = explained_variance(z[finite, c], h[finite, c], sigma[c])
-            channel = ChannelFit(
+        of_run = [(r.lead, (r.t_s, h, z, has > 0.0)) for r, h, z, has in segments if r.run == run]
+        rows = [[column[lead:] for column in columns] for lead, columns in of_run]
+        t_s, h, z, has = (np.concatenate(column) for column in zip(*rows, strict=True))
+        shares = [explained_variance(z[w, c], h[w, c], sigma[c]) for c, w in enumerate(has.T)]
+        readings = np.where(has, z, np.nan)
+        return [
+            ChannelFit(
                 run_name,
-                name,
-                i,
+                *label,
                 t_s,
-                measured_values,
+                readings[:, c],
                 h[:, c],
                 float(sigma[c]),
-                share,
+                shares[c],
                 float(autocorrelation[c]),
             )
-            out.append(channel)
-        return out
+            for c, label in enumerate(labels)
+        ]
 
     names = list(_runs(problem))
     channels = parallel_map(channels_of_run, range(len(names)), names, rows=sum(map(len, problem.z)))
-    return tuple(channel_fit for channel in channels for channel_fit in channel)
+    return tuple(channel for of_run in channels for channel in of_run)
 
 
 def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
