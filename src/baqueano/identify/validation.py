@@ -24,7 +24,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import student_quantile
+from baqueano.identify.covariance.clusters import prediction_limit, student_quantile
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
@@ -141,35 +141,24 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     run_parameters = [name for name in fit.run_entry_names if is_requested(name)]
     clocks = [name.removeprefix("clock.") for name in run_parameters if name.startswith("clock.")]
-    per_run = [
-        name
-        for name in (*run_parameters, *fit.names)
-        if name in run_parameters or name.startswith(MOUNT_PREFIX)
-    ]
-    per_run = [name for name in per_run if not name.startswith("clock.")]
+    per_run = [name for name in run_parameters if not name.startswith("clock.")]
+    per_run += [name for name in fit.names if name.startswith(MOUNT_PREFIX)]
     options = FitOptions(per_run=per_run, clocks=clocks, sigma=sigma, diagnose=False, backend=fit.backend)
-    channels: list[ChannelFit] = []
-    vehicle_file = fit.vehicle_file
-    begins_at_rest_flags = [begins_at_rest(run, fit.blocks.sensors) for run in runs]
-    for run, run_at_rest in zip(runs, begins_at_rest_flags, strict=True):
-        channels += identify(
-            run, vehicle_file, (), use=use, options=replace(options, at_rest=run_at_rest)
-        ).channels
+    vehicle_file, channels = fit.vehicle_file, list[ChannelFit]()
+    at_rest = [begins_at_rest(run, fit.blocks.sensors) for run in runs]
+    for run, is_at_rest in zip(runs, at_rest, strict=True):
+        of_run = identify(run, vehicle_file, (), use=use, options=replace(options, at_rest=is_at_rest))
+        channels += of_run.channels
     metrics, messages = [], _too_few_reasons(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
-            run_parameters = [
-                channel for channel in fit.channels if (channel.sensor, channel.entry) == (c.sensor, c.entry)
-            ]
-            channel_metrics, channel_findings = _channel_metrics(
-                c, run_parameters, channel_unit(vehicle_file, c.sensor, c.entry)
-            )
+            own_channels = [own for own in fit.channels if (own.sensor, own.entry) == (c.sensor, c.entry)]
+            unit = channel_unit(vehicle_file, c.sensor, c.entry)
+            channel_metrics, channel_findings = _channel_metrics(c, own_channels, unit)
             metrics.append(channel_metrics)
             messages += channel_findings
     flags = tuple(flag for run in runs for flag in fit.envelope.range_warnings(run))
-    return Validation(
-        tuple(metrics), tuple(channels), tuple(messages), flags, _basis(fit, runs, begins_at_rest_flags)
-    )
+    return Validation(tuple(metrics), tuple(channels), tuple(messages), flags, _basis(fit, runs, at_rest))
 
 
 def _too_few_reasons(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
@@ -287,9 +276,8 @@ def _evidence_against(
     if len(errors.g) < 2 or len(own_squares) < 2:
         return []
     k = int(np.argmax(errors.g))
-    chance = student_quantile(1.0 - alpha / len(errors.g), len(own_squares) - 1) * np.std(own_squares, ddof=1)
-    chance *= np.sqrt(1.0 + 1.0 / len(own_squares))
-    if errors.g[k] > max(own_squares.mean() + chance, own_squares.max(), np.log(MAX_SQUARE_RATIO * noise2)):
+    limit = prediction_limit(own_squares, 1.0 - alpha / len(errors.g))
+    if errors.g[k] > max(limit, own_squares.max(), np.log(MAX_SQUARE_RATIO * noise2)):
         here_off, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
         span = {"here": here_off, "from_s": begin_s, "to_s": begin_s + errors.block_s}
         return [_channel_finding("validation.off-once", Severity.WARNING, metrics, **span)]

@@ -66,6 +66,12 @@ def _exact_student_quantile(probability: float, freedom: int) -> float:
     return float(np.sqrt(freedom) * np.tan(low))
 
 
+def prediction_limit(x: np.ndarray, probability: float) -> float:
+    """Return the limit below which a further normal value lies with this probability, given x (n,), n > 1."""
+    t = student_quantile(probability, len(x) - 1)
+    return float(np.mean(x) + t * np.std(x, ddof=1) * np.sqrt(1.0 + 1.0 / len(x)))
+
+
 def chi_square(nu: np.ndarray | float, normal: float) -> np.ndarray:
     """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931). Its probability is the
     probability of the standard normal quantile `normal`."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import JsonObject, Tree
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
@@ -157,37 +157,25 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     first_channel = sum(task.problem.sizes[: task.problem.names.index(name)])
     channels = slice(first_channel, first_channel + 3)
     n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
-    start_thetas = [
-        task.start,
-        np.where(np.isfinite(end.search.solution.theta), end.search.solution.theta, task.start),
-    ]
+    theta = end.search.solution.theta
+    starts = task.start, np.where(np.isfinite(theta), theta, task.start)
     as_in_file = min(
-        (_search_from(task, blocks, records, theta) for theta in start_thetas),
+        (_search_from(task, blocks, records, start) for start in starts),
         key=lambda result: _log_sigma(result, channels, n),
     )
-    searches = [
-        (
-            hypothesis,
-            _search_from(
-                task, blocks, [_with_remounted_imu(r, name, hypothesis) for r in records], start_thetas[0]
-            ),
-        )
-        for hypothesis in MOUNTS
-    ]
-    gains = [
-        _log_sigma(as_in_file, channels, n) - _log_sigma(result, channels, n[list(hypothesis.order)])
-        for hypothesis, result in searches
-    ]
-    max_gain = max(gains)
-    if not is_clear(max_gain, max_gain / n.sum()):
-        return None
-    for gain, (hypothesis, result) in zip(gains, searches, strict=True):
+    trials = []
+    for mount in MOUNTS:
+        turned_records = [_with_remounted_imu(record, name, mount) for record in records]
+        result = _search_from(task, blocks, turned_records, task.start)
+        gain = _log_sigma(as_in_file, channels, n) - _log_sigma(result, channels, n[list(mount.order)])
+        trials.append((gain, mount, result))
+    max_gain = max(gain for gain, _, _ in trials)
+    for gain, mount, result in trials if is_clear(max_gain, max_gain / n.sum()) else ():
         if gain > SIMILAR_GAIN_FRACTION * max_gain and _agrees_with_file(task, blocks, result):
-            sigma = result.sigma[channels][np.argsort(hypothesis.order)]  # in the column order of the run
-            sigma_changes = ", ".join(
-                f"{a:.2g} → {b:.2g}" for a, b in zip(as_in_file.sigma[channels], sigma, strict=True)
-            )
-            return hypothesis, note(hypothesis.code, Severity.ERROR, subject=name, less=sigma_changes)
+            sigma = result.sigma[channels][np.argsort(mount.order)]  # in the column order of the run
+            pairs = zip(as_in_file.sigma[channels], sigma, strict=True)
+            less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in pairs)
+            return mount, note(mount.code, Severity.ERROR, subject=name, less=less)
     return None
 
 
@@ -256,20 +244,19 @@ def gain_findings(
 
 
 def _noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
-    findings = []
-    for label, file_value, estimate in zip(labels, file_sigma, sigma, strict=True):
-        if file_value > 0.0 and SILENT_RATIO < estimate / file_value < QUIET_RATIO:
-            figures: JsonObject = {"sigma": float(estimate), "times": float(estimate / file_value)}
-            findings.append(
-                note(
-                    "file.quiet",
-                    Severity.WARNING,
-                    subject=label,
-                    guess=_unit(file_value / estimate),
-                    **figures,
-                )
-            )
-    return findings
+    return [
+        note(
+            "file.quiet",
+            Severity.WARNING,
+            "",
+            label,
+            guess=_unit(was / now),
+            sigma=float(now),
+            times=float(now / was),
+        )
+        for label, was, now in zip(labels, file_sigma, sigma, strict=True)
+        if was > 0.0 and SILENT_RATIO < now / was < QUIET_RATIO
+    ]
 
 
 def _scalar_gain_findings(
@@ -320,30 +307,21 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
         main_axis = int(np.argmax(np.abs(file_gains[:, j]) / scale))
         if file_gains[main_axis, j] == 0.0 or paths[main_axis] not in estimates:
             continue
-        fitted_gains = (
-            np.array([estimates.get(p, (file_gains[i, j], 0.0))[0] for i, p in enumerate(paths)]) / scale
-        )
+        fitted_gains = np.array([estimates.get(p, (file_gains[i, j], 0.0))[0] for i, p in enumerate(paths)])
         sizes, file_sizes = (
-            _comparable_magnitudes(fitted_gains, file_gains, scale),
-            _comparable_magnitudes(file_gains[:, j] / scale, file_gains, scale),
+            _comparable_magnitudes(gains / scale, file_gains, scale)
+            for gains in (fitted_gains, file_gains[:, j])
         )
         second_axis = int(np.argmax(np.where(np.arange(3) == main_axis, 0.0, sizes)))
-        if (
-            sizes[second_axis] > sizes[main_axis]
-            and MAX_GAIN_RATIO * sizes[main_axis] < file_sizes[main_axis]
-        ):
-            findings.append(
-                note(
-                    "file.swapped",
-                    Severity.WARNING,
-                    subject=f"u[{j}]",
-                    expected=note(f"axis.{AXIS_NAMES[main_axis]}"),
-                    found=note(f"axis.{AXIS_NAMES[second_axis]}"),
-                )
-            )
+        is_second_larger = sizes[second_axis] > sizes[main_axis]
+        if is_second_larger and MAX_GAIN_RATIO * sizes[main_axis] < file_sizes[main_axis]:
+            axes = {
+                k: note(f"axis.{AXIS_NAMES[i]}") for k, i in (("expected", main_axis), ("found", second_axis))
+            }
+            findings.append(note("file.swapped", Severity.WARNING, "", f"u[{j}]", **axes))
             continue
         offset = _offset_path(blocks)
-        if sizes[second_axis] > sizes[main_axis] and main_axis == TURNING_AXIS and offset:
+        if is_second_larger and main_axis == TURNING_AXIS and offset:
             axis = note(f"axis.{AXIS_NAMES[second_axis]}")
             findings.append(
                 note("file.lever-arm", Severity.WARNING, f"--free +{offset}", f"u[{j}]", axis=axis)

@@ -62,12 +62,8 @@ def _check_unit(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     def scale_log(log: Any) -> Any:
         if log is None:
             return None
-        times = {
-            k: _scale_times(getattr(log, k), first, rate_ratio)
-            for k in log._fields
-            if k in ("t_ns", "arrival_ns")
-        }
-        return log._replace(**times)
+        times = {"t_ns", "arrival_ns"} & set(log._fields)
+        return log._replace(**{k: _scale_times(getattr(log, k), first, rate_ratio) for k in times})
 
     # The search uses the time scale of the file, so that it converges; the verdict is REFUSED in any case.
     sensors = {name: scale_log(channel) for name, channel in run.sensors.items()}
@@ -110,31 +106,24 @@ def spread_bursts(t_ns: np.ndarray) -> np.ndarray:
 
 def _spread_all_bursts(run: Run) -> tuple[Run, list[Diagnostic]]:
     messages = []
-    if _is_burst(run.t_ns):
-        t_ns = spread_bursts(run.t_ns)
-        if np.all(np.diff(t_ns) > 0):
-            shift_s = float(np.quantile(np.abs(t_ns - run.t_ns), 0.95)) / NANOSECONDS
-            sensors = {
-                name: c._replace(
-                    t_ns=_move_to_ticks(c.t_ns, run.t_ns, t_ns),
-                    arrival_ns=_move_to_ticks(c.arrival_ns, run.t_ns, t_ns),
-                )
-                for name, c in run.sensors.items()
-            }  # fmt: skip
-            run = replace(run, t_ns=t_ns, sensors=sensors)
-            messages.append(_burst_note("ticks", shift_s))
+    if _is_burst(run.t_ns) and np.all(np.diff(t_ns := spread_bursts(run.t_ns)) > 0):
+        messages.append(_burst_note("ticks", run.t_ns, t_ns))
+        sensors = {}
+        for name, c in run.sensors.items():
+            moved_ns, arrival_ns = (_move_to_ticks(x, run.t_ns, t_ns) for x in (c.t_ns, c.arrival_ns))
+            sensors[name] = c._replace(t_ns=moved_ns, arrival_ns=arrival_ns)
+        run = replace(run, t_ns=t_ns, sensors=sensors)
     channels = dict(run.sensors)
     for name, c in channels.items():
         if len(c.t_ns) > MIN_SAMPLES and np.all(np.diff(c.t_ns) >= 0) and _is_burst(c.t_ns):
-            t_ns = spread_bursts(c.t_ns)
-            shift_s = float(np.quantile(np.abs(t_ns - c.t_ns), 0.95)) / NANOSECONDS
-            channels[name] = c._replace(t_ns=t_ns)
-            messages.append(_burst_note(name, shift_s))
+            channels[name] = c._replace(t_ns=spread_bursts(c.t_ns))
+            messages.append(_burst_note(name, c.t_ns, channels[name].t_ns))
     return replace(run, sensors=channels) if messages else run, messages
 
 
-def _burst_note(subject: str, moved_s: float) -> Diagnostic:
-    return note("time.bursts", Severity.WARNING, subject=subject, moved_ms=1e3 * moved_s)
+def _burst_note(subject: str, old_ns: np.ndarray, new_ns: np.ndarray) -> Diagnostic:
+    shift_ms = 1e3 * float(np.quantile(np.abs(new_ns - old_ns), 0.95)) / NANOSECONDS
+    return note("time.bursts", Severity.WARNING, subject=subject, moved_ms=shift_ms)
 
 
 def _move_to_ticks(timestamps: np.ndarray, old_ticks: np.ndarray, new_ticks: np.ndarray) -> np.ndarray:
@@ -158,21 +147,12 @@ def _check_stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
     is_backward = np.zeros(len(is_far), bool)
     latest = np.maximum.accumulate(np.where(is_far, np.iinfo(np.int64).min, c.t_ns))
     is_backward[1:] = (c.t_ns[1:] <= latest[:-1]) & ~is_far[1:]
-    messages = []
-    if is_far.any():
-        messages.append(
-            note(
-                "time.stamps-far",
-                _severity(is_far),
-                subject=name,
-                lost=int(is_far.sum()),
-                late_s=MAX_LATENESS_S,
-            )
-        )
-    if is_backward.any():
-        messages.append(
-            note("time.stamps-back", _severity(is_backward), subject=name, lost=int(is_backward.sum()))
-        )
+    figures = {"time.stamps-far": {"late_s": MAX_LATENESS_S}, "time.stamps-back": {}}
+    messages = [
+        note(code, _severity(is_lost), subject=name, lost=int(is_lost.sum()), **more)
+        for is_lost, (code, more) in zip((is_far, is_backward), figures.items(), strict=True)
+        if is_lost.any()
+    ]
     is_kept = ~(is_far | is_backward)
     return (Channel(*(column[is_kept] for column in c)), messages) if messages else (c, [])
 

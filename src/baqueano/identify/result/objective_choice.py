@@ -90,12 +90,8 @@ def _open_loop(comparison: "LeaveOneOutComparison") -> Diagnostic:
     """Return a note on the open-loop error of the fit by innovations on held-out blocks."""
     if not np.isfinite(comparison.cost_increase_percent):
         return note("cost.runs-away")
-    percent = abs(comparison.cost_increase_percent)
-    return (
-        note("cost.smaller", percent=percent)
-        if comparison.is_better
-        else note("cost.larger", percent=percent)
-    )
+    code = "cost.smaller" if comparison.is_better else "cost.larger"
+    return note(code, percent=abs(comparison.cost_increase_percent))
 
 
 def _process_noise_text(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
@@ -125,10 +121,8 @@ class LeaveOneOutComparison(NamedTuple):
         """Return Σ D_b in standard errors, inf if the model diverged.  (2)"""
         if not np.isfinite(self.cost_changes).all():
             return float("inf")
-        return float(
-            self.cost_changes.sum()
-            / max(np.sqrt(len(self.cost_changes) * np.var(self.cost_changes, ddof=1)), 1e-300)
-        )
+        std = np.sqrt(len(self.cost_changes) * np.var(self.cost_changes, ddof=1))
+        return float(self.cost_changes.sum() / max(std, 1e-300))
 
     @property
     def cost_increase_percent(self) -> float:
@@ -148,9 +142,8 @@ class LeaveOneOutComparison(NamedTuple):
     @property
     def limit(self) -> float:
         """Return the critical value of (3) above which the two fits differ significantly (Bonferroni)."""
-        return student_quantile(
-            1.0 - 0.5 * DIFFERENCE_P_VALUE / max(1, len(self.names)), len(self.cost_changes) - 1
-        )
+        p_value = 0.5 * DIFFERENCE_P_VALUE / max(1, len(self.names))
+        return student_quantile(1.0 - p_value, len(self.cost_changes) - 1)
 
     @property
     def largest_change(self) -> tuple[float, str]:
@@ -216,26 +209,19 @@ def _innovation_blocks(
     block_s, p = block_duration_s(problem), problem.size
     segments = zip(
         segment_derivatives(problem, x[:p]), prediction.derivatives(x), problem.records, strict=True
-    )  # fmt: skip
+    )
     for (r, d, entries), derivatives, record in segments:
-        derivatives = (
-            _eliminate_start(derivatives, problem)
-            if d.shape[2] < np.sum(derivatives.indices < p)
-            else derivatives
-        )
+        if d.shape[2] < np.sum(derivatives.indices < p):
+            derivatives = _eliminate_start(derivatives, problem)
         for a, b in pairwise(block_edges(record, block_s, len(r))):
-            e, e_derivatives, s_derivatives = (
-                derivatives.e[a:b].ravel(),
-                *(
-                    s[a:b].reshape(-1, s.shape[2])
-                    for s in (derivatives.e_derivatives, derivatives.s_derivatives)
-                ),
+            e = derivatives.e[a:b].ravel()
+            by_e, by_s, by_r = (
+                x[a:b].reshape(-1, x.shape[2])
+                for x in (derivatives.e_derivatives, derivatives.s_derivatives, d)
             )
-            g = (weight(e) * e) @ e_derivatives + 0.5 * BETA * s_derivatives.sum(axis=0)
-            A = gram(e_derivatives, psi_derivative(e)) + 0.25 * BETA * gram(s_derivatives)
-            yield _ObjectiveBlock(
-                g, A, derivatives.indices, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), entries
-            )
+            g = (weight(e) * e) @ by_e + 0.5 * BETA * by_s.sum(axis=0)
+            A = gram(by_e, psi_derivative(e)) + 0.25 * BETA * gram(by_s)
+            yield _ObjectiveBlock(g, A, derivatives.indices, r[a:b].ravel(), by_r, entries)
 
 
 def _eliminate_start(derivatives: InnovationDerivatives, problem: Residuals) -> InnovationDerivatives:

@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.identify.covariance.clusters import student_quantile
+from baqueano.identify.covariance.clusters import prediction_limit
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
 from baqueano.messages.language import number
@@ -116,12 +116,8 @@ def _at_bound(e: Evidence, k: int, kind: str, severity: Severity) -> Diagnostic:
 
 def _refusals(e: Evidence) -> list[Diagnostic]:
     refusals = _findings_of(e, ERROR)
-    if not e.converged and e.most_moving:
-        refusals.append(
-            note(
-                "fit.not-converged-moving", ERROR, f"--fix {e.most_moving}", e.most_moving, key=e.most_moving
-            )
-        )
+    if not e.converged and (key := e.most_moving):
+        refusals.append(note("fit.not-converged-moving", ERROR, f"--fix {key}", key, key=key))
     elif not e.converged:
         refusals.append(note("fit.not-converged", ERROR, "--fix KEY"))
     shares = [c.explained for c in e.channels if np.isfinite(c.explained)]
@@ -221,11 +217,8 @@ def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
         residuals = (c.measured - c.predicted) / c.sigma
-        counts[k % m] += [
-            np.sum(np.isfinite(residuals)),
-            np.sum(residuals > OUTLIER_SIGMA),
-            np.sum(residuals < -OUTLIER_SIGMA),
-        ]
+        is_in_group = np.isfinite(residuals), residuals > OUTLIER_SIGMA, residuals < -OUTLIER_SIGMA
+        counts[k % m] += np.sum(is_in_group, axis=1)
     return [(int(n), int(above), int(below)) for n, above, below in counts]
 
 
@@ -278,8 +271,9 @@ def by_channel(
             residuals = np.clip(measured - c.predicted[finite_rows], -limit, limit)
             signal = c.predicted[finite_rows] + residuals
             signal = signal - (np.mean(signal) if mean is None else mean)
-            left2, moved2 = (float(x @ x) / c.sigma**2 for x in (residuals, signal))
-            runs_of_channel.setdefault(label, []).append(ChannelOfRun(c.run, left2, moved2, len(measured)))
+            squares, signal_squares = (float(x @ x) / c.sigma**2 for x in (residuals, signal))
+            of_run = ChannelOfRun(c.run, squares, signal_squares, len(measured))
+            runs_of_channel.setdefault(label, []).append(of_run)
     return runs_of_channel
 
 
@@ -300,18 +294,11 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
         like_runs = [channel for channel in runs if not channel.contradicts_model]
         if not like_runs:
             continue
-        mean_square = sum_of_runs(like_runs).squares / max(sum_of_runs(like_runs).samples, 1)
-        is_small = [channel.signal_squares <= mean_square * channel.samples for channel in runs]
-        outliers = [
-            channel.run
-            for channel, is_quiet in zip(runs, is_small, strict=True)
-            if channel.contradicts_model
-            and (
-                is_quiet
-                if hardly
-                else not is_quiet and _is_significantly_larger(channel, like_runs, len(runs))
-            )
-        ]
+        total, outliers = sum_of_runs(like_runs), []
+        for channel in (channel for channel in runs if channel.contradicts_model):
+            is_quiet = channel.signal_squares * total.samples <= total.squares * channel.samples
+            if is_quiet == hardly and (hardly or _is_significantly_larger(channel, like_runs, len(runs))):
+                outliers.append(channel.run)
         if outliers:
             code, severity = (
                 ("runs.hardly-moved", Severity.INFO) if hardly else ("runs.unlike-others", Severity.WARNING)
@@ -327,11 +314,4 @@ def _is_significantly_larger(channel: ChannelOfRun, like_runs: list[ChannelOfRun
     """Return True if the residuals of a run are significantly larger than in the `like_runs`, one of `count` runs. (1)
     Also return True if `like_runs` contains fewer than two runs, because their scatter is then unknown."""
     g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *like_runs)])
-    if len(like_runs) < 2:
-        return True
-    margin = (
-        student_quantile(1.0 - FALSE_ALARM_RATE / count, len(like_runs) - 1)
-        * np.std(g[1:], ddof=1)
-        * np.sqrt(1.0 + 1.0 / len(like_runs))
-    )
-    return bool(g[0] > np.mean(g[1:]) + margin)
+    return len(like_runs) < 2 or bool(g[0] > prediction_limit(g[1:], 1.0 - FALSE_ALARM_RATE / count))
