@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import Verdict
-from baqueano.identify.design.rough_gains import planning_file, undetermined_damping, with_uncertain_gains
-from baqueano.identify.design.vehicle_cloud import possible_vehicles
+from baqueano.identify.design.vehicle_cloud import (
+    planning_file,
+    possible_vehicles,
+    undetermined_damping,
+    with_uncertain_gains,
+)
 from baqueano.vehicle_file import load
 
 

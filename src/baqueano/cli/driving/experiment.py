@@ -194,7 +194,7 @@ def make_first_drive(
     from baqueano.drive import estimate_first_drive, with_rough_gains
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
-    from baqueano.identify.design.rough_gains import planning_file, undetermined_damping
+    from baqueano.identify.design.vehicle_cloud import planning_file, undetermined_damping
 
     path = path_of("first-drive")
     print_message(note("cli.first-drive", name=vehicle_file.name))

@@ -40,11 +40,9 @@ class MotionPrimitive(NamedTuple):
         if self.return_kind == RETURN_KINDS - 1:
             u[: len(self.outbound)] = self.outbound
         else:
-            sign = (-np.ones(n), np.where(is_first, -1.0, 1.0), np.where(is_first, 1.0, -1.0))[
-                self.return_kind
-            ]
+            signs = -np.ones(n), np.where(is_first, -1.0, 1.0), np.where(is_first, 1.0, -1.0)
             half = self.outbound[: len(self.outbound) // 2]
-            u[: 2 * len(half)] = np.concatenate([half, half * sign])
+            u[: 2 * len(half)] = np.concatenate([half, half * signs[self.return_kind]])
         return u * limit
 
 
@@ -119,10 +117,7 @@ def poses_in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def _mutation(
-    primitive: MotionPrimitive,
-    other_primitive: MotionPrimitive,
-    shape: PrimitiveShape,
-    rng: np.random.Generator,
+    primitive: MotionPrimitive, other: MotionPrimitive, shape: PrimitiveShape, rng: np.random.Generator
 ) -> MotionPrimitive:
     outbound, mode, j = (
         primitive.outbound.copy(),
@@ -137,9 +132,9 @@ def _mutation(
     elif mode == 4:
         outbound[:, j] = np.clip(outbound[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
     elif mode == 5:
-        outbound[a:] = other_primitive.outbound[a:]
+        outbound[a:] = other.outbound[a:]
     elif mode == 6:
-        outbound[:, j] = other_primitive.outbound[:, j] * rng.choice([-1.0, 1.0])
+        outbound[:, j] = other.outbound[:, j] * rng.choice([-1.0, 1.0])
     else:
         return MotionPrimitive(outbound, int(rng.integers(RETURN_KINDS)))
     return MotionPrimitive(outbound, primitive.return_kind)
@@ -159,9 +154,8 @@ def _level(rng: np.random.Generator) -> float:
     return float(magnitude * rng.choice([-1.0, 1.0]))
 
 
-EXACT_PRIMITIVES = (
-    24  # primitives that are evaluated exactly together; those with the highest bounds are first
-)
+# primitives that are evaluated exactly together; those with the highest bounds are first
+EXACT_PRIMITIVES = 24
 MAX_TRIED_PRIMITIVES = 320  # primitives that are tried for one place
 END_COST = 1.0  # in J, of a primitive that ends one room away from where it began
 REACH_COST = 25.0  # cost in J for a reach of one room, to choose primitives that stay near
@@ -187,21 +181,19 @@ class Composer:
         """Add primitives: their information F (P, M, q, q) for M possible vehicles, and the poses `path` (P, L, S, 3)
         of all possible vehicles along them. The last pose is the pose at rest."""
         triangles = F[:, :, *np.triu_indices(F.shape[-1])].reshape(len(F), -1)
-        self.upper_triangles = (
-            triangles if not len(self.F) else np.concatenate([self.upper_triangles, triangles])
-        )
-        self.F = F if not len(self.F) else np.concatenate([self.F, F])
-        self.path = path if not len(self.path) else np.concatenate([self.path, path])
         xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1), np.float32)
-        self.xy = xy if not self.xy.size else np.concatenate([self.xy, xy], axis=1)
-        radii = np.sqrt(np.mean(np.sum(self.xy**2, axis=0), axis=-1)) / np.min(self.room.free_half_width_m)
-        self.reach = np.max(radii, axis=-1)
-        end_offset = self.path[:, :, -1, :2]
-        self.cost = (
-            END_COST
-            * np.sqrt(np.mean(np.sum(end_offset**2, axis=-1), axis=-1))
-            / np.min(self.room.free_half_width_m)
-        )
+        if len(self.F):
+            triangles, F, path, xy = (
+                np.concatenate(pair, axis=axis)
+                for *pair, axis in (
+                    (self.upper_triangles, triangles, 0), (self.F, F, 0), (self.path, path, 0), (self.xy, xy, 1),
+                )
+            )  # fmt: skip
+        self.upper_triangles, self.F, self.path, self.xy = triangles, F, path, xy
+        room_m = np.min(self.room.free_half_width_m)
+        self.reach = np.max(np.sqrt(np.mean(np.sum(xy**2, axis=0), axis=-1)), axis=-1) / room_m
+        end_offset = path[:, :, -1, :2]
+        self.cost = END_COST * np.sqrt(np.mean(np.sum(end_offset**2, axis=-1), axis=-1)) / room_m
 
     def score(self, F: np.ndarray) -> np.ndarray:
         """Return J (…,) of F (…, M, q, q). It is computed from the Cholesky factor of F + I, with the nuisance
@@ -227,11 +219,16 @@ class Composer:
     def restart(self, path: np.ndarray, kept: np.ndarray) -> float:
         """Search again from the beginning, with only `kept` of the primitives and with other vehicles. `path`
         (P, L, S, 3) contains the poses of these vehicles along all primitives."""
-        self.chosen, self.path = [], path[kept]
-        self.F, self.upper_triangles, self.cost = self.F[kept], self.upper_triangles[kept], self.cost[kept]
-        self.reach = self.reach[kept]
-        self.xy = np.ascontiguousarray(self.path[..., :2].transpose(3, 0, 2, 1), np.float32)
+        self.chosen, self.path = [], path
+        self.xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1), np.float32)
+        self._keep(kept)
         return self.search()
+
+    def _keep(self, primitives: np.ndarray) -> None:
+        """Keep only these primitives."""
+        for name in ("F", "upper_triangles", "path", "cost", "reach"):
+            setattr(self, name, getattr(self, name)[primitives])
+        self.xy = self.xy[:, primitives]
 
     def substitutes(
         self, chosen: list[int], place: int, pose: np.ndarray, reach_costs: Sequence[float], count: int
@@ -258,12 +255,7 @@ class Composer:
         survivors = np.unique(
             [0, *self.chosen, *near_primitives, *np.argsort(self.cost - bound)[:count].tolist()]
         )
-        self.F, self.upper_triangles, self.path = (
-            self.F[survivors],
-            self.upper_triangles[survivors],
-            self.path[survivors],
-        )
-        self.cost, self.reach, self.xy = self.cost[survivors], self.reach[survivors], self.xy[:, survivors]
+        self._keep(survivors)
         self.chosen = np.searchsorted(survivors, self.chosen).tolist()
         return survivors
 
@@ -287,14 +279,11 @@ class Composer:
         """Put a better primitive in the place if the search finds one. Return J of the sequence minus the cost of its
         primitives."""
         earlier, later = self.chosen[:place], self.chosen[place + 1 :]
-        pose = self._start()
+        pose, others = self._start(), [*earlier, *later]
         for k in earlier:
             pose = poses_in_map(pose, self.path[k, :, -1])
-        other_primitives = [*earlier, *later]
-        cost = float(self.cost[other_primitives].sum())
-        first_inside = self._first_inside(
-            self.F[other_primitives].sum(axis=0), pose, later, best_score + cost + 1e-6
-        )
+        cost = float(self.cost[others].sum())
+        first_inside = self._first_inside(self.F[others].sum(axis=0), pose, later, best_score + cost + 1e-6)
         if first_inside is None:
             return best_score
         self.chosen[place] = first_inside[0]
@@ -324,18 +313,11 @@ class Composer:
     def _upper_bound(self, other_information: np.ndarray) -> np.ndarray:
         """Return an upper bound (P,) of the increase of J if a primitive is added to F = `other_information` (M, q, q).
         (2)"""
-        augmented_information, k = (
-            other_information + np.eye(other_information.shape[-1]),
-            self.interest_count,
-        )
-        gradient = np.linalg.inv(augmented_information)
-        gradient[:, k:, k:] -= np.linalg.inv(augmented_information[:, k:, k:])
-        weights = 2.0 * gradient - gradient * np.eye(other_information.shape[-1])
-        return (
-            self.upper_triangles
-            @ weights[:, *np.triu_indices(other_information.shape[-1])].ravel()
-            / len(other_information)
-        )
+        k, q = self.interest_count, other_information.shape[-1]
+        gradient = np.linalg.inv(other_information + np.eye(q))
+        gradient[:, k:, k:] -= np.linalg.inv(other_information[:, k:, k:] + np.eye(q - k))
+        weights = 2.0 * gradient - gradient * np.eye(q)
+        return self.upper_triangles @ weights[:, *np.triu_indices(q)].ravel() / len(other_information)
 
     def _start(self) -> np.ndarray:
         return np.tile(np.array(self.room.start), (self.path.shape[1], 1))
@@ -357,9 +339,8 @@ class Composer:
         """Return the least distance (C,) [m] to a wall if the primitives begin at the poses (C, L, 3); see
         `Room.margin`. A single pose or primitive is used for all."""
         margins, mean_weights = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
-        for coordinates, limit in zip(
-            self._positions(pose, primitives), self.room.free_half_width_m, strict=True
-        ):
+        xy = self._positions(pose, primitives)
+        for coordinates, limit in zip(xy, self.room.free_half_width_m, strict=True):
             mean = coordinates @ mean_weights
             std = np.sqrt(np.maximum((coordinates * coordinates) @ mean_weights - mean * mean, 0.0))
             furthest = reach(coordinates.min(axis=-1), mean, coordinates.max(axis=-1))

@@ -132,19 +132,9 @@ def design_plan(
     if ticks - rest_ticks < rate:
         raise UsageError(fault("design.short", duration_s=duration_s))
     place_count = max(1, round((ticks - rest_ticks) / (PRIMITIVE_S * rate)))
-    search = PlanSearch(
-        vehicle_file,
-        room,
-        possible_vehicles(vehicle_file, vehicle_count=VEHICLES),
-        place_count,
-        seed,
-        backend,
-    )
-    search.fill(
-        (ticks - rest_ticks) // place_count / rate,
-        limit,
-        (lambda text: False) if progress is None else progress,
-    )
+    vehicles = possible_vehicles(vehicle_file, vehicle_count=VEHICLES)
+    search = PlanSearch(vehicle_file, room, vehicles, place_count, seed, backend)
+    search.fill((ticks - rest_ticks) // place_count / rate, limit, progress or (lambda text: False))
     u, eta = search.rollout(ticks, rest_ticks)
     if room.margin(eta) < 0.0:
         signal = contain_in_room(u, vehicle_file, room, cloud=search.validation_cloud)
@@ -157,20 +147,14 @@ class PlanSearch:
     """Kernels, library and composer of one plan."""
 
     def __init__(
-        self,
-        vehicle_file: "VehicleFile",
-        room: "Room",
-        distribution: VehicleDistribution,
-        place_count: int,
-        seed: int,
-        backend: str,
-    ) -> None:
+        self, vehicle_file: "VehicleFile", room: "Room", distribution: VehicleDistribution, place_count: int,
+        seed: int, backend: str,
+    ) -> None:  # fmt: skip
         self.room, self.rng = room, random_stream(seed, "pieces")
         self.drive_information = DriveInformation(vehicle_file, backend)
         with ThreadPoolExecutor(1) as thread:  # the two kernels compile at the same time
-            future = thread.submit(
-                self.drive_information.information, np.zeros((2, vehicle_file.vehicle.commands))
-            )
+            still = np.zeros((2, vehicle_file.vehicle.commands))
+            future = thread.submit(self.drive_information.information, still)
             self.cloud = VehicleCloud(vehicle_file, distribution.subset(LIBRARY_VEHICLES), seed, backend)
             future.result()
         self.all_vehicles = VehicleCloud(vehicle_file, distribution, seed, backend)
@@ -196,33 +180,22 @@ class PlanSearch:
         self._add_feasible_primitives(random_primitives(self.shape, FIRST_PRIMITIVES, self.rng))
         self.composer.search()
         for turn in range(ROUNDS):
-            if (
-                progress(
-                    _(
-                        "{turn} of {rounds} rounds: standard errors of {percent:.2g} %",
-                        turn=turn,
-                        rounds=ROUNDS,
-                        percent=100.0 * self.expected_std,
-                    )
-                )
-                is True
-            ):
+            text = _(
+                "{turn} of {rounds} rounds: standard errors of {percent:.2g} %",
+                turn=turn, rounds=ROUNDS, percent=100.0 * self.expected_std,
+            )  # fmt: skip
+            if progress(text) is True:
                 break
             parents = [self.primitives[k] for k in self.composer.chosen]
-            self._add_feasible_primitives(
-                mutated_primitives(parents, self.shape, PRIMITIVES_PER_ROUND, self.rng)
-            )
+            variations = mutated_primitives(parents, self.shape, PRIMITIVES_PER_ROUND, self.rng)
+            self._add_feasible_primitives(variations)
             self.composer.search()
             self.primitives = [self.primitives[k] for k in self.composer.keep_best(KEPT_PRIMITIVES)]
         self.primitives = [self.primitives[k] for k in self.composer.keep_best(FINAL_PRIMITIVES)]
-        paths = self._map_primitives(
-            lambda tick, u: self._path(self.all_vehicles, tick, u, 2), self.primitives
-        )
-        is_allowed, path = zip(*paths, strict=True)
+        drives = self._map_primitives(lambda k, u: self._path(self.all_vehicles, k, u, 2), self.primitives)
+        is_allowed, path = zip(*drives, strict=True)
         self.composer.restart(np.stack(path), np.flatnonzero(is_allowed))
-        self.primitives = [
-            primitive for primitive, is_kept in zip(self.primitives, is_allowed, strict=True) if is_kept
-        ]
+        self.primitives = [self.primitives[k] for k in np.flatnonzero(is_allowed)]
 
     def rollout(self, ticks: int, rest_ticks: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the commands (N, n), which begin with `rest_ticks` ticks at rest, and the poses (L, N, 3) of the
@@ -234,18 +207,14 @@ class PlanSearch:
             primitives = feasible_primitives(
                 self.composer, order, commands.__getitem__, self.validation_cloud, self.room, rest_ticks
             )
-            u = np.zeros((ticks, len(limit)))
-            u[rest_ticks : rest_ticks + primitive_ticks * len(primitives)] = np.concatenate(
-                [commands[k] for k in primitives]
-            )
+            u, end_tick = np.zeros((ticks, len(limit))), rest_ticks + primitive_ticks * len(primitives)
+            u[rest_ticks:end_tick] = np.concatenate([commands[k] for k in primitives])
             F = np.array([self.drive_information.information(u, theta) for theta in self.thetas])
             return float(self.composer.score(F)), u
 
         primitives, reach = self.composer.chosen, self.composer.reach
         by_reach = sorted(primitives, key=lambda k: reach[k])
-        with (
-            ThreadPoolExecutor() as threads
-        ):  # separate threads, because a drive uses the threads of `parallel_map`
+        with ThreadPoolExecutor() as threads:  # own threads: a drive uses those of `parallel_map`
             u = max(threads.map(trial, [primitives, by_reach, by_reach[::-1]]), key=lambda paths: paths[0])[1]
         _, eta = self.validation_cloud.drive(self.validation_cloud.state_at(self.room.start), u)
         return u, eta
@@ -266,13 +235,12 @@ class PlanSearch:
         if this form respects the limits."""
         drives = self._map_primitives(self._evaluate, primitives)
         too_fast = [k for k, drive in enumerate(drives) if not drive[0]]
-        gentler_primitives = [gentler_primitive(primitives[k], self.shape) for k in too_fast]
-        drives += self._map_primitives(self._evaluate, gentler_primitives) if gentler_primitives else []
-        feasible = [k for k, drive in enumerate(drives) if drive[0]]
-        self.primitives += [[*primitives, *gentler_primitives][k] for k in feasible]
-        self.composer.add_primitives(
-            np.array([drives[k][2] for k in feasible]), np.array([drives[k][1] for k in feasible])
-        )
+        gentler = [gentler_primitive(primitives[k], self.shape) for k in too_fast]
+        drives += self._map_primitives(self._evaluate, gentler) if gentler else []
+        feasible = [pair for pair in zip([*primitives, *gentler], drives, strict=True) if pair[1][0]]
+        self.primitives += [primitive for primitive, _ in feasible]
+        F, path = (np.array([drive[k] for _, drive in feasible]) for k in (2, 1))
+        self.composer.add_primitives(F, path)
 
     def _map_primitives(
         self, work: Callable[[int, np.ndarray], object], primitives: list[MotionPrimitive]
@@ -287,25 +255,21 @@ class PlanSearch:
         """Return True if the primitive (T, n) respects the speed limits, its poses (L, S, 3), and its information (M,
         q, q). The information is None for a primitive that exceeds the limits."""
         is_allowed, path = self._path(self.cloud, tick, u, 4)
-        F = (
-            np.stack([self.drive_information.information(u, theta) for theta in self.thetas])
-            if is_allowed
-            else None
-        )
-        return is_allowed, path, F
+        if not is_allowed:
+            return is_allowed, path, None
+        F = [self.drive_information.information(u, theta) for theta in self.thetas]
+        return is_allowed, path, np.stack(F)
 
     def _path(self, cloud: VehicleCloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
         """Return True if the vehicles of `cloud` respect the speed limits in the primitive (T, n), and their poses (L,
         S, 3). The poses are those of every `count`-th sample. The last pose is the pose at rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
-        final_state, eta = cloud.drive(
-            cloud.state_at(np.zeros(3)), np.concatenate([u, self.rest_commands]), tick
-        )
+        commands = np.concatenate([u, self.rest_commands])
+        final_state, eta = cloud.drive(cloud.state_at(np.zeros(3)), commands, tick)
         samples = eta[:, stride - 1 : ticks : stride]
         is_allowed = bool(self.room.respects_speed_limits(samples, cloud.rate_hz / stride))
-        return is_allowed, np.concatenate(
-            [samples[:, count - 1 :: count], samples[:, -1:], final_state.eta[:, None]], axis=1
-        )
+        poses = samples[:, count - 1 :: count], samples[:, -1:], final_state.eta[:, None]
+        return is_allowed, np.concatenate(poses, axis=1)
 
     @property
     def expected_std(self) -> float:
@@ -331,15 +295,13 @@ def feasible_primitives(
     for place in range(len(order_kept)):
         arguments = commands, cloud, room, state, tick
         remaining = list(dict.fromkeys(order_kept[place:]))
-        options = _first_allowed_primitive(remaining[:1], *arguments) or _first_allowed_primitive(
-            remaining[1:], *arguments
-        )
+        options = _first_allowed_primitive(remaining[:1], *arguments)
+        options = options or _first_allowed_primitive(remaining[1:], *arguments)
         if options:
             order_kept.insert(place, order_kept.pop(order_kept.index(options[0], place)))
         else:
-            substitutes = composer.substitutes(
-                order_kept, place, state.eta[: composer.path.shape[1]], REACH_COSTS, TRIED_PRIMITIVES
-            )
+            pose = state.eta[: composer.path.shape[1]]
+            substitutes = composer.substitutes(order_kept, place, pose, REACH_COSTS, TRIED_PRIMITIVES)
             options = _first_allowed_primitive([*substitutes, 0], *arguments)
         order_kept[place], state = options or (0, cloud.drive(state, commands(0), tick)[0])
         tick += len(commands(0))

@@ -36,9 +36,7 @@ MAX_SIDEWAYS_M_S2 = 3.0
 SIDES = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*[x×]\s*(\d+\.?\d*|\.\d+)\s*m?\s*")  # "2x2.5"
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
-MIN_WALL_DISTANCE_M = (
-    0.01  # distance that a chunk leaves for process noise at rest, and for the path between samples
-)
+MIN_WALL_DISTANCE_M = 0.01  # that a chunk leaves for process noise at rest, and for the path between samples
 SAMPLE_S = 0.05  # between the poses that are tested: with 10 m/s² a path bulges by 3 mm between them
 SIZE_FACTORS = (1.0, 0.5, 0.25)
 VEHICLES = 128  # possible vehicles: the error of the standard deviation of their position is 6 %
@@ -60,26 +58,12 @@ class Room:
     def __post_init__(self) -> None:
         free_m = 0.5 * min(self.width_m, self.height_m) - self.radius_m
         if not (np.isfinite(self.width_m + self.height_m) and free_m > 0.0):
-            raise UsageError(
-                fault(
-                    "room.small",
-                    "--room 2x2",
-                    width_m=self.width_m,
-                    height_m=self.height_m,
-                    radius_m=self.radius_m,
-                    least_m=2.0 * self.radius_m,
-                )
-            )
+            w, h, r = self.width_m, self.height_m, self.radius_m
+            small = fault("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, least_m=2.0 * r)
+            raise UsageError(small)
         if np.any(np.abs(self.start[:2]) > self.free_half_width_m):
-            raise UsageError(
-                fault(
-                    "room.start",
-                    x_m=self.start[0],
-                    y_m=self.start[1],
-                    along_m=self.free_half_width_m[0],
-                    across_m=self.free_half_width_m[1],
-                )
-            )
+            (x_m, y_m, _), (along_m, across_m) = self.start, self.free_half_width_m
+            raise UsageError(fault("room.start", x_m=x_m, y_m=y_m, along_m=along_m, across_m=across_m))
 
     @property
     def free_half_width_m(self) -> np.ndarray:
@@ -92,10 +76,8 @@ class Room:
         xy = eta[..., :2]
         mean, std = xy.mean(axis=-3), xy.std(axis=-3)
         corridor = np.abs(mean) + CORRIDOR_SIGMA * std
-        return np.min(
-            self.free_half_width_m - np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3))),
-            axis=(-2, -1),
-        )
+        furthest = np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3)))
+        return np.min(self.free_half_width_m - furthest, axis=(-2, -1))
 
     def respects_speed_limits(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
         """Return a mask (…,), True for poses (…, L, T, 3) of possible vehicles that respect the speed limits.  (2)"""
@@ -186,9 +168,8 @@ def contain_in_room(
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
         raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
     if cloud is None:
-        cloud = VehicleCloud(
-            vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend
-        )
+        vehicles = possible_vehicles(vehicle_file, vehicle_count=VEHICLES)
+        cloud = VehicleCloud(vehicle_file, vehicles, seed, backend)
     state, rate_hz = cloud.state_at(room.start), vehicle_file.rate_hz
     chunk_ticks = max(1, round(CHUNK_S * rate_hz))
     limited_u, poses, change_count = np.empty_like(u), [], 0
@@ -202,9 +183,8 @@ def contain_in_room(
     eta = np.concatenate(poses, axis=1)
     margin = float(room.margin(eta))
     if margin < 0.0:
-        raise AnswerNo(
-            fault("room.too-small", width_m=room.width_m, height_m=room.height_m, beyond_m=-margin)
-        )
+        width_m, height_m = room.width_m, room.height_m
+        raise AnswerNo(fault("room.too-small", width_m=width_m, height_m=height_m, beyond_m=-margin))
     return ContainedSignal(limited_u, margin, change_count / len(poses), eta)
 
 
@@ -233,9 +213,8 @@ def first_allowed_option(
         coasts = cloud.drive_each([drives[k][0] for k in indices], [no_command] * len(indices), tick + ticks)
         for k, (_, eta) in zip(indices, coasts, strict=True):
             full_path = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
-            if room.margin(full_path) >= MIN_WALL_DISTANCE_M and room.respects_speed_limits(
-                full_path, rate_hz
-            ):
+            is_inside = room.margin(full_path) >= MIN_WALL_DISTANCE_M
+            if is_inside and room.respects_speed_limits(full_path, rate_hz):
                 return k, *drives[k]
     return None
 
