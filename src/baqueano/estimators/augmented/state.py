@@ -75,6 +75,11 @@ class Layout(NamedTuple):
         return len(self.moving_mask)
 
     @property
+    def channel_entries(self) -> list[tuple[str, int]]:
+        """Return the sensor and the entry of each channel (m,)."""
+        return [(name, i) for name, rows in zip(self.names, self.entries, strict=True) for i in rows]
+
+    @property
     def size(self) -> int:
         """Return the number n of states."""
         return BIAS_INDEX + len(self.biases)

@@ -92,11 +92,8 @@ def accept_or_refit(
     """Return the filter whose noise is written, and the verdict. The filter is `ekf` if the `validation_runs` agree
     with it or are too short for a test, else `refit()`, with the noise over all runs."""
     runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
-    decisive = [
-        square
-        for square in nis_of(ekf, validation_runs, kernel)
-        if square.verdict != NoiseVerdict.CANNOT_TELL
-    ]
+    squares = nis_of(ekf, validation_runs, kernel)
+    decisive = [square for square in squares if square.verdict != NoiseVerdict.CANNOT_TELL]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
     disagreeing, code = [square for square in decisive if square.disagrees], "noise.holds"
@@ -104,16 +101,12 @@ def accept_or_refit(
     if disagreeing:
         ekf, code = refit(), "noise.found-again"
         kernel, names = _filter_scan(ekf, backend), {square.name for square in disagreeing}
-        new_squares = [
-            square
-            for square in nis_of(ekf, validation_runs, kernel)
-            if square.name in names or square.disagrees
-        ]
-        figures |= {"nis": _figures(disagreeing), "again": _figures(new_squares)}
-        if remaining := [square for square in new_squares if square.disagrees]:
-            return ekf, Acceptance(
-                note("noise.still-off", Severity.WARNING, **figures, **_by_consistency(remaining)), True
-            )
+        squares = nis_of(ekf, validation_runs, kernel)
+        again = [square for square in squares if square.name in names or square.disagrees]
+        figures |= {"nis": _figures(disagreeing), "again": _figures(again)}
+        if remaining := [square for square in again if square.disagrees]:
+            figures |= _by_consistency(remaining)
+            return ekf, Acceptance(note("noise.still-off", Severity.WARNING, **figures), True)
     nees = nees_of(ekf, validation_runs[0], kernel)
     if disagreeing_states := [square for square in nees if square.disagrees]:
         figures = {"nees": _figures(nees), **_by_consistency(disagreeing_states)}
@@ -126,11 +119,7 @@ def accept_or_refit(
 def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[NormalisedSquare]:
     """Return the NIS of each channel that corrects the motion, in the order of the layout.  (1)"""
     filter_layout = layout(ekf)
-    names = [
-        f"{name}[{i}]"
-        for name, rows in zip(filter_layout.names, filter_layout.entries, strict=True)
-        for i in rows
-    ]
+    names = [f"{name}[{i}]" for name, i in filter_layout.channel_entries]
     squares, counts = [], []
     for run in runs:
         ticks = ticks_of(run, ekf, len(run.t_ns))
@@ -140,10 +129,9 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[Normali
         square = np.minimum(np.where(is_present, square, 0.0), ROBUST_SIGMA**2)
         squares.append(np.stack([np.bincount(block, column) for column in square.T], axis=1))
         counts.append(np.stack([np.bincount(block, column) for column in is_present.T], axis=1))
+    square, count = np.concatenate(squares), np.concatenate(counts)
     return [
-        _normalised_square(
-            names[k], np.concatenate(squares)[:, k], np.concatenate(counts)[:, k], CLOSE_FACTOR
-        )
+        _normalised_square(names[k], square[:, k], count[:, k], CLOSE_FACTOR)
         for k in np.flatnonzero(np.any(filter_layout.moving_mask > 0.0, axis=1))
     ]
 
@@ -152,13 +140,9 @@ def nees_of(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]
     """Return the NEES of each state on drives like `run`, or an empty list if they cannot be simulated.  (2)"""
     e, P = simulated_errors(ekf, run, kernel)
     square = e**2 / np.diagonal(P, axis1=2, axis2=3)
+    count = np.full(len(square), float(square.shape[1]))
     return [
-        _normalised_square(
-            name,
-            square[:, :, k].sum(axis=1),
-            np.full(len(square), float(square.shape[1])),
-            CLOSE_FACTOR_ON_DRIVES,
-        )
+        _normalised_square(name, square[:, :, k].sum(axis=1), count, CLOSE_FACTOR_ON_DRIVES)
         for k, name in enumerate(STATES if len(square) else ())
     ]
 
@@ -179,10 +163,9 @@ def _filter_scan(ekf: AugmentedEkf, backend: str) -> Scan:
 def _normalised_square(
     name: str, square: np.ndarray, count: np.ndarray, close_factor: float
 ) -> NormalisedSquare:
-    has_samples = count > 0.0
-    mean, low, high = (
-        ratio_of_blocks(square[has_samples], count[has_samples]) if has_samples.any() else (float("nan"),) * 3
-    )
+    has, (mean, low, high) = count > 0.0, (float("nan"),) * 3
+    if has.any():
+        mean, low, high = ratio_of_blocks(square[has], count[has])
     return NormalisedSquare(name, mean**2, low**2, high**2, close_factor)
 
 
@@ -245,23 +228,16 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
     if len(u) < MIN_TICKS or not is_dynamic(ekf.vehicle):
         return np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
     state, n = _start(ekf, np.zeros(filter_layout.size)), len(u)
-    sizes = [sensor.size for sensor in ekf.sensors]
-    example = DrawnTick(
-        u[0],
-        np.zeros((TICK_PARTS, 2, 3)),
-        np.zeros(2),
-        np.zeros(len(filter_layout.biases)),
-        0.0,
-        tuple(map(np.zeros, sizes)),
-    )
+    sizes, bias_count = [sensor.size for sensor in ekf.sensors], len(filter_layout.biases)
+    no_noise = np.zeros((TICK_PARTS, 2, 3)), np.zeros(2), np.zeros(bias_count), 0.0
+    example = DrawnTick(u[0], *no_noise, tuple(map(np.zeros, sizes)))
     drive = scan(lambda x, draws: _tick(ekf, x, draws, dt_s), state, example, backend=filtered.backend)
     t_ns: Any = np.round(np.arange(1, n + 1) * dt_s * NANOSECONDS).astype(np.int64)
     errors, covs = [], []
     for _ in range(DRIVES):
         begin = _start(ekf, start_std(ekf) * rng.standard_normal(filter_layout.size))
-        walk, d, bias, slip = map(
-            rng.standard_normal, ((n, TICK_PARTS, 2, 3), (n, 2), (n, len(filter_layout.biases)), (n,))
-        )
+        shapes = (n, TICK_PARTS, 2, 3), (n, 2), (n, bias_count), (n,)
+        walk, d, bias, slip = map(rng.standard_normal, shapes)
         draws = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
         _, (truth, slots) = drive.run(draws, carry=begin)
         rows, tick_rows = rows_of_ticks(Tick(t_ns, u, slots), ekf.rate_hz)
@@ -277,9 +253,8 @@ def _start(ekf: AugmentedEkf, x: np.ndarray) -> SimulatedState:
     """Return the state of a vehicle that begins with x (n,)."""
     x[BEND_INDEX] = 0.0
     motion = Motion(x[:3], x[3:6], np.zeros(3), np.zeros(2))
-    return SimulatedState(
-        x, 0.0, motion, ekf.vehicle.drivetrain.init(), tuple(sensor.init() for sensor in ekf.sensors)
-    )
+    sensors = tuple(sensor.init() for sensor in ekf.sensors)
+    return SimulatedState(x, 0.0, motion, ekf.vehicle.drivetrain.init(), sensors)
 
 
 def _tick(
@@ -295,14 +270,10 @@ def _tick(
     current_motion = _motion(ekf, x, eta, nu, effort.last)
     decay = np.exp(-dt_s / ekf.disturbance_fade_s)
     d = decay * x[6:SCALE_INDEX] + ekf.disturbance_std * np.sqrt(1.0 - decay**2) * draws.d
-    walks = [
-        bias_number.value_at(ekf.sensors, bias_number.walk) * np.sqrt(dt_s)
-        for bias_number in filter_layout.biases
-    ]
+    walks = [one.value_at(ekf.sensors, one.walk) * np.sqrt(dt_s) for one in filter_layout.biases]
     bias = x[BIAS_INDEX:] + np.array(walks) * draws.bias if walks else x[BIAS_INDEX:]
-    variance, fade_s, _ = slip_statistics(
-        ekf.sensors, dict(zip(filter_layout.names, filter_layout.entries, strict=True))
-    )
+    entries = dict(zip(filter_layout.names, filter_layout.entries, strict=True))
+    variance, fade_s, _ = slip_statistics(ekf.sensors, entries)
     slip_decay = np.exp(-dt_s / fade_s)
     slip = slip_decay * state.slip + np.sqrt(variance * (1.0 - slip_decay**2)) * draws.slip
     next_x = np.concatenate([eta, nu, d, x[SCALE_INDEX:BIAS_INDEX], bias])
@@ -347,11 +318,7 @@ def _read_sensors(
     rolling = [motion._replace(nu=slip_factors * motion.nu) for motion in (now, *(now.tick or ()))]
     states, slots = [], []
     for k, (name, sensor) in enumerate(zip(names, ekf.sensors, strict=True)):
-        sensor_biases = [
-            (j, bias_number.path)
-            for j, bias_number in enumerate(layout(ekf).biases)
-            if bias_number.sensor == name
-        ]
+        sensor_biases = [(j, one.path) for j, one in enumerate(layout(ekf).biases) if one.sensor == name]
         Q = np.linalg.cholesky(sensor.cov + MIN_VARIANCE * np.eye(sensor.size))
         for j, path in sensor_biases:
             sensor = with_value(sensor, path, value_at_path(sensor, path) + bias[j])

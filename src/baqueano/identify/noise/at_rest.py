@@ -26,6 +26,7 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import QUANTILE_95, chi_square
 from baqueano.identify.data.rest import REST_S
+from baqueano.identify.residuals.noise_level import MAD
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -46,6 +47,7 @@ TEMPERATURE = "temperature"
 MIN_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown
 MAX_FREEDOM = 200.0  # of (1) in the fit of (2): 7 % of σ
 ROUNDS = 20  # of the weights of (2)
+NOISE_COLUMNS = "white_noise", "bias_instability", "bias_walk"
 FLICKER = 2.0 * np.log(2.0) / np.pi
 
 
@@ -122,9 +124,8 @@ def coefficients(curve: AllanDeviation) -> Coefficients:
         for members in combinations(range(3), term_count):
             nu = np.minimum(curve.degrees_of_freedom, MAX_FREEDOM)
             squares, stds, cost = _fit_terms(terms[:, members], variance, nu)
-            if np.all(squares > 0.0) and cost < min_cost - 2.0 * (
-                term_count > 1
-            ):  # penalty for another coefficient
+            penalty = 2.0 * (term_count > 1)  # for another coefficient
+            if np.all(squares > 0.0) and cost < min_cost - penalty:
                 min_cost, all_squares, all_stds = cost, np.zeros(3), np.full(3, np.nan)
                 all_squares[list(members)], all_stds[list(members)] = squares, stds
                 best_fit = (all_squares, all_stds)
@@ -187,16 +188,10 @@ class RestMeasurement(Result):
         for c in self.channels:
             row: TableRow = {"name": f"{c.sensor}[{c.entry}]", "samples": c.samples, "rate_hz": c.rate_hz}
             row |= {"mean": c.mean, "mean_sd": c.mean_std, "sd": c.sd, "step": c.step}
-            for name, value, sd, measurable in zip(
-                ("white_noise", "bias_instability", "bias_walk"),
-                *c.coefficients,
-                c.coefficients.is_measurable,
-                strict=True,
-            ):
-                row |= {
-                    name: float(value) if measurable else None,
-                    f"{name}_sd": float(sd) if measurable else None,
-                }
+            columns = NOISE_COLUMNS, *c.coefficients, c.coefficients.is_measurable
+            for name, value, sd, measurable in zip(*columns, strict=True):
+                pair = (float(value), float(sd)) if measurable else (None, None)
+                row |= dict(zip((name, f"{name}_sd"), pair, strict=True))
             row["allan_1s"] = c.allan_1s
             out.append(row | {"temperature_slope": c.slope, "temperature_slope_sd": c.slope_std})
         return out
@@ -232,9 +227,8 @@ class RestMeasurement(Result):
                 values |= _imu_values(f"sensors.{name}", channels)
         if not values:
             raise UsageError(fault("at-rest.no-imu", run=self.run, vehicle=vehicle_file.name))
-        return vehicle_file.with_values(
-            values, dict.fromkeys(values, Provenance(self.run, today(), None, self.verdict))
-        )
+        origin = Provenance(self.run, today(), None, self.verdict)
+        return vehicle_file.with_values(values, dict.fromkeys(values, origin))
 
 
 def measure_at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> RestMeasurement:
@@ -263,9 +257,8 @@ def measure_at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf"))
             if np.ptp(z[:, entry]) > 0.0:
                 channels.append(_rest_channel(name, entry, t_ns, z[:, entry], rate_hz, temperature))
             else:
-                findings.append(
-                    note("at-rest.dead", Severity.WARNING, subject=f"{name}[{entry}]", value=z[0, entry])
-                )
+                label = f"{name}[{entry}]"
+                findings.append(note("at-rest.dead", Severity.WARNING, subject=label, value=z[0, entry]))
     if not channels:
         raise UsageError(fault("at-rest.few-samples", run=run.name, least=MIN_SAMPLES))
     return RestMeasurement(run.name, float(seconds(last_ns, first_ns)), tuple(channels), tuple(findings))
@@ -294,11 +287,9 @@ def _rest_channel(
     changes = np.abs(np.diff(np.unique(y)))
     slope, slope_sd = _over_temperature(t_ns, y, temperature)
     ticks_per_s = max(1, round(rate_hz))
-    over_1s = (
-        float(allan_deviation(y, rate_hz, np.array([ticks_per_s])).deviation[0])
-        if 2 * ticks_per_s <= len(y)
-        else None
-    )
+    over_1s = None
+    if 2 * ticks_per_s <= len(y):
+        over_1s = float(allan_deviation(y, rate_hz, np.array([ticks_per_s])).deviation[0])
     return ChannelAtRest(
         name, entry, len(y), rate_hz, float(np.mean(y)), float(curve.deviation[-1]), float(np.std(y, ddof=1)),
         float(changes.min()) if len(changes) else 0.0, curve, coefficients(curve), over_1s,
@@ -327,22 +318,16 @@ def _over_temperature(
 def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> list[Diagnostic]:
     out = []
     steps = np.diff(t_ns) * 1e-9
-    if (
-        np.mean(steps <= 0.0) > 0.0
-        or np.median(steps) < BURST_STEPS / rate_hz
-        or np.std(steps) > BURST_STEPS / rate_hz
-    ):
-        spans = {
-            "median_ms": 1e3 * np.median(steps),
-            "mean_ms": 1e3 / rate_hz,
-            "longest_ms": 1e3 * steps.max(),
-        }
+    limit_s = BURST_STEPS / rate_hz
+    if np.any(steps <= 0.0) or np.median(steps) < limit_s or np.std(steps) > limit_s:
+        spans_s = {"median_ms": np.median(steps), "mean_ms": 1.0 / rate_hz, "longest_ms": steps.max()}
+        spans = {key: 1e3 * span_s for key, span_s in spans_s.items()}
         out.append(note("at-rest.bursts", Severity.WARNING, subject=name, **spans, rate_hz=rate_hz))
     repeated_share = np.mean(np.all(z[1:] == z[:-1], axis=1))
     if z.shape[1] >= 3 and repeated_share > 0.01:
         out.append(note("at-rest.repeats", Severity.WARNING, subject=name, percent=100.0 * repeated_share))
     median = np.median(z, axis=0)
-    spread = 1.4826 * np.median(np.abs(z - median), axis=0)
+    spread = MAD * np.median(np.abs(z - median), axis=0)
     outlier_share = np.mean(np.abs(z - median) > 8.0 * np.maximum(spread, 1e-300), axis=0)
     for entry in np.flatnonzero((outlier_share > 0.002) & (spread > 0.0)):
         percent = 100.0 * outlier_share[entry]
@@ -353,10 +338,8 @@ def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> lis
 def _imu_values(path: str, channels: dict[int, ChannelAtRest]) -> "JsonObject":
     """Return the values of an IMU from its three channels: standard deviation of one sample, bias, and bias random
     walk. The walk is 0 if it cannot be measured. Both accelerometers get the larger one."""
-    walk = [
-        float(channels[k].coefficients.value[2]) if channels[k].coefficients.is_measurable[2] else 0.0
-        for k in range(3)
-    ]
+    walks = [channels[k].coefficients for k in range(3)]
+    walk = [float(c.value[2]) if c.is_measurable[2] else 0.0 for c in walks]
     return {
         f"{path}.accel_noise_std": [channels[0].sd, channels[1].sd],
         f"{path}.gyro_noise_std": channels[2].sd,

@@ -120,13 +120,8 @@ def compare_noise(
     if fit.file.kind("estimator") is not Ekf:
         raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
     ekf = filter_of(fit, _sensor_covariances(fit, next(iter(noises.values()))))
-    kernel = scan(
-        _innovations(ekf),
-        ekf.init(),
-        example_filter_tick(ekf),
-        np.zeros(_parameter_count(ekf)),
-        backend=backend,
-    )
+    size = 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)  # entries of R and of each Q
+    kernel = scan(_innovations(ekf), ekf.init(), example_filter_tick(ekf), np.zeros(size), backend=backend)
     max_ticks = TICKS.get(kernel.backend, 500) // len(runs)
     ticks = [ticks_of(run, ekf, max_ticks) for run in runs]
     per_block = max(1, round(BLOCK_S * fit.file.rate_hz))
@@ -134,9 +129,8 @@ def compare_noise(
     for name, noise in noises.items():
         q = _sensor_covariances(fit, noise)
         theta = np.concatenate([noise.process.ravel(), *(q[sensor].ravel() for sensor in ekf.use)])
-        trials.append(
-            _trial(name, [np.asarray(kernel.run(run_ticks, theta)[1]) for run_ticks in ticks], per_block)
-        )
+        logs = [np.asarray(kernel.run(of_run, theta)[1]) for of_run in ticks]
+        trials.append(_trial(name, logs, per_block))
     trials.sort(key=lambda trial: -trial.likelihood)
     return NoiseComparison(tuple(trials), tuple(run.name for run in runs))
 
@@ -144,11 +138,6 @@ def compare_noise(
 def _sensor_covariances(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
     """Return Q of the sensors that are in the file."""
     return {name: q for name, q in noise.in_motion.items() if name in fit.file.sensors._fields}
-
-
-def _parameter_count(ekf: Ekf) -> int:
-    """Return the number of entries in R and in Q of the sensors that are used."""
-    return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
 
 
 def _trial(name: str, logs: list[np.ndarray], per_block: int) -> NoiseTrial:

@@ -138,13 +138,9 @@ class Noise(Result):
             ),
         )  # fmt: skip
         if len(self.process):
-            lines.append(
-                _(
-                    "R of (ν, ν̇) per tick at {rate_hz:g} Hz, from the {source}",
-                    rate_hz=self.rate_hz,
-                    source=_(self.source),
-                )
-            )
+            source = _("R of (ν, ν̇) per tick at {rate_hz:g} Hz, from the {source}",
+                       rate_hz=self.rate_hz, source=_(self.source))  # fmt: skip
+            lines.append(source)
         lines += texts(message.message for message in (self.speed, self.accepted) if message)
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
@@ -240,9 +236,8 @@ def measure_noise(
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         beside = np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units
         return Noise(in_motion, at_rest, *beside, fields, speed, check)
-    runs_with_truth = [
-        r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
-    ]
+    truths = [(r, r.truth) for r in runs if r.truth is not None and len(r.truth.t_ns)]
+    runs_with_truth = [r for r, truth in truths if np.isfinite(truth.nu_dot).all()]
     if source == "truth" and not runs_with_truth:
         raise UsageError(fault("noise.no-truth"))
     rate = fit.file.rate_hz
@@ -266,9 +261,8 @@ def positive_definite(
     variance, floor = np.diagonal(matrix), np.maximum(floor, MIN_STD**2)
     is_low = variance < floor
     if is_low.any():
-        notes.append(
-            note("noise.lifted", Severity.WARNING, subject=name, lifted=int(is_low.sum()), of=len(is_low))
-        )
+        count = int(is_low.sum())
+        notes.append(note("noise.lifted", Severity.WARNING, subject=name, lifted=count, of=len(is_low)))
     d = np.sqrt(np.maximum(variance, floor))
     C = np.clip(0.5 * (matrix + matrix.T) / np.outer(d, d), -1.0, 1.0)
     C = np.where(is_low[:, None] | is_low[None, :], 0.0, C)
@@ -291,32 +285,26 @@ def _measurement(
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
         if name in KINDS:
             continue  # the error of a hand measurement is given by the user
-        columns = _fitted_channels(fit, name)
+        columns = sorted(
+            {c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()}
+        )
         r, q, floor = _residuals(fit, runs, name, columns)
         residuals = r if len(r) >= MIN_SAMPLES else np.concatenate([r, q])
         if len(residuals) >= MIN_SAMPLES and len(columns) == block.size:
             in_motion[name] = positive_definite(_cov(residuals), floor, f"Q of {name}", notes)
-            at_rest[name] = (
-                positive_definite(_cov(q), floor, f"Q of {name} at rest", notes)
-                if len(q) >= MIN_SAMPLES
-                else None
-            )
+            at_rest[name] = None
+            if len(q) >= MIN_SAMPLES:
+                at_rest[name] = positive_definite(_cov(q), floor, f"Q of {name} at rest", notes)
         elif name not in fit.file.sensors._fields:
             continue  # the file does not contain the noise of a truth
         elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):
             variances = np.zeros(block.size)
-            variances[columns] = (
-                np.maximum(np.diagonal(_cov(residuals)), floor) if len(residuals) >= MIN_SAMPLES else 0.0
-            )
+            if len(residuals) >= MIN_SAMPLES:
+                variances[columns] = np.maximum(np.diagonal(_cov(residuals)), floor)
             q_of_file = unfitted_covariance(name, block, variances, runs, notes)
             if q_of_file is not None:
                 in_motion[name], at_rest[name] = q_of_file, None
     return in_motion, at_rest
-
-
-def _fitted_channels(fit: "Fit", name: str) -> list[int]:
-    """Return the channels of a sensor for which the fit has residuals."""
-    return sorted({c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()})
 
 
 def _residuals(

@@ -98,10 +98,8 @@ def filter_noise(
     filter_layout = layout(estimator)
     inertial = {bias.sensor for bias in filter_layout.biases}
     sensors, sensors_of_fit, rounding = estimator.sensors, fit.vehicle_file.sensors, {}
-    readings = {
-        name: sum(len(run.sensors[name].z) for run in runs if name in run.sensors)
-        for name in filter_layout.names
-    }
+    runs_of = {name: [run for run in runs if name in run.sensors] for name in filter_layout.names}
+    readings = {name: sum(len(run.sensors[name].z) for run in runs_of[name]) for name in runs_of}
     for name in filter_layout.names:
         sensor = getattr(sensors_of_fit, name)
         Q = q.get(name, sensor.cov) if readings[name] >= MIN_RESIDUALS else sensor.cov
@@ -113,23 +111,18 @@ def filter_noise(
     ekf = replace(estimator, vehicle=fit.blocks.model, sensors=sensors)
     rounding |= _rounding(filter_layout, inertial, runs)
     free = _free_noise(ekf, inertial, rounding, readings)
-    kernel = scan(
-        _likelihood(ekf, free), ekf.init(), example_filter_tick(ekf), np.zeros(len(free)), backend=backend
-    )
+    example = example_filter_tick(ekf)
+    kernel = scan(_likelihood(ekf, free), ekf.init(), example, np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
-
-    low, high = (np.log([getattr(parameter, side) for parameter in free]) for side in ("low", "high"))
-    start = np.clip(
-        [np.log(value_at_path(ekf, parameter.path)) / parameter.power for parameter in free], low, high
-    )
+    low, high = (np.log([getattr(one, side) for one in free]) for side in ("low", "high"))
+    start = np.clip([np.log(value_at_path(ekf, one.path)) / one.power for one in free], low, high)
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
     for value, parameter in zip(x, free, strict=True):
         ekf = with_value(ekf, parameter.path, float(np.exp(parameter.power * value)))
     if is_dynamic(ekf.vehicle):
         speed_is_measured = np.any(filter_layout.moving_mask[:, FORWARD_STATES[0]])
-        ekf = (_without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer)(
-            ekf, fit, inertial
-        )
+        reduce = _without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer
+        ekf = reduce(ekf, fit, inertial)
     ekf = with_speed_error(ekf, fit, runs)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit))))
 
@@ -184,11 +177,8 @@ def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set
 
 def _correcting_entries(layout: Layout, name: str) -> list[int]:
     """Return the entries of a sensor that correct the motion while the vehicle drives."""
-    return [
-        i
-        for (name_i, i), E in zip(_layout_channels(layout), layout.moving_mask, strict=True)
-        if name_i == name and np.any(E > 0.0)
-    ]
+    channels = zip(layout.channel_entries, np.any(layout.moving_mask > 0.0, axis=1), strict=True)
+    return [i for (sensor, i), corrects in channels if sensor == name and corrects]
 
 
 def _free_noise(
@@ -200,27 +190,20 @@ def _free_noise(
     """Return the noise parameters that the measurements can determine. `rounding` contains the least and greatest
     variance of some entries, `readings` the number of readings of each sensor."""
     filter_layout = layout(ekf)
-    reading_counts = np.array([readings[name] for name, _ in _layout_channels(filter_layout)])
+    counts = np.array([readings[name] for name, _ in filter_layout.channel_entries])
     free_noise = []
-    for entries, paths in ((FORWARD_STATES[:1], FORWARD_NOISE), (TURNING_STATES[2:3], TURNING_NOISE)):
-        max_count = np.max(
-            reading_counts * np.any(filter_layout.moving_mask[:, list(entries)] > 0.0, axis=1), initial=0
-        )
-        free_noise += [
-            FreeNoise(*path, 1.0)
-            for path in (
-                paths if max_count >= MIN_RESIDUALS else paths[:1] if max_count >= MIN_READINGS else ()
-            )
-        ]
-    for name, rows in zip(filter_layout.names, filter_layout.entries, strict=True):
-        for i in rows if readings[name] >= MIN_RESIDUALS else ():
-            std = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
-            low, high = np.sqrt(rounding.get((name, i), (0.0, 0.0)))
-            if name not in inertial:
-                low, high = max(low, std * np.exp(-LOG_RANGE)), std * np.exp(LOG_RANGE)
-            if low < high:
-                path = f"sensors.{name}.measurement_noise_cov[{i},{i}]"
-                free_noise.append(FreeNoise(path, float(low), float(high), 2.0))
+    for state, paths in ((FORWARD_STATES[0], FORWARD_NOISE), (TURNING_STATES[2], TURNING_NOISE)):
+        max_count = np.max(counts * (filter_layout.moving_mask[:, state] > 0.0), initial=0)
+        count = len(paths) if max_count >= MIN_RESIDUALS else int(max_count >= MIN_READINGS)
+        free_noise += [FreeNoise(*path, 1.0) for path in paths[:count]]
+    for name, i in filter_layout.channel_entries:
+        std = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
+        low, high = np.sqrt(rounding.get((name, i), (0.0, 0.0)))
+        if name not in inertial:
+            low, high = max(low, std * np.exp(-LOG_RANGE)), std * np.exp(LOG_RANGE)
+        if low < high and readings[name] >= MIN_RESIDUALS:
+            path = f"sensors.{name}.measurement_noise_cov[{i},{i}]"
+            free_noise.append(FreeNoise(path, float(low), float(high), 2.0))
     return free_noise
 
 
@@ -228,27 +211,16 @@ def _rounding(
     layout: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
     """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
-    channels, variances = _layout_channels(layout), {}
+    channels, variances = layout.channel_entries, {}
     # repeated positions of a tag are not quantised
-    position_channels = {channels[k] for group in layout.pose_groups for k in group}
-    for name, i in channels:
-        z = np.concatenate(
-            [run.sensors[name].z[:, i] for run in runs if name in run.sensors] or [np.zeros(0)]
-        )
-        z = z[np.isfinite(z)]
-        levels = np.unique(z)
-        if (
-            name not in inertial
-            and (name, i) not in position_channels
-            and 1 < len(levels) < MAX_LEVEL_SHARE * len(z)
-        ):
+    positions = {channels[k] for group in layout.pose_groups for k in group}
+    for name, i in (c for c in channels if c[0] not in inertial and c not in positions):
+        readings = [run.sensors[name].z[:, i] for run in runs if name in run.sensors]
+        z = np.concatenate([np.zeros(0), *readings])
+        levels = np.unique(z := z[np.isfinite(z)])
+        if 1 < len(levels) < MAX_LEVEL_SHARE * len(z):
             variances[name, i] = float(np.median(np.diff(levels))) ** 2 / 12.0, np.inf
     return variances
-
-
-def _layout_channels(layout: Layout) -> list[tuple[str, int]]:
-    """Return the sensor and the entry of each channel, in the order of the layout."""
-    return [(name, i) for name, rows in zip(layout.names, layout.entries, strict=True) for i in rows]
 
 
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
@@ -265,9 +237,8 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
         assert y is not None
         assert S is not None
         is_used = np.where(is_correcting & np.isfinite(y), 1.0, 0.0)
-        log_det, square = log_det_and_square(
-            S * is_used[:, None] * is_used[None, :] + np.diag(1.0 - is_used), np.where(is_used > 0.0, y, 0.0)
-        )
+        S = S * is_used[:, None] * is_used[None, :] + np.diag(1.0 - is_used)
+        log_det, square = log_det_and_square(S, np.where(is_used > 0.0, y, 0.0))
         m = np.maximum(np.sum(is_used), 1.0)
         return belief, 0.5 * (log_det + robust_square(square, ROBUST_SIGMA * np.sqrt(m)))
 

@@ -59,9 +59,8 @@ def speed_channels(
     with_speed = [(run, speed, source) for run, speed, source in references if speed is not None]
     if not with_speed:
         code = "speed.by-the-file" if file_names else "speed.by-the-model"
-        return SpeedChannels(
-            file_names, note(code, fix="--held-out RUN", channels=file_names), is_from_held_out=False
-        )
+        message = note(code, fix="--held-out RUN", channels=file_names)
+        return SpeedChannels(file_names, message, is_from_held_out=False)
     errors_without, ratios = _errors(without_speed, with_speed, backend), {}
     if not np.isfinite(errors_without).all():
         return None  # the model itself diverges
@@ -99,10 +98,7 @@ def _undecided_channels(ekf: AugmentedEkf) -> Iterator[str]:
     """Yield the inertial channels in use that do not correct the motion yet, as candidates for the speed."""
     filter_layout = layout(ekf)
     bias_sensors = {bias.sensor for bias in filter_layout.biases}
-    channels = [
-        (name, i) for name, rows in zip(filter_layout.names, filter_layout.entries, strict=True) for i in rows
-    ]
-    for (name, i), E in zip(channels, filter_layout.moving_mask, strict=True):
+    for (name, i), E in zip(filter_layout.channel_entries, filter_layout.moving_mask, strict=True):
         if name in bias_sensors and not np.any(E[:SCALE_INDEX]):
             yield f"{name}[{i}]"
 
@@ -113,9 +109,7 @@ def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, st
         return speed, "the truth"
     names_used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
-        readings = [
-            reading for reading in velocity_readings(ekf.sensors, (name,)) if FORWARD in reading.entries
-        ]
+        readings = [one for one in velocity_readings(ekf.sensors, (name,)) if FORWARD in one.entries]
         channel = run.sensors.get(name)
         if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
             continue
@@ -137,9 +131,8 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
     for run, speed, _ in runs:
         start = float(speed[0]) if np.isfinite(speed[0]) else 0.0
         ticks = ticks_of(run, ekf, len(run.t_ns))
-        kernel = scan(
-            step, ekf.init(nu=np.array([start, 0.0, 0.0])), example_filter_tick(ekf), backend=backend
-        )
+        belief = ekf.init(nu=np.array([start, 0.0, 0.0]))
+        kernel = scan(step, belief, example_filter_tick(ekf), backend=backend)
         nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
         finite = np.isfinite(speed)
         square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that diverges
