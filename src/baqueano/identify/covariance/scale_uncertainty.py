@@ -49,23 +49,15 @@ def scale_stds(
     """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance` (keys
     "accel", "gyro"). Otherwise the standard error in the file is used, or the tolerance of a data sheet. Raise
     UsageError for an unknown key, or a tolerance outside 0 to 1."""
-    tolerances = dict(tolerance or {})
-    if not set(tolerances) <= set(DATA_SHEET_TOLERANCES) or any(
-        not 0.0 <= x < 1.0 for x in tolerances.values()
-    ):
+    tolerances, stds = dict(tolerance or {}), []
+    is_valid = all(kind in DATA_SHEET_TOLERANCES and 0.0 <= x < 1.0 for kind, x in tolerances.items())
+    if not is_valid:
         raise UsageError(fault("tolerance.keys", given=tolerances, keys=DATA_SHEET_TOLERANCES))
-    stds = []
     for kind, field, entry in CHANNELS:
-        measured_std = (
-            None
-            if kind in tolerances
-            else _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry)
-        )
-        stds.append(
-            std_of_tolerance(tolerances.get(kind, DATA_SHEET_TOLERANCES[kind]))
-            if measured_std is None
-            else measured_std
-        )
+        std = _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry)
+        if std is None or kind in tolerances:
+            std = std_of_tolerance(tolerances.get(kind, DATA_SHEET_TOLERANCES[kind]))
+        stds.append(std)
     return np.array(stds)
 
 
@@ -83,9 +75,8 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
     values, origins = {}, {}
     for path, relative_tolerance in tolerance.items():
         if path not in scale_paths:
-            raise UsageError(
-                fault("tolerance.no-scale", path=path, vehicle=vehicle_file.name, valid=scale_paths)
-            )
+            name = vehicle_file.name
+            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=name, valid=scale_paths))
         if not 0.0 < relative_tolerance < 1.0:
             raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))
         value = np.asarray(value_at_path(vehicle_file, path), float)
@@ -127,9 +118,8 @@ def gyro_bias_covariance(
     """Return the covariance (p, p) that fixed zeros of gyros add. `identifiable` (p,) is a mask of entries of θ, and
     `bread` (p, p) is the information. A zero that θ contains adds 0. (3), (4)"""
     cov, positions, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
-    gyros = [
-        name for name, sensor in vehicle_file.sensors._asdict().items() if has_field(sensor, "gyro_bias")
-    ]
+    sensors = vehicle_file.sensors._asdict().items()
+    gyros = [name for name, sensor in sensors if has_field(sensor, "gyro_bias")]
     for name, size in zip(problem.names, problem.sizes, strict=True):
         end += size
         if name not in gyros or f"sensors.{name}.gyro_bias" in problem.shape.paths or not len(positions):
@@ -143,12 +133,9 @@ def gyro_bias_covariance(
         A = bread[np.ix_(positions, positions)]
         if not (np.isfinite(g).all() and np.isfinite(A).all()):
             continue  # a model that diverged
-        v, measured_std = pseudo_inverse(A) @ g[positions], _measured_std_of_gyro_bias(vehicle_file, name)
-        std = (
-            _unmeasured_std_of_gyro_bias(score, power - float(g[positions] @ v))
-            if measured_std is None
-            else measured_std
-        )
+        v, std = pseudo_inverse(A) @ g[positions], _measured_std_of_gyro_bias(vehicle_file, name)
+        if std is None:
+            std = _unmeasured_std_of_gyro_bias(score, power - float(g[positions] @ v))
         cov[np.ix_(positions, positions)] += std**2 * np.outer(v, v)
     return cov
 
@@ -168,15 +155,11 @@ def with_systematic_errors(
     """Return `info` with the effect of errors in the scales and in the zero of the gyro. (2) `scales` (m,) and
     `gyro_bias_rad_s` [rad/s] are standard deviations. `gradient(c, scale, shift)` returns the gradient (p,) of the cost
     if channel c is divided by `scale` and `shift` is added to it."""
+    steps = [(int(c), RELATIVE_STEP, 0.0, scales[c]) for c in np.flatnonzero(scales > 0.0)]
+    steps += [(GYRO_CHANNEL, 0.0, RELATIVE_STEP, gyro_bias_rad_s)] if gyro_bias_rad_s > 0.0 else []
     meat = info.meat.copy()
-    for c in np.flatnonzero(scales > 0.0):
-        g = (gradient(int(c), 1.0 + RELATIVE_STEP, 0.0) - gradient(int(c), 1.0 - RELATIVE_STEP, 0.0)) / (
-            2.0 * RELATIVE_STEP
-        )
-        meat += scales[c] ** 2 * np.outer(g, g)
-    if gyro_bias_rad_s > 0.0:
-        g = (gradient(GYRO_CHANNEL, 1.0, RELATIVE_STEP) - gradient(GYRO_CHANNEL, 1.0, -RELATIVE_STEP)) / (
-            2.0 * RELATIVE_STEP
-        )
-        meat += gyro_bias_rad_s**2 * np.outer(g, g)
+    for c, scale, shift, std in steps:
+        change = gradient(c, 1.0 + scale, shift) - gradient(c, 1.0 - scale, -shift)
+        g = change / (2.0 * RELATIVE_STEP)
+        meat += std**2 * np.outer(g, g)
     return info._replace(meat=meat)

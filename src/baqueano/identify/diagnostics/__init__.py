@@ -10,19 +10,15 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic
-from baqueano.identify.diagnostics import (
-    channel_map,
-    physical_units,
-    residual_checks,
-    samples,
-    timestamps,
-)
+from baqueano.identify.diagnostics import channel_map, physical_units, residual_checks, samples, timestamps
 from baqueano.identify.parallel import parallel_map
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
     from baqueano.vehicle_file import VehicleFile
+
+UNIT_CODES = {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}
 
 
 def clean(
@@ -39,15 +35,12 @@ def clean(
             messages += sample_messages
             clean_segments.append(channels)
         if len(runs) > 1:
-            messages = [
-                replace(message, figures={**message.figures, "of_run": run.name}) for message in messages
-            ]
+            messages = [replace(m, figures={**m.figures, "of_run": run.name}) for m in messages]
         return clean_segments, messages
 
     results = parallel_map(clean_run, runs, rows=sum(len(run.t_ns) for run in runs))
-    return [run for segments, _ in results for run in segments], tuple(
-        message for _, messages in results for message in messages
-    )
+    messages = tuple(message for _, messages in results for message in messages)
+    return [run for segments, _ in results for run in segments], messages
 
 
 def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]:
@@ -64,41 +57,21 @@ def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> res
 
     `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file.
     """
-    problem, theta, identifiable = (
-        end.task.problem,
-        end.search.solution.theta,
-        end.identifiability.mask,
-    )
-    s = problem.layout.shared_count
-    identifiable = np.concatenate(
-        [identifiable, np.ones(problem.layout.size - len(identifiable), bool)]
-    )  # starts of segments
-
-    messages, earlier_messages = (
-        channel_map.check_channels(problem, theta) if np.isfinite(theta).all() else [],
-        list(end.findings),
-    )
-    if not {message.code for message in earlier_messages} & {
-        "gyro.unit",
-        "gyro.too-fast",
-        "command.unit",
-        "time.unit",
-    }:
+    problem, theta, mask = end.task.problem, end.search.solution.theta, end.identifiability.mask
+    s, is_finite, is_start = problem.layout.shared_count, np.isfinite(theta).all(), np.ones(len(theta), bool)
+    identifiable = np.concatenate([mask, is_start[len(mask) :]])  # starts of segments
+    messages = channel_map.check_channels(problem, theta) if is_finite else []
+    earlier_messages = list(end.findings)
+    if not UNIT_CODES & {message.code for message in earlier_messages}:
         errors, is_cleared = physical_units.check_gyro_against_model(end)
         messages += errors
-        earlier_messages = [
-            message
-            for message in earlier_messages
-            if not (is_cleared and message.code == physical_units.CURVE_CODE)
-        ]
-    if not (end.search.solution.converged and np.isfinite(theta).all() and identifiable[:s].any()):
+        cleared_codes = {physical_units.CURVE_CODE} if is_cleared else set()
+        earlier_messages = [message for message in earlier_messages if message.code not in cleared_codes]
+    if not (end.search.solution.converged and is_finite and identifiable[:s].any()):
         # without a fit, compare the axes with the predictions at the start of the search
         codes = {message.code for message in messages}
-        messages += [
-            message
-            for message in channel_map.check_channels(problem, end.task.start)
-            if message.code not in codes
-        ]
+        at_start = channel_map.check_channels(problem, end.task.start)
+        messages += [message for message in at_start if message.code not in codes]
         messages = earlier_messages + channel_map.with_mount_findings(end, messages)
         return residual_checks.Diagnosis(messages, np.zeros((s, s)), np.zeros(s))
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma

@@ -80,16 +80,13 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     file. The start of the search is not evidence, so it is not used. (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded_parameters = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
-    by_file, _, _ = start_theta(
-        end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions()
-    )
+    by_file = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
     first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = channel_map.measurements(problem), channel_map.predictions(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in first_channel.items() if has_field(sensors[name], "track_m")]
     wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
-    fitted_predictions = (
-        [channel_map.predictions(problem, end.search.solution.theta)] if _keeps_turning_gains(end) else []
-    )
+    fitted_thetas = [end.search.solution.theta] if _keeps_turning_gains(end) else []
+    fitted_predictions = [channel_map.predictions(problem, theta) for theta in fitted_thetas]
     messages, is_cleared, source = [], True, note("gyro.as-commands")
     for name in (name for name in first_channel if has_field(sensors[name], "gyro_scale")):
         i = first_channel[name] + 2
@@ -137,13 +134,8 @@ def _gyro_comparison(
     (channel,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
     slope, message = abs(channel.regression.slope), None
     if channel.meaning:
-        column_unit = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
-        figures: JsonObject = {
-            "times": slope**power,
-            "by": source,
-            "given": channel.meaning,
-            "read": column_unit,
-        }
+        read_as = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
+        figures: JsonObject = {"times": slope**power, "by": source, "given": channel.meaning, "read": read_as}
         message = note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", **figures)
     return _GyroComparison(channel.is_clear and channel.ratio == 1.0, slope, message)
 
@@ -163,21 +155,15 @@ def implausible_values(run: Run, vehicle_file: "VehicleFile", sensors: dict[str,
     """Return messages on commands and readings that no small vehicle reaches, or that exceed the limits in its file."""
     messages = _command_messages(run, vehicle_file)
     for name, block in sensors.items():
-        if (
-            has_field(block, "gyro_scale")
-            and name in run.sensors
-            and run.sensors[name].z.shape[1] == block.size
-        ):
-            messages += _imu_messages(run, name, block)
-            messages += check_gyro_unit(run, vehicle_file, name)
+        is_recorded = name in run.sensors and run.sensors[name].z.shape[1] == block.size
+        if is_recorded and has_field(block, "gyro_scale"):
+            messages += _imu_messages(run, name, block) + check_gyro_unit(run, vehicle_file, name)
     return messages
 
 
 def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]:
-    messages = []
-    for j, (name, limit) in enumerate(
-        zip(vehicle_file.command.names, vehicle_file.command.limit, strict=True)
-    ):
+    command, messages = vehicle_file.command, []
+    for j, (name, limit) in enumerate(zip(command.names, command.limit, strict=True)):
         peak = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
         if not np.isfinite(limit) or peak <= LIMIT_TOLERANCE * limit or peak == 0.0:
             continue
@@ -185,7 +171,7 @@ def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]
             messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=peak))
             continue
         guess = next((unit for low, high, unit in FULL_SCALES if low <= peak <= high), "V")
-        details = {"most": peak, "limit": float(limit), "of_file": vehicle_file.command.unit, "guess": guess}
+        details = {"most": peak, "limit": float(limit), "of_file": command.unit, "guess": guess}
         messages.append(note("command.unit", Severity.ERROR, subject=name, **details))
     return messages
 
@@ -213,9 +199,8 @@ def _gravity_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     has_rest = at_rest.sum() >= MIN_REST_TICKS
     rows = at_rest if has_rest else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
-    expected_reading = block.accel_bias + STANDARD_GRAVITY * np.array(
-        [-np.sin(theta), np.sin(phi) * np.cos(theta)]
-    )
+    gravity = STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
+    expected_reading = block.accel_bias + gravity
     messages = []
     for i in range(2):
         x = channel.z[rows, i]

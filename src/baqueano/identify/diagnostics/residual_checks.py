@@ -43,20 +43,9 @@ from baqueano.identify.residuals.simulation import Residuals
 
 # quantiles of Student's t for a probability of 1.25e-5 on each side: (degrees of freedom, t)
 CRITICAL_T = (
-    (1, 2.5e4),
-    (2, 200.0),
-    (3, 44.5),
-    (5, 14.9),
-    (7, 9.8),
-    (9, 7.9),
-    (14, 6.2),
-    (19, 5.5),
-    (29, 5.0),
-    (59, 4.6),
-)
-LOW_PASS_Z = (
-    3.0  # standard errors for a low-pass: nearly every IMU has a low-pass, so less evidence is sufficient
-)
+    (1, 2.5e4), (2, 200.0), (3, 44.5), (5, 14.9), (7, 9.8), (9, 7.9), (14, 6.2), (19, 5.5), (29, 5.0), (59, 4.6),
+)  # fmt: skip
+LOW_PASS_Z = 3.0  # standard errors for a low-pass: nearly every IMU has one, so less evidence is sufficient
 MIN_SHIFT_STD, MIN_RELATIVE_SHIFT = (
     2.0,
     0.02,
@@ -158,10 +147,9 @@ class _FitEvidence:
 
     def most_biased(self, test: ScoreTest) -> int | None:
         """Return the index of the parameter with the largest shift in standard errors, or None if all are small."""
-        relative_shift = np.abs(test.shift) / np.maximum(self.std, 1e-300)
-        is_large = (relative_shift > MIN_SHIFT_STD) & (
-            np.abs(test.shift) > MIN_RELATIVE_SHIFT * np.abs(self.theta)
-        )
+        shift = np.abs(test.shift)
+        relative_shift = shift / np.maximum(self.std, 1e-300)
+        is_large = (relative_shift > MIN_SHIFT_STD) & (shift > MIN_RELATIVE_SHIFT * np.abs(self.theta))
         return int(np.argmax(np.where(is_large, relative_shift, -1.0))) if is_large.any() else None
 
 
@@ -205,10 +193,8 @@ def _place(code: str) -> Diagnostic | str:
 
 def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_SignificantResult]:
     results: list[_SignificantResult] = []
-    parts = list(_part_masks(fit.residuals, motion))
-    for (part, _), tests in zip(
-        parts, score_test_parts(fit.residuals, [mask for _, mask in parts]), strict=True
-    ):
+    parts, masks = zip(*_part_masks(fit.residuals, motion), strict=True)
+    for part, tests in zip(parts, score_test_parts(fit.residuals, masks), strict=True):
         for k, test in enumerate(tests):
             if abs(test.size) > MIN_RELATIVE_DIFFERENCE * abs(fit.theta[k]) and fit.is_significant(test):
                 message = note(
@@ -284,14 +270,12 @@ def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list
     n = int(is_outlier.sum())
     if n < MIN_OUTLIERS:
         return []
-    speed = np.concatenate(
-        [np.maximum(np.abs(np.diff(x, prepend=x[:1])), np.abs(np.diff(x, append=x[-1:]))) for x in h]
-    )
+    steps = [np.abs(np.diff(x, prepend=x[:1], append=x[-1:])) for x in h]
+    speed = np.concatenate([np.maximum(step[:-1], step[1:]) for step in steps])
     rank = np.empty(len(speed))
     rank[np.argsort(speed, kind="stable")] = np.arange(len(speed)) / len(speed)
     z = (float(rank[is_outlier].mean()) - 0.5) * np.sqrt(12.0 * n)
     if z < LATE_Z:
         return []
-    return [
-        note("residual.late", Severity.WARNING, subject=label, readings=n, beyond=OUTLIER_SIGMA, z=float(z))
-    ]
+    details = {"readings": n, "beyond": OUTLIER_SIGMA, "z": float(z)}
+    return [note("residual.late", Severity.WARNING, subject=label, **details)]

@@ -26,10 +26,8 @@ from baqueano.identify.residuals.noise_level import white_std
 from baqueano.runs.diagnostics.repeated_readings import find_repeats, is_read_too_fast
 from baqueano.runs.run import Channel
 
-CHANCE_FACTOR, EXTRA_SAMPLES = (
-    3.0,
-    5,
-)  # more samples than CHANCE_FACTOR times the expected number plus EXTRA_SAMPLES are significant
+# more samples than CHANCE_FACTOR times the expected number plus EXTRA_SAMPLES are significant
+CHANCE_FACTOR, EXTRA_SAMPLES = 3.0, 5
 MIN_SAMPLES = 20  # samples for a test
 MIN_END_SAMPLES, MIN_VISITS = 5, 3  # (2)
 MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that can be lost without a warning
@@ -127,19 +125,12 @@ def _lost_frames(
         nonzero = np.flatnonzero(np.isfinite(x) & ~is_zero)
         if len(nonzero) < 2:
             return no_samples, []
-        row = np.arange(len(x))
-        next_row = np.searchsorted(nonzero, row)
-        previous_row, next_row = (
-            nonzero[np.maximum(next_row - 1, 0)],
-            nonzero[np.minimum(next_row, len(nonzero) - 1)],
-        )
-        is_zero &= (previous_row < row) & (row < next_row)
-        is_isolated = (
-            np.minimum(np.abs(x[previous_row]), np.abs(x[next_row])) > ISOLATED_ZERO_SIGMA * resolution.sigma
-        )
-        is_zero &= (
-            is_isolated & (x[previous_row] * x[next_row] > 0.0) & (next_row - previous_row <= EXTRA_SAMPLES)
-        )
+        row, last = np.arange(len(x)), len(nonzero) - 1
+        k = np.searchsorted(nonzero, row)
+        before, after = nonzero[np.maximum(k - 1, 0)], nonzero[np.minimum(k, last)]
+        is_zero &= (before < row) & (row < after) & (after - before <= EXTRA_SAMPLES)
+        magnitude = np.minimum(np.abs(x[before]), np.abs(x[after]))
+        is_zero &= (magnitude > ISOLATED_ZERO_SIGMA * resolution.sigma) & (x[before] * x[after] > 0.0)
         if is_zero.sum() <= EXTRA_SAMPLES:
             return no_samples, []
     percent = _percentage(is_zero, np.isfinite(x))
@@ -152,19 +143,14 @@ def _repeated_samples(
     """Return the mask (M,) of samples that repeat the previous one, and a list with at most one message."""
     is_repeated = np.concatenate([[False], x[1:] == x[:-1]])
     chance = len(x) * resolution.step / (2.0 * np.sqrt(np.pi) * resolution.sigma)
-    if (
-        is_repeated.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES
-        if is_imu
-        else not is_read_too_fast(find_repeats(x).hold_counts)
-    ):
+    is_by_chance = is_repeated.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES
+    if is_by_chance if is_imu else not is_read_too_fast(find_repeats(x).hold_counts):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~is_repeated)
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
     is_repeated &= is_imu | (x != 0.0)
-    percent = _percentage(is_repeated, np.isfinite(x))
-    return is_repeated, [
-        note("data.repeats", subject=label, lost=int(is_repeated.sum()), percent=percent, longest=longest)
-    ]
+    percent, lost = _percentage(is_repeated, np.isfinite(x)), int(is_repeated.sum())
+    return is_repeated, [note("data.repeats", subject=label, lost=lost, percent=percent, longest=longest)]
 
 
 def _limit_samples(
@@ -181,30 +167,22 @@ def _limit_samples(
         is_maximum = y == maximum
         inner_count = int(np.sum((y < maximum) & (y >= maximum - width)))
         visit_count = int(np.sum(is_maximum[1:] & ~is_maximum[:-1])) + int(is_maximum[0])
-        if (
-            visit_count >= MIN_VISITS
-            and is_maximum.sum() >= MIN_END_SAMPLES
-            and is_maximum.sum() > MIN_END_SAMPLES * inner_count
-        ):
+        count = int(is_maximum.sum())
+        is_often = count >= MIN_END_SAMPLES and count > MIN_END_SAMPLES * inner_count
+        if visit_count >= MIN_VISITS and is_often:  # (2)
             is_invalid |= _is_beyond_end(y, is_maximum, maximum, resolution.sigma)
             ends.append(sign * maximum)
-            end_count += int(is_maximum.sum())
+            end_count += count
     if not ends:
         return is_invalid, []
     is_invalid, percent = is_invalid & finite, _percentage(is_invalid & finite, finite)
     severity = Severity.WARNING if percent > 100.0 * MAX_LOST_FRACTION else Severity.INFO
-    ends_at = ", ".join(f"{end:.4g}" for end in ends)
-    return is_invalid, [
-        note(
-            "data.clipped",
-            severity,
-            subject=label,
-            lost=int(is_invalid.sum()),
-            percent=percent,
-            ends=ends_at,
-            at_end=end_count,
-        )
-    ]
+    details = {
+        "lost": int(is_invalid.sum()),
+        "ends": ", ".join(f"{end:.4g}" for end in ends),
+        "at_end": end_count,
+    }
+    return is_invalid, [note("data.clipped", severity, subject=label, percent=percent, **details)]
 
 
 def _is_beyond_end(y: np.ndarray, index: np.ndarray, end: float, sigma: float) -> np.ndarray:

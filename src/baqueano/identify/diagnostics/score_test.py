@@ -115,19 +115,10 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     products = _product(weighted_rows, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
     residuals, signal_std = [r for r, _, _ in segments], problem.signal_std()
+    signal = float(sum(np.sum((weight * signal_std) ** 2) for weight in problem.weights))
+    inverse = pseudo_inverse(products[:-1])
     return FitResiduals(
-        residuals,
-        psi,
-        w,
-        d,
-        products[-1],
-        nuisances,
-        run,
-        first,
-        pseudo_inverse(products[:-1]),
-        weighted_rows,
-        power,
-        float(sum(np.sum((weight * signal_std) ** 2) for weight in problem.weights)),
+        residuals, psi, w, d, products[-1], nuisances, run, first, inverse, weighted_rows, power, signal
     )
 
 
@@ -156,9 +147,8 @@ def _nuisance_derivatives(
     columns = slice(rows.start * m, rows.stop * m)
     d = flat[index, columns].copy()
     weighted_slopes = d * w[columns]
-    nuisance = NuisanceDerivatives(
-        rows, columns, d, weighted_slopes, pseudo_inverse(_product(weighted_slopes, d.T))
-    )
+    inverse = pseudo_inverse(_product(weighted_slopes, d.T))
+    nuisance = NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse)
     other_rows = flat[other_entries.start : other_entries.stop, columns]
     _subtract(other_rows, _product(other_rows, weighted_slopes.T) @ nuisance.inverse, d)
     return [nuisance]
@@ -188,12 +178,8 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
             columns = D.T[rows]
             energy += fit.w[rows] @ (columns * columns)
             products += fit.weighted[:, rows] @ columns
-        return _ScoreSums(
-            energy,
-            products[-1],
-            products[:-1].T,
-            [_product(D[:, own.columns], own.weighted.T) for own in fit.nuisances],
-        )
+        of_nuisances = [_product(D[:, own.columns], own.weighted.T) for own in fit.nuisances]
+    return _ScoreSums(energy, products[-1], products[:-1].T, of_nuisances)
 
 
 def shift_by_effects(fit: FitResiduals, D: np.ndarray) -> np.ndarray:
@@ -225,21 +211,13 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     pattern = (np.cumsum(np.bincount(code) > 0) - 1)[code]
     A = _sums_by_part(rows, rows, pattern, part_masks)  # w is 0 or 1
     scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
-    nuisance_sums = [
-        _sums_by_part(
-            rows[slopes.rows],
-            slopes.weighted.T.reshape(-1, m, len(slopes.d)),
-            pattern[slopes.rows],
-            part_masks[:, slopes.rows],
-        )
-        for slopes in fit.nuisances
-    ]
-    sums = _ScoreSums(
-        np.einsum("pkk->pk", A).ravel(),
-        _product(part_masks.astype(float), scores).ravel(),
-        A.reshape(-1, k),
-        [products.reshape(len(part_masks) * k, -1) for products in nuisance_sums],
-    )
+    of_nuisances = []
+    for own in fit.nuisances:
+        weighted_rows, of_rows = own.weighted.T.reshape(-1, m, len(own.d)), part_masks[:, own.rows]
+        of_nuisances.append(_sums_by_part(rows[own.rows], weighted_rows, pattern[own.rows], of_rows))
+    energy, total = np.einsum("pkk->pk", A).ravel(), _product(part_masks.astype(float), scores).ravel()
+    of_nuisances = [products.reshape(len(part_masks) * k, -1) for products in of_nuisances]
+    sums = _ScoreSums(energy, total, A.reshape(-1, k), of_nuisances)
 
     def column(at: np.ndarray) -> np.ndarray:
         return fit.d[at % k] * np.repeat(part_masks[at // k], m, axis=1)
@@ -251,9 +229,8 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
 def _sums_by_part(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
     """Return Σ xᵀ y (P, k, q) of the rows x (n, m, k), y (n, m, q) of each part (P, n). Rows with the same number in
     `pattern` (n,) are in the same parts, so that each row is multiplied once."""
-    order = np.argsort(
-        pattern.astype(np.min_scalar_type(pattern.max())), kind="stable"
-    )  # a small type sorts faster
+    small_pattern = pattern.astype(np.min_scalar_type(pattern.max()))  # a small type sorts faster
+    order = np.argsort(small_pattern, kind="stable")
     edges = np.flatnonzero(np.diff(pattern[order], prepend=-1, append=-1))
     k, q = x.shape[2], y.shape[2]
     x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
@@ -286,10 +263,8 @@ def _score_tests(
     )
     shift = -ties * size[:, None]
     gain = size**2 * power
-    out = [
-        ScoreTest(d, 0.0, 1.0, move, rho)
-        for d, move, rho in zip(size.tolist(), shift, gain.tolist(), strict=True)
-    ]
+    rows = zip(size.tolist(), shift, gain.tolist(), strict=True)
+    out = [ScoreTest(d, 0.0, 1.0, move, rho) for d, move, rho in rows]
     for first in range(0, len(candidates), EFFECTS_AT_ONCE):
         indices = candidates[first : first + EFFECTS_AT_ONCE]
         D = column(indices)
@@ -304,10 +279,7 @@ def _score_tests(
 def _jackknife(fit: FitResiduals, D: np.ndarray) -> list[tuple[float, float]]:
     """Return z and the degrees of freedom for each D⊥ (K, N m).  (4)"""
     first = fit.blocks * (len(fit.clipped_residuals) // len(fit.run))
-    S, P = (
-        np.add.reduceat(D * fit.clipped_residuals, first, axis=1),
-        np.add.reduceat(D * D * fit.w, first, axis=1),
-    )
+    S, P = (np.add.reduceat(D * x, first, axis=1) for x in (fit.clipped_residuals, D * fit.w))
     total, power = S.sum(axis=1, keepdims=True), P.sum(axis=1, keepdims=True)
     h = P / power
     e = (S - total * h) / np.maximum(1.0 - h, 1e-3)

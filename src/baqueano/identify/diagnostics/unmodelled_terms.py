@@ -29,13 +29,7 @@ from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parallel import parallel_map, prefetch
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.parameters.setup import (
-    ThetaShape,
-    blocks_in_row,
-    example,
-    initial_state,
-    read_sensors,
-)
+from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state, read_sensors
 from baqueano.identify.residuals.motion import Motions, mean_columns, motion_rows
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.symbolic import scan
@@ -45,15 +39,8 @@ DECAY_S = 0.2  # duration of an effect that begins when a sign changes
 SIGN_WIDTH = 0.1  # of the largest value: width of the tanh at a change of sign
 COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
 MOTION_TERMS = (
-    "dry friction",
-    "drag",
-    "steep drag",
-    "one-sided drag",
-    "caster",
-    "cornering",
-    "turning",
-    "slip",
-)
+    "dry friction", "drag", "steep drag", "one-sided drag", "caster", "cornering", "turning", "slip",
+)  # fmt: skip
 # −(m c/I) ν_x ν_ψ about ψ shows the centre of mass c and the inertia I only as their ratio; c ν_ψ² along x shows c
 TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
@@ -62,9 +49,8 @@ SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
 
 LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # code of a term, and its description
-TermColumns: TypeAlias = tuple[
-    list[LabelledTerm], np.ndarray
-]  # and their columns D (K, N m) in standard deviations
+# and their columns D (K, N m) in standard deviations
+TermColumns: TypeAlias = tuple[list[LabelledTerm], np.ndarray]
 
 
 class Force(NamedTuple):
@@ -79,15 +65,11 @@ class Force(NamedTuple):
 def force_terms(axis: int, channel_count: int) -> list[Force]:
     """Return the forces along `axis` (0 or 2) and then a sideways force. The order is that of `command_features` and
     `motion_features`."""
-    command_forces = [
-        Force(f"{code} of channel {j}", _term(code), axis, j)
-        for code in COMMAND_TERMS
-        for j in range(channel_count)
-    ]
-    motion_forces = [
-        Force(code, TURNING_TERMS[axis] if code == "turning" else _term(code), axis) for code in MOTION_TERMS
-    ]
-    return [*command_forces, *motion_forces, Force("sideways", SIDEWAYS_TERMS[axis], 1)]
+    channels = [(code, j) for code in COMMAND_TERMS for j in range(channel_count)]
+    forces = [Force(f"{code} of channel {j}", _term(code), axis, j) for code, j in channels]
+    notes = {code: _term(code) for code in MOTION_TERMS} | {"turning": TURNING_TERMS[axis]}
+    forces += [Force(code, notes[code], axis) for code in MOTION_TERMS]
+    return [*forces, Force("sideways", SIDEWAYS_TERMS[axis], 1)]
 
 
 def _term(code: str) -> Diagnostic:
@@ -129,11 +111,7 @@ def _decay_since_sign_change(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     decay = np.zeros_like(x)
     for c, sign in enumerate(np.sign(x).T):
         moving_rows = np.flatnonzero(sign != 0.0)
-        reversals = (
-            moving_rows[1:][sign[moving_rows[1:]] != sign[moving_rows[:-1]]]
-            if len(moving_rows)
-            else moving_rows
-        )
+        reversals = moving_rows[1:][np.diff(sign[moving_rows]) != 0.0]
         if len(reversals):
             edges = np.append(reversals, len(t))
             elapsed_s = t[reversals[0] :] - np.repeat(t[reversals], np.diff(edges))
@@ -198,17 +176,10 @@ def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMot
 
 def gyro_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> np.ndarray:
     """Return D (1, N m) of a relative error of the scales of all gyros: the predicted reading of each gyro."""
-    is_gyro = np.concatenate(
-        [
-            (np.arange(size) == GYRO_CHANNEL) & has_field(block, "gyro_scale")
-            for block, size in zip(blocks.sensors, problem.sizes, strict=True)
-        ]
-    )
-    columns = [
-        (motion.h * is_gyro * weight).ravel()
-        for motion, weight in zip(fitted.motions, problem.weights, strict=True)
-    ]
-    return np.concatenate(columns)[None, :]
+    entries = [(has_field(block, "gyro_scale"), k) for block in blocks.sensors for k in range(block.size)]
+    is_gyro = np.array([is_imu and k == GYRO_CHANNEL for is_imu, k in entries])
+    pairs = zip(fitted.motions, problem.weights, strict=True)
+    return np.concatenate([(motion.h * is_gyro * weight).ravel() for motion, weight in pairs])[None, :]
 
 
 def _force_columns(
