@@ -72,6 +72,17 @@ def test_a_game_pad_drives_beyond_its_dead_zone_until_it_is_unplugged(driver, li
     assert command(live) == [0, 0, 0]
 
 
+def test_a_game_pad_drives_three_commands_with_two_sticks(driver, live):
+    driver.js(PAD)
+    driver.js(f"Object.assign({PAGE}.hello.vehicle.command[1], {{ low: -1, high: 1 }})")  # it moves sideways, too
+    driver.js("gamePad.axes = [-1, -1, 1, 0]")
+    until(lambda: command(live) == [0.5, 0.5, -0.5])
+    driver.js("gamePad.axes = [0, 0, 0, 0]")
+    driver.down("a", "KeyA", "a")  # keys turn it
+    until(lambda: command(live) == [0, 0, 0.5])
+    driver.up("a", "KeyA")
+
+
 def test_a_frame_that_is_not_drawn_is_not_named_by_a_heartbeat(driver, live):
     until(lambda: live.words("beat"))
     driver.js("globalThis.requestAnimationFrame = () => 0")  # nothing is drawn, but frames arrive

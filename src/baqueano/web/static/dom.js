@@ -24,9 +24,7 @@ export function put(parts, texts) { for (const [name, text] of Object.entries(te
 /** Give buttons what they do, by the names of the parts. */
 export function press(parts, acts) { for (const [name, act] of Object.entries(acts)) parts[name].onclick = act; }
 
-export function show(node, visible) {
-  if (node.hidden === Boolean(visible)) node.hidden = !visible;
-}
+export function show(node, visible) { node.hidden = !visible; }
 
 /** Write the texts for which the elements in a node ask; return those that have a name. */
 export function texts(root) {

@@ -9,8 +9,8 @@ import { t } from "./strings.js";
 const EVERY_MS = 45; // 20 beats a second out of 60 pictures
 const DEAD = 0.1; // of a game pad's stick
 const PAD_STOP = 1; // its button B, or circle
-const [UP, DOWN, LEFT, RIGHT] = [[0, 1], [0, -1], [-1, 0], [1, 0]];
-export const WAYS = { KeyW: UP, ArrowUp: UP, KeyS: DOWN, ArrowDown: DOWN, KeyA: LEFT, ArrowLeft: LEFT, KeyD: RIGHT, ArrowRight: RIGHT };
+const KEYS = { KeyW: [0, 1], KeyS: [0, -1], KeyA: [-1, 0], KeyD: [1, 0] }, { KeyW, KeyS, KeyA, KeyD } = KEYS;
+export const WAYS = { ...KEYS, ArrowUp: KeyW, ArrowDown: KeyS, ArrowLeft: KeyA, ArrowRight: KeyD };
 
 export class Hand {
   constructor(page) {
@@ -66,11 +66,10 @@ export class Hand {
 
   get #pads() { return [...navigator.getGamepads?.() ?? []].filter((one) => one?.connected); }
 
+  /** [right, ahead, aside]: with two commands either stick turns, with three the left one goes sideways. */
   #gamePad() {
-    const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD));
-    const way = this.#pads.map(({ axes }) => [beyond(axes[2]) || beyond(axes[0]), -beyond(axes[1])]).find(([right, ahead]) => right || ahead);
-    this.fromPad = way;
-    return way;
+    const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD)), three = movable(this.page.hello.vehicle)[2];
+    return (this.fromPad = this.#pads.map(({ axes: [x, y, turn] }) => [beyond(turn) || (three ? 0 : beyond(x)), -beyond(y), beyond(x)]).find((way) => way.some(Boolean)));
   }
 
   /** As STOP on the page, whoever drives. */
@@ -80,10 +79,10 @@ export class Hand {
     this.padStopped = pressed;
   }
 
-  /** The first command that moves something drives ahead, the last one turns to the left. */
+  /** The first command that moves something drives ahead, the middle one to the left, the last one turns to the left. */
   get command() {
-    const { vehicle } = this.page.hello, [right, ahead] = this.wanted, [first, ...more] = movable(vehicle), share = { [first]: ahead, [more.at(-1)]: -right };
-    return vehicle.command.map(({ low, high }, k) => { const part = this.part * (share[k] ?? 0); return part >= 0 ? part * high : -part * low; });
+    const { vehicle } = this.page.hello, [right, ahead, aside] = this.wanted, [first, ...more] = movable(vehicle), share = { [first]: ahead, [more[0]]: -aside, [more.at(-1)]: -right };
+    return vehicle.command.map(({ low, high }, k) => { const part = this.part * (share[k] || 0); return part >= 0 ? part * high : -part * low; });
   }
 
   beat(now_ms, still = false) {

@@ -1,4 +1,4 @@
-// The list of runs: open one, put another beside it, read its report, take it home.
+// The list of runs.
 
 import { clamp } from "./canvas.js";
 import { el, form, head, press, put, row, show, write } from "./dom.js";
