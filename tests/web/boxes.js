@@ -18,7 +18,7 @@
     range.selectNodeContents(node);
     return { node, box: range.getBoundingClientRect(), lines: [...range.getClientRects()] };
   }).filter(({ box }) => covers(box)); // a text can leave an element of no width
-  const SIDEWAYS = "#tabs, .scroll, .content, pre"; // meant to be scrolled sideways, too
+  const SIDEWAYS = ".scroll, .content, pre"; // meant to be scrolled sideways, too
   // cut: the text is wider or higher than the nearest box that clips it
   for (const { node, box } of texts) {
     for (let one = node; one && one !== document.documentElement; one = one.parentElement) {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.web.chromium import CHROMIUM
+from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.screens import PAGE, check_trace, only, open_page, painted, still_page
 from tests.web.scripted import RADIUS
 
@@ -54,6 +54,16 @@ def test_the_map_shows_route_path_corridor_ellipses_and_truth(tab, live):
     bodies = [(mark, places(mark)[0]) for mark in marks if mark["path"] and mark["path"][0][0] == "box"]
     assert any(mark["kind"] == "area" and np.hypot(*(at - estimate[-1])) < 1e-5 for mark, at in bodies)
     assert any(mark.get("dash") == [4, 3] and np.hypot(*(at - truth[-1])) < 1e-5 for mark, at in bodies)
+
+
+def test_the_three_numbers_on_a_projector_are_read_from_six_heights_of_the_picture(tab, live):
+    """Digits of 1/200 of the distance are legible: 3 % of the height; a digit has 0.7 of the size of its font."""
+    tab.size(*SIZES["projector"])
+    for screen in ("drive", "tune"):
+        open_page(tab, live, screen=screen)
+        tab.wait("document.querySelectorAll('.numbers .much b').length === 3")
+        size = tab.js("parseFloat(getComputedStyle(document.querySelector('.numbers .much b')).fontSize)")
+        assert 0.7 * size >= 0.03 * SIZES["projector"][1]
 
 
 def test_the_drive_screen_shows_three_numbers(tab, live):

@@ -98,6 +98,9 @@ def test_the_path_is_coloured_by_the_information_of_each_part(tab, live):
     rate = [0.1 * 10 ** (3.0 * k / 99.0) for k in range(100)]  # over 20 s, from the first colour to the last
     word = fit_taught("en", live=True) | {"rate": rate, "start": float(start_s), "dt": 0.2}
     tab.js(f"{PAGE}.screens.identify.identified({json.dumps(word)})")
+    curve = painted(tab, f"{PAGE}.screen.curve")
+    label = "(({ w, context }) => w - context.measureText('100').width)"
+    assert max(point[1] for mark in curve for point in mark["path"]) < tab.js(f"{label}({PAGE}.screen.curve)")
     marks = painted(tab, f"{PAGE}.screen.map.canvas")
     left, top, scale = tab.js(f"(({{ X, Y, view }}) => [X(0), Y(0), view.scale])({PAGE}.screen.map)")
     place = np.column_stack([x["eta.x"], x["eta.y"]])

@@ -20,10 +20,10 @@ export class Identify {
     Object.assign(this, { page, ...form("identify") });
     this.map = new Map2D(this.mapCard);
     put(this, { quiet: num(QUIET), loud: `${LOUD} ${t("identify.rate")}`, go: t("identify.experiment", { s: EXPERIMENT_S }) });
-    this.ends.append(...[0.01, 0.1, 1, 10, 100].map((one) => el("span", `${num(one, one < 0.1 ? 2 : one < 1 ? 1 : 0)} %`)));
+    this.ends.append(...[0.01, 0.1, 1, 10, 100].map((one) => el("span", `${num(one, max(0, -log10(one)))} %`)));
     show(this.play, page.recorded);
     this.play.onclick = () => this.replay.toggle();
-    if (page.recorded) drag(this.curve, ({ offsetX }) => this.replay.seekPart(offsetX / this.curve.clientWidth));
+    if (page.recorded) drag(this.curve, ({ offsetX }) => this.replay.seekPart(offsetX / this.right));
     moving(this.go, page, () => page.send({ is: "mission", kind: "experiment", seconds: EXPERIMENT_S }));
     show(this.go, !page.recorded && page.drives);
     this.#clear();
@@ -129,16 +129,16 @@ export class Identify {
   #curve(record, cursor) {
     const [c, w, h] = begin(this.curve), { rate = [], start, dt } = this.word ?? {}, scale = [1, 10, 100];
     if (!c) return;
-    const level = axis(0, log10(1 + 3 * LOUD), h - 2, 4), Y = (one) => max(level(log10(1 + one)), 4);
-    line(c, scale.flatMap((one) => [[0, sharp(Y(one))], [w, sharp(Y(one))], null]), "grid");
+    const right = this.right = w - 2.2 * colours.rem, level = axis(0, log10(1 + 3 * LOUD), h - 2, 4), Y = (one) => max(level(log10(1 + one)), 4);
+    line(c, scale.flatMap((one) => [[0, sharp(Y(one))], [right, sharp(Y(one))], null]), "grid");
     if (rate.length) {
-      const X = axis(start, this.page.recorded ? record.end : start + rate.length * dt, 0, w), curve = rate.flatMap((one, k) => [[X(start + k * dt), Y(one)], [X(start + (k + 1) * dt), Y(one)]]);
+      const X = axis(start, this.page.recorded ? record.end : start + rate.length * dt, 0, right), curve = rate.flatMap((one, k) => [[X(start + k * dt), Y(one)], [X(start + (k + 1) * dt), Y(one)]]);
       area(c, [[0, h], ...curve, [curve.at(-1)[0], h]], "band");
       line(c, curve, "model", 1.6);
       write(this.now, cursor === null ? num(rate.at(-1)) : `${duration(cursor)} · ${num(this.#rate(cursor))}`);
       if (cursor !== null) line(c, [[X(cursor), 0], [X(cursor), h]], "ink", 2);
     }
-    for (const one of scale) label(c, `${one}`, w, Y(one) - 0.6 * colours.rem, "muted", "right", 400);
+    for (const one of scale) label(c, `${one}`, w, Y(one), "muted", "right", 400);
   }
 }
 

@@ -152,10 +152,7 @@ function open(key, chosen = true) {
   page.screen = page.screens[key];
   ui.screen.replaceChildren(page.screen.node);
   document.body.dataset.screen = key;
-  for (const one of ui.tabs.children) {
-    one.ariaSelected = one.id === `tab-${key}`;
-    if (one.ariaSelected === "true") one.scrollIntoView({ inline: "center", block: "nearest" });
-  }
+  for (const one of ui.tabs.children) one.ariaSelected = one.id === `tab-${key}`;
   page.hand.still();
   page.screen.shown?.();
   announce();
