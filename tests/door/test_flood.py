@@ -214,6 +214,24 @@ def test_half_a_mission_that_stalls_does_not_refuse_the_next_mission(door, conne
     assert stalled.file.readline() == b""
 
 
+@pytest.mark.parametrize(("bytes_each_s", "stalls"), [(1, True), (16 << 10, False)])
+def test_a_long_line_must_arrive_at_a_least_rate(monkeypatch, bytes_each_s, stalls):
+    now_s = 0.0
+    monkeypatch.setattr(clients.time, "monotonic", lambda: now_s)
+    near, far = socket.socketpair()
+    with near, far:
+        client = DoorClient(near)
+        for data in (*[b"x" * READ_BYTES] * 5, *[b"x" * bytes_each_s] * 20):
+            now_s += 1.0 if len(data) == bytes_each_s else 0.001
+            far.sendall(data)
+            assert not [*client.receive()]
+        assert client.partial_line_bytes > MAX_SHORT_LINE_BYTES
+        now_s += 1.0  # an interruption of Wi-Fi
+        assert client.has_stalled is stalls
+        now_s += 1.5
+        assert client.has_stalled
+
+
 def test_a_long_line_is_refused_during_a_drive(door, connect):
     driver, second = connect(), connect()
     until(lambda: len(door._clients) == 2)

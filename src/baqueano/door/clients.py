@@ -23,6 +23,7 @@ MAX_SHORT_LINE_BYTES = 64 << 10  # bytes; a longer line can only be a mission
 MAX_LINE_BYTES = 64 << 20  # largest number of bytes of a line: an hour of commands
 MAX_PENDING_BYTES = 1 << 20  # bytes that wait for a client that does not read
 MAX_PAUSE_S = 2.0  # longest pause within a long line: Wi-Fi is sometimes interrupted for half a second
+MIN_RATE_BYTES_S = 8 << 10  # of a long line, apart from pauses
 READ_BYTES = 16 << 10  # bytes that are read at once
 MAX_BACKLOG = 256  # most lines that wait
 MISSION_PATTERN = re.compile(rb'"do"\s*:\s*"mission"')  # at the beginning of each mission
@@ -42,7 +43,7 @@ class DoorClient:
         self.hz, self.turn = 0.0, 0  # frames per second; the period in which the last frame was sent
         self.drive, self.shown = -1, 0  # the drive that was described to the client; its rows that were sent
         self._coming = bytearray()  # the beginning of a line
-        self._received_s = 0.0  # the time of the last bytes
+        self._due_s = 0.0  # time until which a long line needs no more bytes
         self._backlog = 0  # bytes of the waiting lines, without the mission
         self._mission = (
             False  # a line longer than MAX_SHORT_LINE_BYTES waits, after which heartbeats must not be dropped
@@ -58,11 +59,11 @@ class DoorClient:
 
     @property
     def has_stalled(self) -> bool:
-        """Return True if a long line is not complete, and no byte has arrived for MAX_PAUSE_S."""
-        return (
-            self.partial_line_bytes > MAX_SHORT_LINE_BYTES
-            and time.monotonic() - self._received_s > MAX_PAUSE_S
-        )
+        """Return True if a long line is not complete, and arrives more slowly than MIN_RATE_BYTES_S.
+
+        Time that is saved by faster bytes counts as a pause, up to MAX_PAUSE_S.
+        """
+        return self.partial_line_bytes > MAX_SHORT_LINE_BYTES and time.monotonic() > self._due_s
 
     @property
     def can_be_mission(self) -> bool:
@@ -105,7 +106,8 @@ class DoorClient:
             return
         if not data:
             raise ConnectionResetError
-        self._received_s = time.monotonic()
+        now_s = time.monotonic()
+        self._due_s = min(max(self._due_s, now_s) + len(data) / MIN_RATE_BYTES_S, now_s + MAX_PAUSE_S)
         head, newline, remainder = data.partition(b"\n")
         self._coming += head
         if not newline:
