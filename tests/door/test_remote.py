@@ -67,6 +67,15 @@ def mission():
     return pack(Mission("experiment", u=np.zeros((100, 3))), vehicle_file.load("small"))
 
 
+def test_a_pause_that_arrives_after_the_drive_does_not_hide_its_end(vehicle, mission, tmp_path):
+    own, late = vehicle.run("mine", 5), note("door.not-holder", Severity.ERROR)
+    vehicle.drives = lambda name: [
+        {"is": "no", "why": "", "about": late, "code": 5}, vehicle.done(own, id=name),
+    ]  # fmt: skip
+    with connect(str(vehicle.door.path)) as remote:
+        assert len(remote.perform(mission, tmp_path / "run.mcap").t_ns) == 5
+
+
 def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp_path):
     foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
     vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]

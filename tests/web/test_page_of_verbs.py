@@ -266,16 +266,18 @@ def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signa
     assert not run.applied[-1].any()
 
 
-def test_a_robot_is_shown_and_stopped_on_the_page_of_a_command(tmp_path):
+def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_path):
     path = tmp_path / "door"
+    (tmp_path / "routes").mkdir()
+    write_route(circle(0.4, 0.25), tmp_path / "routes" / "ring.csv")
     with program(
         "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
         "--routes", str(tmp_path),
     ):  # fmt: skip
         watcher = Watcher(path)
         with program(
-            "baqueano", "experiment", "--vehicle", "small", "--robot", str(path), "-o", "run.mcap", "--page",
-            cwd=tmp_path, env=PLAIN,
+            "baqueano", "repeat", "ring", "--vehicle", "small", "--laps", "0", "--rest", "0", "--robot", str(path),
+            "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN,
         ) as verb:  # fmt: skip
             port = port_of(verb)
 
@@ -284,6 +286,12 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_command(tmp_path):
                     await visitor.next(
                         "state", where=lambda word: word["state"] == "MISSION" and visitor.frames
                     )
+                    for do, pauses in (("pause", True), ("go", False)):
+                        await visitor.send("take")
+                        await visitor.send(do)
+                        await visitor.next(
+                            "state", where=lambda word, pauses=pauses: word["paused"] is pauses
+                        )
                     start_s = time.monotonic()
                     await visitor.send("stop")
                     _, came = await asyncio.to_thread(watcher.state, "STOPPED")
