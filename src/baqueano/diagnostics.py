@@ -106,6 +106,7 @@ class StopReason(StrEnum):
     RECORDED = "recorded.stop"  # of an older run without codes, with the sentence of the run
 
 
+MAX_CAUSES = 16  # most levels of diagnostics within a diagnostic
 FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
@@ -160,11 +161,18 @@ class Diagnostic:
         }  # fmt: skip
 
     @classmethod
-    def of_json(cls, values: Any) -> "Diagnostic":
-        """Return the diagnostic from a dict of `to_json`: the inverse. Raise ValueError for any other value."""
+    def of_json(cls, values: Any, causes: int = MAX_CAUSES) -> "Diagnostic":
+        """Return the diagnostic from a dict of `to_json`: the inverse. Raise ValueError for any other value.
+
+        Diagnostics within each other have at most `causes` levels: thousands would exhaust the stack of their reader.
+        """
+        if causes < 0:
+            raise ValueError("too many causes within each other")
         try:
             texts = values["code"], values["subject"], values["fix"]
-            figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in values["figures"].items()}
+            figures = {
+                k: cls.of_json(v, causes - 1) if isinstance(v, dict) else v for k, v in values["figures"].items()
+            }
             are_figures_plain = all(
                 isinstance(v, str | int | float | Diagnostic | None) for v in figures.values()
             )

@@ -214,6 +214,26 @@ def test_half_a_mission_that_stalls_does_not_refuse_the_next_mission(door, conne
     assert stalled.file.readline() == b""
 
 
+def many_causes(levels):
+    """Return a reason whose cause has a cause, and so on."""
+    reason = {"code": "operator.stopped-by", "subject": "", "fix": "", "severity": "error"}
+    inner = reason | {"figures": {"words": "me"}}
+    for _ in range(levels):
+        inner = reason | {"figures": {"words": inner}}
+    return inner
+
+
+@pytest.mark.parametrize("reason", [many_causes(400), [], {"code": 1}])
+def test_a_stop_with_any_reason_stops_and_its_reason_reaches_all(door, connect, reason):
+    person = connect()
+    person.send(do="stop", why=reason)
+    until(lambda: door.operator.stop_reason(attended=False))
+    door.broadcast({"is": "state", "state": "STOPPED", "why": door.operator.stop_reason(attended=False)})
+    states = (json.loads(line) for line in person.file)
+    assert next(word for word in states if word["is"] == "state")["why"]["code"] == StopReason.STOPPED_BY
+    assert door._thread.is_alive()
+
+
 @pytest.mark.parametrize(("bytes_each_s", "stalls"), [(1, True), (16 << 10, False)])
 def test_a_long_line_must_arrive_at_a_least_rate(monkeypatch, bytes_each_s, stalls):
     now_s = 0.0

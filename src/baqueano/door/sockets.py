@@ -394,7 +394,7 @@ def _listening_socket(path: Path) -> socket.socket:
 
 def _stop_reason(cause: object) -> Diagnostic:
     """Return the reason in a stop request as a diagnostic, even if the reason is malformed."""
-    try:
+    with suppress(ValueError):
         return Diagnostic.of_json(cause)
-    except (ValueError, RecursionError):
-        return stop(StopReason.STOPPED_BY, words=str(cause or "stopped from outside")[:200])
+    words = cause[:200] if cause and isinstance(cause, str) else "stopped from outside"
+    return stop(StopReason.STOPPED_BY, words=words)
