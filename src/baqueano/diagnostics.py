@@ -171,7 +171,8 @@ class Diagnostic:
         try:
             texts = values["code"], values["subject"], values["fix"]
             figures = {
-                k: cls.of_json(v, causes - 1) if isinstance(v, dict) else v for k, v in values["figures"].items()
+                k: cls.of_json(v, causes - 1) if isinstance(v, dict) else v
+                for k, v in values["figures"].items()
             }
             are_figures_plain = all(
                 isinstance(v, str | int | float | Diagnostic | None) for v in figures.values()

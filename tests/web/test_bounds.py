@@ -32,6 +32,7 @@ def test_ne5_messages_are_limited_in_size_and_rate(folder):
                 ("[1]", 1008),
                 ('{"is": 3}', 1008),
                 ("{", 1008),
+                ('{"is": "ask", "what": "ping", "id": %s}' % ("[" * 600 + "]" * 600), 1008),
             ):
                 async with browser(server) as visitor:
                     await visitor.line.send(frame)
@@ -110,6 +111,31 @@ def test_ne5_at_most_thirty_two_browsers_are_accepted(folder):
                 await asyncio.sleep(0.01)
             async with browser(server) as visitor:
                 assert visitor.hello["role"] == "drive"
+
+    run_page(job)
+
+
+def test_ne5_one_machine_of_the_network_leaves_places_for_the_others(folder):
+    async def answer(server, machine, head=b""):
+        reader, writer = await asyncio.open_connection("127.0.0.2", server.port, local_addr=(machine, 0))
+        writer.write(head)
+        return reader, writer
+
+    async def job():
+        async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
+            silent = [await answer(server, "127.0.0.3") for _ in range(serving.MAX_CONNECTIONS_OF_ADDRESS)]
+            head = f"GET / HTTP/1.1\r\nHost: 127.0.0.2:{server.port}\r\n\r\n".encode()
+            reader, one_more = await answer(server, "127.0.0.3")
+            assert await asyncio.wait_for(reader.read(), WAIT_S) == b""
+            reader, other = await answer(server, "127.0.0.4", head)
+            assert (await asyncio.wait_for(reader.read(), WAIT_S)).startswith(b"HTTP/1.1 200 OK")
+            for _, writer in silent:
+                writer.close()
+            await until(lambda: not server._connections["127.0.0.3"])
+            reader, again = await answer(server, "127.0.0.3", head)
+            assert (await asyncio.wait_for(reader.read(), WAIT_S)).startswith(b"HTTP/1.1 200 OK")
+            for writer in (one_more, other, again):
+                writer.close()
 
     run_page(job)
 

@@ -74,7 +74,7 @@ def test_a_game_pad_drives_beyond_its_dead_zone_until_it_is_unplugged(driver, li
 
 def test_a_game_pad_drives_three_commands_with_two_sticks(driver, live):
     driver.js(PAD)
-    driver.js(f"Object.assign({PAGE}.hello.vehicle.command[1], {{ low: -1, high: 1 }})")  # it moves sideways, too
+    driver.js(f"Object.assign({PAGE}.hello.vehicle.command[1], {{ low: -1, high: 1 }})")
     driver.js("gamePad.axes = [-1, -1, 1, 0]")
     until(lambda: command(live) == [0.5, 0.5, -0.5])
     driver.js("gamePad.axes = [0, 0, 0, 0]")

@@ -53,7 +53,9 @@ def test_frames_are_float32_in_the_order_of_the_fields():
     assert feed.value("cross") == 1e-3
     assert math.isnan(feed.value("battery"))
     assert feed.add_rows({"x": [[1.0]]}) is None
-    assert feed.add_rows({"x": [["a"] * 7]}) is None
+    for x in (5, [5], [None], {"a": 1}, [["a"] * 7]):  # of a robot that lies
+        assert feed.add_rows({"x": x}) is None
+    assert feed.add_rows({}) is None
 
 
 def test_the_mean_of_a_column_is_taken_over_the_last_seconds():

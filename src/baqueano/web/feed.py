@@ -45,10 +45,10 @@ class Feed:
 
     def add_rows(self, message: "JsonObject") -> bytes | None:
         """Store the ticks of a message, and return them as a binary frame, or None if their columns do not match."""
-        rows = message["x"]
-        if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
-            return None
+        rows = message.get("x")
         try:
+            if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
+                return None
             values = array("f", [NAN if x is None else x for row in rows for x in row])
         except (TypeError, OverflowError):
             return None

@@ -4,6 +4,7 @@ The server listens on loopback, and on one more address if the page is shared. H
 """
 
 import asyncio
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from http import HTTPStatus
@@ -17,6 +18,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
 from baqueano.web.foxglove.bridge import SUBPROTOCOLS, FoxgloveServer
+from baqueano.web.guard import LOOPBACK as LOOPBACK_ADDRESSES
 from baqueano.web.guard import Guard
 from baqueano.web.http import (
     MAX_HEAD_BYTES,
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 STATIC = Path(__file__).with_name("static")
 MAX_VISITORS = 32
 MAX_CONNECTIONS = 96  # most connections, including those that fetch files
+MAX_CONNECTIONS_OF_ADDRESS = 24  # of one machine of the network, so that it leaves places for the others
 HANDSHAKE_TIMEOUT_S = 5.0
 DONE, GOODBYE_S = 1000, 1.0
 LOOPBACK = "127.0.0.1"
@@ -60,7 +63,8 @@ class Server:
         self._names, self.shared_at, self.port = names, shared_at, port
         self._files = static_files(STATIC)
         self._servers: list[asyncio.Server] = []
-        self._connections, self.visitors, self.onlookers = 0, set[Visitor](), set[Visitor]()
+        self._connections = Counter[str]()  # by address
+        self.visitors, self.onlookers = set[Visitor](), set[Visitor]()
         self.foxglove: FoxgloveServer | None = None  # set for a page with a vehicle
         self._talks: set[asyncio.Task[None] | None] = set()
         self.guard = Guard((), 0)
@@ -113,16 +117,19 @@ class Server:
                 await asyncio.wait_for(server.wait_closed(), 1.0)
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        self._connections += 1
+        task, peer = asyncio.current_task(), writer.get_extra_info("peername")
+        address = peer[0] if peer else ""  # "": it has left
+        self._connections[address] += 1
         self._talks.add(task)
+        own_places = MAX_CONNECTIONS if address in LOOPBACK_ADDRESSES else MAX_CONNECTIONS_OF_ADDRESS
         try:
-            if self._connections <= MAX_CONNECTIONS:
+            if self._connections[address] <= own_places and self._connections.total() <= MAX_CONNECTIONS:
                 await self._answer(reader, writer)
         except (OSError, EOFError, asyncio.CancelledError):  # cancelled when the server ends
             pass
         finally:
-            self._connections -= 1
+            self._connections[address] -= 1
+            self._connections += Counter()  # removes addresses without a connection
             self._talks.discard(task)
             with suppress(OSError):
                 writer.close()
@@ -178,7 +185,10 @@ class Server:
         assert foxglove is not None
         token = head.path.removeprefix("/foxglove").removeprefix("/")
         is_local = (
-            not token and not head.values("origin") and not self.guard.shared and address in (LOOPBACK, "::1")
+            not token
+            and not head.values("origin")
+            and not self.guard.shared
+            and address in LOOPBACK_ADDRESSES
         )
         if not is_local and self.guard.role_of_browser(address, token, from_page=False) is None:
             raise RefusedRequest(HTTPStatus.FORBIDDEN)

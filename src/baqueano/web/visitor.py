@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 MAX_MESSAGES = 64
 MAX_MESSAGE_BYTES = 16 << 10  # most bytes of a message from a browser
 MAX_MESSAGE_RATE_HZ = 50.0  # messages per second from a browser, and frames of any kind
+MAX_LEVELS = 8  # most levels of lists and objects in a message: hundreds would exhaust the stack of an answer
 MAX_UNREAD_BYTES = 4 << 20  # most bytes that wait for the kernel: more than the largest piece
 FRAGMENT_BYTES = 16 << 10  # bytes of a long message that are encoded at once
 SEND_BUFFER_BYTES = 64 << 10  # bytes in the socket's buffer
@@ -177,6 +178,8 @@ class Visitor:
             message = json.loads(b"".join(self._parts))
         except (ValueError, RecursionError):
             message = None
+        if not _is_nested(message, MAX_LEVELS):
+            message = None
         if not isinstance(message, dict) or not isinstance(message.get(self._kind), str):
             self.disconnect(POLICY)
             return []
@@ -286,6 +289,14 @@ def encode_json(message: "JsonObject") -> bytes:
     return json.dumps(
         _finite_json(message), ensure_ascii=False, separators=(",", ":"), allow_nan=False
     ).encode()
+
+
+def _is_nested(value: Value, levels: int) -> bool:
+    """Return True if a value from JSON has at most so many levels of lists and objects."""
+    if not isinstance(value, dict | list):
+        return True
+    items = value.values() if isinstance(value, dict) else value
+    return levels > 0 and all(_is_nested(item, levels - 1) for item in items)
 
 
 def _finite_json(value: Value) -> Value:
