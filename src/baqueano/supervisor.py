@@ -81,11 +81,11 @@ class Supervisor:
         """Return the next state, and the command (n,) that is allowed to reach the motors."""
         imu_ns: Value = np.where((self._has(tick) > 0.0) | (state.imu_ns < 0), tick.t_ns, state.imu_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
-        values = np.concatenate([eta, nu, cov.reshape(-1)])
+        speed = np.minimum(np.abs(nu[:2]), MAX_SQUARABLE_M_S)
         faults = (  # in the order of REASONS
-            np.sum(np.isfinite(command.u)) < len(self.limit),
-            np.sum(np.isfinite(values)) < len(values),
-            np.hypot(*np.minimum(np.abs(nu[:2]), MAX_SQUARABLE_M_S)) > self.max_speed_m_s,
+            ~np.all(np.isfinite(command.u)),
+            ~np.all(np.isfinite(np.concatenate([eta, nu, cov.reshape(-1)]))),
+            speed @ speed > self.max_speed_m_s * self.max_speed_m_s,
             np.abs(nu[2]) > self.max_yaw_rate_rad_s,
             position_std(cov) > self.max_position_std_m,
             seconds(tick.t_ns, imu_ns) > self.imu_timeout_s,

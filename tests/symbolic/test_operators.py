@@ -112,7 +112,9 @@ SIMPLE = [
     (lambda x, y: apply("min", x, INF), "x"),
     (lambda x, y: apply("max", -INF, x), "x"),
     (lambda x, y: apply("min", x, x), "x"),
+    (lambda x, y: 0.5 * (x + x), "x"),
     (lambda x, y: x < x, np.False_),
+    (lambda x, y: x > INF, np.False_),
     (lambda x, y: (x < y) & False, np.False_),
     (lambda x, y: (x < y) | True, np.True_),
     (lambda x, y: apply("isnan", x < y), np.False_),
@@ -157,6 +159,12 @@ EQUAL = [
     (lambda x, y: apply("cos", -x), lambda x, y: apply("cos", x)),
     (lambda x, y: apply("floor", apply("floor", x)), lambda x, y: apply("floor", x)),
     (lambda x, y: apply("and", x, y), lambda x, y: (x != 0.0) & (y != 0.0)),
+    (lambda x, y: apply("max", x, 0.0) + apply("min", x, 0.0), lambda x, y: 0.0 + x),
+    (lambda x, y: apply("max", abs(x), 0.0), lambda x, y: abs(x)),
+    (
+        lambda x, y: apply("min", apply("max", apply("min", apply("max", x, -1.0), 1.0), -2.0), 1.0),
+        lambda x, y: apply("min", apply("max", x, -1.0), 1.0),
+    ),
 ]
 
 

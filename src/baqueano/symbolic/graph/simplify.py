@@ -23,14 +23,22 @@ def _is(node: "Node", value: float) -> bool:
 def _add(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     if _is(a, 0.0):
         return b
+    if a is b:
+        return g.make("mul", g.const(2.0), a)
+    if {a.op, b.op} == {"min", "max"} and _have_same_args(a, b):  # gains equal forward and backward
+        return g.make("add", *a.args)
     if b.op == "neg":
         return g.make("sub", a, b.args[0])
     if a.op == "neg":
         return g.make("sub", b, a.args[0])
     for x, y in ((a, b), (b, a)):  # (p − q) + (p + q) is 2 p, as in the mean of the ends of a line
-        if x.op == "sub" and y.op == "add" and {p.index for p in x.args} == {p.index for p in y.args}:
+        if x.op == "sub" and y.op == "add" and _have_same_args(x, y):
             return g.make("mul", g.const(2.0), x.args[0])
     return None
+
+
+def _have_same_args(a: "Node", b: "Node") -> bool:
+    return {x.index for x in a.args} == {x.index for x in b.args}
 
 
 def _sub(g: "Graph", a: "Node", b: "Node") -> "Node | None":
@@ -154,7 +162,7 @@ def _ne(g: "Graph", a: "Node", b: "Node") -> "Node | None":
 
 
 def _lt(g: "Graph", a: "Node", b: "Node") -> "Node | None":
-    if a is b:
+    if a is b or _is(a, math.inf) or _is(b, -math.inf):
         return g.const(0.0)
     if b.op in LOGICAL and a.op == "const" and 0.0 <= a.value < 1.0:
         return b  # 0 < truth
@@ -170,11 +178,22 @@ def _floor(g: "Graph", a: "Node") -> "Node | None":
 
 
 def _min(g: "Graph", a: "Node", b: "Node") -> "Node | None":
-    return b if _is(a, math.inf) else _simplify_same(g, a, b)
+    return b if a is b or (a.op == "const" and _is_bounded(b, "min", a.value)) else None
 
 
 def _max(g: "Graph", a: "Node", b: "Node") -> "Node | None":
-    return b if _is(a, -math.inf) else _simplify_same(g, a, b)
+    return b if a is b or (a.op == "const" and _is_bounded(b, "max", a.value)) else None
+
+
+def _is_bounded(x: "Node", op: str, bound: float) -> bool:
+    """Return True if x is at most the bound ("min") or at least ("max"), or NaN, as a command that is clipped twice."""
+    if math.isinf(bound) and (bound > 0.0) == (op == "min"):
+        return True
+    if x.op == "const":
+        return x.value <= bound if op == "min" else x.value >= bound
+    if x.op in ("min", "max"):
+        return (any if x.op == op else all)(_is_bounded(a, op, bound) for a in x.args)
+    return op == "max" and bound <= 0.0 and (x.op in ("abs", "sqrt", "hypot") or x.op in LOGICAL)
 
 
 RULES: dict[str, Callable[..., "Node | None"]] = {
