@@ -1,4 +1,4 @@
-"""Prepare the inputs of a scan over a batch: inputs common to all members, and separate inputs of each member."""
+"""Run a scan over a batch: prepare the inputs, shared by all members or of each member, and sum the outputs."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -7,6 +7,11 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
+from baqueano.symbolic.backends import Runner
+from baqueano.symbolic.derivatives.sums import with_sums
+from baqueano.symbolic.graph.assemble import Assembly
+from baqueano.symbolic.graph.carried import with_carried_functions
+from baqueano.symbolic.graph.shared import split_shared
 from baqueano.symbolic.graph.tree import Leaf, as_floats, leaves, values
 
 if TYPE_CHECKING:
@@ -21,6 +26,7 @@ class Batch(NamedTuple):
     theta: np.ndarray  # (L, p)
     start: np.ndarray | None  # (L, c); None if it follows from θ
     inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), True if shared
+    shared_start: tuple[bool, ...]  # True for each column of `start` that is shared
 
     @classmethod
     def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
@@ -68,7 +74,44 @@ class Batch(NamedTuple):
                 for (leaf, v), m in zip(begin, has_many_starts, strict=True)
             )], axis=1)  # fmt: skip
         theta = theta if theta.ndim == 2 else np.zeros((count, 0))
-        return cls(count, n, theta, rows, (shared_inputs, own_inputs, is_shared))
+        shared_start = tuple(
+            not m for (leaf, _), m in zip(begin, has_many_starts, strict=True) for _ in range(leaf.size)
+        )
+        return cls(count, n, theta, rows, (shared_inputs, own_inputs, is_shared), shared_start)
+
+
+class BatchSums:
+    """The kernels that sum the outputs over the ticks of a batch, and that compute derivatives of the sums.
+
+    The first kernel computes the terms that are equal for all members, once per tick; they are inputs of the other.
+    """
+
+    def __init__(self, assembly: Assembly, derivative_count: int, batch: Batch, backend: str) -> None:
+        self.assembly, self.derivative_count = assembly, derivative_count
+        program, is_shared = with_carried_functions(assembly.program), batch.inputs[2]
+        leaves = {x for x, is_same in zip(program.inputs, is_shared, strict=True) if is_same}
+        leaves |= {x for x, k in zip(program.start, assembly.first, strict=True) if batch.shared_start[k]}
+        self.split = split_shared(program, leaves)
+        self.program = with_sums(program if self.split is None else self.split.per_member, derivative_count)
+        self.runner = Runner(self.program, backend)
+        self.tick_runner = None if self.split is None else Runner(self.split.per_tick, backend)
+
+    def run(self, batch: Batch, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sums of the outputs (L, m), and their derivatives (L, m, derivative_count)."""
+        shared_inputs, own_inputs, is_shared = batch.inputs
+        start = np.broadcast_to(start, (batch.size, start.shape[-1]))
+        if self.split is not None and self.tick_runner is not None:
+            terms = np.empty((batch.ticks, len(self.split.per_tick.outputs)))
+            arrays = np.zeros(0), start[0], shared_inputs, terms, np.empty(len(self.split.per_tick.carry))
+            self.tick_runner.call("run", batch.ticks, *arrays)
+            shared_inputs = np.concatenate([shared_inputs, terms], axis=1)
+            is_shared += (True,) * terms.shape[1]
+        final = np.empty((batch.size, len(self.program.carry)))
+        inputs = shared_inputs, own_inputs, is_shared
+        self.runner.call("batch", batch.size, batch.ticks, batch.theta, start, *inputs, None, final)
+        m, d = len(self.assembly.program.outputs), self.derivative_count
+        sums = final[:, final.shape[1] - m * (1 + d) :]
+        return sums[:, :m], np.moveaxis(sums[:, m:].reshape(batch.size, d, m), 1, 2)
 
 
 def _columns(leaf: Leaf, value: Tree, leading_shape: tuple[int, ...]) -> np.ndarray:

@@ -8,6 +8,7 @@ when a method is first called. With the back end "numpy" the step is not traced,
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +16,9 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.backends import Runner, resolve_backend
-from baqueano.symbolic.derivatives.sums import with_sums
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import nodes_below
-from baqueano.symbolic.graph.program import NormalEquations, Program
+from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.graph.trace import trace_step
 from baqueano.symbolic.graph.tree import (
     flat_row,
@@ -28,6 +28,9 @@ from baqueano.symbolic.graph.tree import (
     symmetric_leaves,
     tree_of,
 )
+
+if TYPE_CHECKING:
+    from baqueano.symbolic.batch import BatchSums
 
 
 def scan(
@@ -225,7 +228,7 @@ class TracedScan(Scan):
         candidates = {leaf.path for leaf in symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._trace_once(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
-        self.summing: dict[tuple[int, int], tuple[Assembly, Program, Runner]] = {}
+        self.sums: dict[tuple, BatchSums] = {}
         self.begun: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
 
     @property
@@ -317,27 +320,16 @@ class TracedScan(Scan):
     def batch_sums(
         self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        from baqueano.symbolic.batch import Batch
+        from baqueano.symbolic.batch import Batch, BatchSums
 
         self._need_theta()
         batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
         (assembly, _), start = self._prepare(False, carry, batch.start)
-        program, runner = self._summing(assembly, derivative_count)
-        count, m = batch.size, len(assembly.program.outputs)
-        start = np.broadcast_to(start, (count, start.shape[-1]))
-        final = np.empty((count, len(program.carry)))
-        runner.call("batch", count, batch.ticks, batch.theta, start, *batch.inputs, None, final)
-        sums = final[:, len(program.carry) - m * (1 + derivative_count) :]
-        return sums[:, :m], np.moveaxis(sums[:, m:].reshape(count, derivative_count, m), 1, 2)
-
-    def _summing(self, assembly: Assembly, derivative_count: int) -> tuple[Program, Runner]:
-        key = id(assembly), derivative_count
+        key = id(assembly), derivative_count, batch.inputs[2], batch.shared_start
         with self.trace.graph.lock:
-            if key not in self.summing:
-                program = with_sums(assembly.program, derivative_count)
-                # the assembly is stored, so that its id is not reused
-                self.summing[key] = assembly, program, Runner(program, self.requested_backend)
-        return self.summing[key][1:]
+            if key not in self.sums:
+                self.sums[key] = BatchSums(assembly, derivative_count, batch, self.requested_backend)
+        return self.sums[key].run(batch, start)
 
     def _run_total(self, inputs: Tree, theta: Tree, carry: Tree, with_gradient: bool) -> Tree:
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)

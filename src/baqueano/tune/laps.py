@@ -7,6 +7,7 @@ The vehicle is the model of the file with exact pose. It starts `aside_m` behind
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -42,13 +43,19 @@ if TYPE_CHECKING:
 MAX_LAP_S = 60.0  # longest simulated time of a lap
 
 
+class _TickCosts(NamedTuple):
+    """The contributions of a tick to the cost of a lap."""
+
+    path: Tree  # to C_path
+    jerk: Tree  # to C_jerk
+
+
 class _LapTick(NamedTuple):
     """The outputs of the kernel at each tick of a lap."""
 
     x: Tree
     y: Tree
-    path: Tree  # contribution of the tick to C_path
-    jerk: Tree  # contribution of the tick to C_jerk
+    costs: _TickCosts
     distance_m: Tree
     saturated: Tree
 
@@ -75,17 +82,18 @@ class SimulatedLaps:
     is_whole_route: bool  # False: only the first MAX_LAP_S of it
     _inputs: Input
     _start: SystemState | None  # None: the kernel computes it from the gains
-    _kernel: Scan
+    _lap_kernel: Scan
+    _cost_kernel: Scan
 
     @property
     def backend(self) -> str:
         """Return the backend of the kernel."""
-        return self._kernel.backend
+        return self._lap_kernel.backend
 
     def lap(self, gains: np.ndarray) -> SimulatedLap:
         """Return the simulated lap with gains (p,)."""
-        _, tick = self._kernel.run(self._inputs, gains, carry=self._start)
-        costs = float(np.sum(tick.path)), float(np.sum(tick.jerk))
+        _, tick = self._lap_kernel.run(self._inputs, gains, carry=self._start)
+        costs = float(np.sum(tick.costs.path)), float(np.sum(tick.costs.jerk))
         max_distance_m, saturated_fraction = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
         return SimulatedLap(tick.x, tick.y, *costs, rms(tick.distance_m), max_distance_m, saturated_fraction)
 
@@ -94,15 +102,13 @@ class SimulatedLaps:
         if len(gains) * len(self._inputs.t_ns) < MIN_BATCH_TICKS:
             laps = [self.lap(each) for each in gains]
             return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
-        sums, _ = self._kernel.batch_sums(self._inputs, gains, carry=self._start)
-        return sums[:, [_LapTick._fields.index(name) for name in ("path", "jerk")]]
+        return self._cost_kernel.batch_sums(self._inputs, gains, carry=self._start)[0]
 
     def cost_and_gradient(self, gains: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """Return C and ∂C/∂gains (p,) for a weight of jerks [m²].  (1)"""
-        y, derivatives = self._kernel.sensitivities(self._inputs, gains, carry=self._start)
-        path, jerks = (_LapTick._fields.index(name) for name in ("path", "jerk"))
-        cost = float(np.sum(y[:, path]) + price * np.sum(y[:, jerks]))
-        return cost, np.sum(derivatives[:, path] + price * derivatives[:, jerks], axis=0)
+        y, derivatives = self._cost_kernel.sensitivities(self._inputs, gains, carry=self._start)
+        weights = np.array(_TickCosts(1.0, price))
+        return float(np.sum(y @ weights)), np.sum(weights @ derivatives, axis=0)
 
 
 def simulated_laps(
@@ -138,15 +144,17 @@ def simulated_laps(
     full_tick_count = tick_count_of(system, rate)
     tick_count = min(full_tick_count, round(MAX_LAP_S * rate))
 
+    def costs(loop_output: Tree) -> _TickCosts:
+        return _TickCosts(path_cost(weights, loop_output), jerk(limit, loop_output))
+
     def output(loop_output: Tree) -> _LapTick:
-        errors = tick_errors(limit, loop_output)
-        eta, cost = loop_output.truth.eta, path_cost(weights, loop_output)
-        return _LapTick(eta[0], eta[1], cost, jerk(limit, loop_output), errors.distance_m, errors.saturated)
+        errors, eta = tick_errors(limit, loop_output), loop_output.truth.eta
+        return _LapTick(eta[0], eta[1], costs(loop_output), errors.distance_m, errors.saturated)
 
     paths = tuple(f"controller.{name}" for name in space.names)
     state = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
     start = start_by_parameters(system, paths, state)
-    kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths, start=start)
+    make = partial(closed_loop, system, rate, noise=False, backend=backend, paths=paths, start=start)
     is_whole = tick_count == full_tick_count
     return SimulatedLaps(
         space,
@@ -155,5 +163,6 @@ def simulated_laps(
         is_whole,
         Input(tick_times(tick_count, rate), None),
         state if start is None else None,
-        kernel,
+        make(output=output),
+        make(output=costs),
     )

@@ -76,8 +76,8 @@ def plan_statements(
     )
 
 
-def with_reciprocals(program: Program, uses: int) -> Program:
-    """Replace x / p by x · (1/p) if p does not change from tick to tick, or is a divisor at least `uses` times.
+def with_reciprocals(program: Program, uses: int, divisors: Container[Node] = ()) -> Program:
+    """Replace x / p by x · (1/p) if p does not change from tick to tick, is a divisor `uses` times, or in `divisors`.
 
     A quotient inside a step function is not replaced: ⌊49 / 49⌋ is 1, but ⌊49 · (1/49)⌋ is 0.
     """
@@ -89,15 +89,13 @@ def with_reciprocals(program: Program, uses: int) -> Program:
     step_divisors = _step_divisors(order)
     divisor_counts = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
     replacements: dict[Node, Node] = {}
+    frequent = {
+        p for p, count in divisor_counts.items() if count >= uses or p not in moving_nodes or p in divisors
+    }
     for node in order:
         args = [replacements[a] for a in node.args]
-        is_divisor_of_tick = (
-            node in moving_nodes
-            and node.op == "div"
-            and not _is_reciprocal(node)
-            and node not in step_divisors
-        )
-        if is_divisor_of_tick and (node.args[1] not in moving_nodes or divisor_counts[node.args[1]] >= uses):
+        is_quotient = node in moving_nodes and node.op == "div" and not _is_reciprocal(node)
+        if is_quotient and node not in step_divisors and node.args[1] in frequent:
             replacements[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
         else:
             replacements[node] = graph.make(node.op, *args, value=node.value) if args else node

@@ -1,0 +1,38 @@
+"""Carry the functions of an entry of the carry that the previous tick has computed, such as the sine of the heading.
+
+A tick that computes f(x_{k+1}) passes the value on:
+
+    c_{k+1} = f(x_{k+1}),    f(x_k) = c_k                                                                 (1)
+"""
+
+from baqueano.symbolic.graph.emit import OPERATOR_COSTS
+from baqueano.symbolic.graph.node import Node, nodes_below
+from baqueano.symbolic.graph.program import Program
+
+MIN_CARRIED_OPERATIONS = 20.0  # of f, as for a sine: cheaper functions are not worth an entry
+
+
+def with_carried_functions(program: Program) -> Program:
+    """Return the program whose carry ends with the costly functions c of (1)."""
+    graph = program.graph
+    next_of, initial_of = (
+        dict(zip(program.carry, x, strict=True)) for x in (program.next_carry, program.initial)
+    )
+    roots = (*program.next_carry, *program.outputs)
+    order = nodes_below(roots)
+    end_of: dict[Node, Node] = {}
+    for f in order:
+        if OPERATOR_COSTS.get(f.op, 0.0) >= MIN_CARRIED_OPERATIONS and {*f.args} <= next_of.keys():
+            end_of[f] = graph.make(f.op, *(next_of[x] for x in f.args), value=f.value)
+    present = {*order}
+    end_of = {f: end for f, end in end_of.items() if end is not f and end in present}
+    begin = [graph.make(f.op, *(initial_of[x] for x in f.args), value=f.value) for f in end_of]
+    symbols = [graph.symbol("carried") for _ in end_of]
+    roots = graph.substitute((*roots, *end_of.values()), dict(zip(end_of, symbols, strict=True)))
+    count, m = len(program.carry), len(program.outputs)
+    return program._replace(
+        initial=(*program.initial, *begin),
+        carry=(*program.carry, *symbols),
+        next_carry=(*roots[:count], *roots[count + m :]),
+        outputs=tuple(roots[count : count + m]),
+    )
