@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from baqueano.symbolic.c_code import c, compile
 from baqueano.symbolic.c_code.c import make_kernel
+from baqueano.symbolic.c_code.c_text import header
 from baqueano.symbolic.graph.node import Graph
 from baqueano.symbolic.graph.program import Program
 
@@ -245,6 +246,19 @@ def test_table_lookup_equals_numpy(size):
         1, 200, case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), batch_outputs, final
     )
     close(batch_outputs[0], outputs)
+
+
+def test_columns_of_a_route_are_read_at_one_place_of_its_times():
+    graph = Graph()
+    x, unused_table = graph.symbol("x"), graph.table(np.arange(7.0), np.arange(7.0))
+    tables = [graph.table(np.arange(9.0), column) for column in np.random.default_rng(1).normal(size=(3, 9))]
+    program = Program(
+        graph, (), (), (), (), (x,), (), tuple(graph.make("interp", x, value=k) for k in tables)
+    )
+    body = make_kernel(program).source
+    declarations = header(body, graph.tables)
+    assert (body.count("int64_t cell"), declarations.count("static const double xp")) == (1, 1)
+    assert f"fp{unused_table}[" not in declarations
 
 
 def test_a_run_without_ticks_returns_the_start(cases):

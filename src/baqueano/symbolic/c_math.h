@@ -47,7 +47,7 @@ static inline __attribute__((unused)) void as_before(unsigned int mode) { (void)
 #endif
 
 /* Index j of the cell of a table with xp[j] <= x < xp[j + 1], 0 <= j <= n - 2; NaN gives some valid cell. */
-static __attribute__((pure, unused)) int64_t table_cell(const double *xp, int64_t n, double x) {
+static __attribute__((noinline, pure, unused)) int64_t table_search(const double *xp, int64_t n, double x) {
     int64_t low = 0;
     for (int64_t size = n - 1; size > 1;) {
         int64_t half = size / 2;
@@ -57,17 +57,25 @@ static __attribute__((pure, unused)) int64_t table_cell(const double *xp, int64_
     return low;
 }
 
+/* The same index; `at` keeps it, because the times of a route advance: the next cell is this one or its neighbour. */
+LOCAL int64_t table_cell(const double *xp, int64_t n, double x, int64_t *at) {
+    int64_t j = *at;
+    if (j < n - 2 && xp[j + 1] <= x) ++j;
+    if (!(xp[j] <= x && x < xp[j + 1])) j = table_search(xp, n, x);
+    return *at = j;
+}
+
 /* Piecewise linear, held beyond the ends, as np.interp. */
-static __attribute__((pure, unused)) double table_value(const double *xp, const double *fp, int64_t n, double x) {
+LOCAL double interp_1(double x, const double *xp, const double *fp, int64_t n, int64_t *at) {
     if (x <= xp[0]) return fp[0];
     if (x >= xp[n - 1]) return fp[n - 1];
-    int64_t j = table_cell(xp, n, x);
+    int64_t j = table_cell(xp, n, x, at);
     return fp[j] + (x - xp[j]) * ((fp[j + 1] - fp[j]) / (xp[j + 1] - xp[j])); /* NaN in, NaN out */
 }
 
-static __attribute__((pure, unused)) double table_slope(const double *xp, const double *fp, int64_t n, double x) {
+LOCAL double interp_slope_1(double x, const double *xp, const double *fp, int64_t n, int64_t *at) {
     if (x < xp[0] || x > xp[n - 1]) return 0.0;
-    int64_t j = table_cell(xp, n, x);
+    int64_t j = table_cell(xp, n, x, at);
     return (fp[j + 1] - fp[j]) / (xp[j + 1] - xp[j]);
 }
 #endif
@@ -258,16 +266,16 @@ LOCAL int FN(alike)(REAL x) {
     EACH_LANE some |= other[lane];
     return some == 0;
 }
-LOCAL REAL FN(interp)(REAL x, const double *xp, const double *fp, int64_t n) {
-    if (FN(alike)(x)) return FN(splat)(table_value(xp, fp, n, x[0]));
+LOCAL REAL FN(interp)(REAL x, const double *xp, const double *fp, int64_t n, int64_t *at) {
+    if (FN(alike)(x)) return FN(splat)(interp_1(x[0], xp, fp, n, at));
     REAL y;
-    EACH_LANE y[lane] = table_value(xp, fp, n, x[lane]);
+    EACH_LANE y[lane] = interp_1(x[lane], xp, fp, n, at);
     return y;
 }
-LOCAL REAL FN(interp_slope)(REAL x, const double *xp, const double *fp, int64_t n) {
-    if (FN(alike)(x)) return FN(splat)(table_slope(xp, fp, n, x[0]));
+LOCAL REAL FN(interp_slope)(REAL x, const double *xp, const double *fp, int64_t n, int64_t *at) {
+    if (FN(alike)(x)) return FN(splat)(interp_slope_1(x[0], xp, fp, n, at));
     REAL y;
-    EACH_LANE y[lane] = table_slope(xp, fp, n, x[lane]);
+    EACH_LANE y[lane] = interp_slope_1(x[lane], xp, fp, n, at);
     return y;
 }
 
@@ -301,6 +309,4 @@ LOCAL double abs_1(double x) { return __builtin_fabs(x); }
 LOCAL double sqrt_1(double x) { return __builtin_sqrt(x); }
 LOCAL double floor_1(double x) { return __builtin_floor(x); }
 LOCAL double pow_1(double x, double y) { return pow(x, y); }
-#define interp_1(x, xp, fp, n) table_value(xp, fp, n, x)
-#define interp_slope_1(x, xp, fp, n) table_slope(xp, fp, n, x)
 #endif

@@ -266,6 +266,7 @@ def _add_tick_code(
 ) -> None:
     """Add the code up to the last statement of a tick."""
     text.symbols(program.carry, "x{}")
+    text.declare_cells(order)
     text.statements(order.statements_before)
     text.add(*(f"v_{text.width} x{k} = {text.vector_code(x)};" for k, x in enumerate(program.initial)))
     for block in rows:

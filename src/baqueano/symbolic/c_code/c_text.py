@@ -8,7 +8,7 @@ import pkgutil
 import re
 from collections.abc import Iterable, Sequence
 
-from baqueano.symbolic.graph.emit import EmittedBranch, Statement, Term
+from baqueano.symbolic.graph.emit import EmitPlan, EmittedBranch, Statement, Term, flat_statements
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
@@ -16,6 +16,7 @@ CONJUNCTIONS = {"and": "&", "or": "|"}
 MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 if used as numbers
 FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
 MAX_INLINED_CALLS = 100  # largest number of inlined calls: with more calls the compilation takes too long
+TABLE_OPERATORS = ("interp", "interp_slope")
 ROW_OPERATORS = ("row", "choose", "unit", "drift")
 
 
@@ -26,10 +27,12 @@ def header(body: str, tables: Sequence) -> str:
     widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
     texts = ["#define CALLED\n"] if has_many_calls else []
     texts += [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
-    for k, (xp, fp) in enumerate(tables):
-        for name, column in ((f"xp{k}", xp), (f"fp{k}", fp)):
-            cells = ", ".join(map(literal, column))
-            texts.append(f"static const double {name}[{len(column)}] = {{{cells}}};\n")
+    columns = {f"xp{_grid(tables, k)}": xp for k, (xp, _) in enumerate(tables)}
+    columns |= {f"fp{k}": fp for k, (_, fp) in enumerate(tables)}
+    for name in dict.fromkeys(re.findall(r"\b[xf]p\d+\b", body)):
+        column = columns[name]
+        cells = ", ".join(map(literal, column.tolist()))
+        texts.append(f"static const double {name}[{len(column)}] = {{{cells}}};\n")
     texts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n#define EXPORT\n#endif\n")
     return "".join(texts)
 
@@ -49,6 +52,7 @@ class CText:
     def __init__(self, width: int) -> None:
         self.width = width  # number of lanes of a scalar
         self.names: dict[Term, str] = {}
+        self.cells: dict[tuple[Term, int], str] = {}  # of a table's argument and its grid xp
         self.lines: list[str] = []
         self.depth = 1
 
@@ -72,6 +76,13 @@ class CText:
     def symbols(self, terms: Iterable[Term], pattern: str) -> None:
         """Define the names of these leaves: the pattern, with the index of the leaf in place of {}."""
         self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
+
+    def declare_cells(self, plan: EmitPlan) -> None:
+        """Declare, for each argument of tables with one grid, the cell that was read last."""
+        for s in flat_statements((*plan.statements_before, *plan.loop_statements)):
+            if s.op in TABLE_OPERATORS:
+                self.cells.setdefault((s.args[0], _grid(s.graph.tables, s.value)), f"cell{len(self.cells)}")
+        self.add(*(f"int64_t {name} = 0;" for name in self.cells.values()))
 
     def statements(self, statements: Iterable[Statement]) -> None:
         """Add a C statement for each statement, in order; a branch becomes an if with two arms."""
@@ -154,9 +165,10 @@ class CText:
             return f"-{values}"
         if op == "isnan":
             return f"{values} != {values}"
-        if op in ("interp", "interp_slope"):
-            table = term.value
-            return f"{op}_{width}({values}, xp{table}, fp{table}, sizeof xp{table} / sizeof(double))"
+        if op in TABLE_OPERATORS:
+            grid = _grid(term.graph.tables, term.value)
+            size, cell = f"sizeof xp{grid} / sizeof(double)", self.cells[args[0], grid]
+            return f"{op}_{width}({values}, xp{grid}, fp{term.value}, {size}, &{cell})"
         return f"{op}_{width}({values})"
 
     def product(self, coefficient: Term, row: Term) -> str:
@@ -164,6 +176,11 @@ class CText:
         if _is_sign(coefficient):
             return self.value(row) if coefficient.value == 1.0 else f"(-{self.value(row)})"
         return f"{self.value(coefficient)} * {self.value(row)}"
+
+
+def _grid(tables: Sequence, k: int) -> int:
+    """Return the number of the first table with the arguments xp of table k."""
+    return next(number for number, (xp, _) in enumerate(tables) if xp is tables[k][0])
 
 
 def _is_sign(coefficient: Term) -> bool:

@@ -140,13 +140,16 @@ def scheduled_statements(
 
 def operation_cost(statements: Iterable[Statement]) -> float:
     """Return the weighted number of operations of the statements, with both arms of each branch."""
-    total = 0.0
+    return sum(_cost(s) for s in flat_statements(statements))
+
+
+def flat_statements(statements: Iterable[Statement]) -> Iterator[Term]:
+    """Return the terms of all statements, with both arms of each branch."""
     for s in statements:
         if isinstance(s, EmittedBranch):
-            total += operation_cost(s.if_true) + operation_cost(s.if_false)
+            yield from flat_statements((*s.if_true, *s.if_false))
         else:
-            total += _cost(s)
-    return total
+            yield s
 
 
 def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:

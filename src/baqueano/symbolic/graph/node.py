@@ -89,11 +89,12 @@ class Graph:
         return self._intern((op, value, *[a.index for a in args]), op, args, value)
 
     def table(self, xp: np.ndarray, fp: np.ndarray) -> int:
-        """Return the number of the table (xp, fp); equal tables have the same number."""
+        """Return the number of the table (xp, fp). Equal tables have one number, and equal xp are one array."""
         for k, (x, f) in enumerate(self.tables):
             if np.array_equal(x, xp) and np.array_equal(f, fp):
                 return k
-        self.tables.append((np.array(xp, dtype=float), np.array(fp, dtype=float)))
+        grids = [x for x, _ in self.tables if np.array_equal(x, xp)] or [np.array(xp, dtype=float)]
+        self.tables.append((grids[0], np.array(fp, dtype=float)))
         return len(self.tables) - 1
 
     def substitute(self, roots: Iterable[Node], replacements: Mapping[Node, Node]) -> list[Node]:
