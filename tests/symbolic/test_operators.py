@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from baqueano.geometry import wrap
 from baqueano.symbolic import ieee
 from baqueano.symbolic.arrays.scalar import apply, power
 from baqueano.symbolic.derivatives.derive import jacobian_rows, partials
@@ -185,6 +186,11 @@ def test_equal_expressions_share_one_node(case):
     assert first(x, y) is second(x, y)
     for a, b in ((0.7, 1.9), (1.9, 0.7), (1.3, 1.3)):
         np.testing.assert_allclose(float(first(a, b) + 0.0), float(second(a, b) + 0.0), rtol=1e-15)
+
+
+def test_an_angle_is_wrapped_without_a_quotient():
+    graph = Graph()
+    assert "div" not in {node.op for node in nodes_below([wrap(graph.symbol("x"))])}
 
 
 def test_signed_zeros_are_different_constants_and_all_nan_are_equal():
