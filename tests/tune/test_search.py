@@ -107,6 +107,29 @@ def test_nan_costs_of_unstable_gains_do_not_disturb_other_descents():
     assert descents[-1].cost == DIVERGED_COST
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_the_gradient_of_a_chaotic_drive_does_not_stop_a_descent(sign):
+    _, both = bowl(np.array([7.0, 1.0, 20.0]))
+
+    def chaotic(g):
+        cost, gradient = both(g)
+        return (
+            (cost + 30.0, np.full(3, sign * 1e250)) if g[0] > 30 else (100.0 * cost - 99.0, 100.0 * gradient)
+        )
+
+    assert descend(chaotic, np.array([20.0, 3.0, 5.0]), LOW, HIGH).cost == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_descent_in_a_narrow_valley_ends_with_a_small_slope():
+    def valley(g):
+        d = (g - np.array([7.0, 1.0, 20.0])) / HIGH
+        w = np.array([1.0, 1e4, 1e3])
+        return 1.0 + float(w @ (d * d)), 2 * w * d / HIGH
+
+    for start in np.array([[20.0, 3.0, 5.0], [1.0, 9.0, 45.0]]):
+        assert descend(valley, start, LOW, HIGH).slope < 1e-3
+
+
 def test_the_start_points_of_the_search_cover_the_space_evenly():
     x = halton(24, 3)
     assert x.min() > 0

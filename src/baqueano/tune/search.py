@@ -37,6 +37,8 @@ SIMPLEX_SEARCHES, SIMPLEX_SIZE = (
 TIE_WEIGHT = 2e-3  # w: the share of the cost that is given up for a gain that moves across its range
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 LIMIT_TOLERANCE = 1e-3  # of the range in x
+MAX_SLOPE = 1e12  # ∂C/∂x relative to C above which rounding decides its sign: the drive is chaotic
+MIN_DECREASE = 1e-12  # of C in a step, relative to the start; at larger values the slope in a narrow valley stays large
 DIVERGED_COST = 1e30  # the cost of gains for which the simulation diverges
 
 Cost = Callable[[np.ndarray], float]
@@ -118,9 +120,11 @@ def _descend(
         away = x - x_preferred
         share = 1.0 + weight * float(away @ away)  # (2)
         slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * away
+        if np.max(np.abs(slope)) > MAX_SLOPE * value:
+            slope = np.zeros(len(x))
         return share * value * scale, slope * scale
 
-    options = {"maxfun": MAX_EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
+    options = {"maxfun": MAX_EVALUATIONS, "ftol": MIN_DECREASE, "gtol": 1e-8}
     path = [np.array(start, dtype=float)]
     optimum = minimize(
         f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
