@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import scan, where
+from baqueano.symbolic.c_code import c
+from baqueano.symbolic.graph.assemble import assemble
 from baqueano.symbolic.graph.node import nodes_below
 from tests.symbolic.test_scan import BACKENDS
 
@@ -77,6 +79,13 @@ def test_a_batch_reads_a_shared_table_once_per_tick_and_computes_no_sine_twice()
     assert "interp" in tick
     assert not {"interp", "floor", "div"} & {*member}
     assert member.count("sin") == 1
+
+
+@pytest.mark.parametrize("name", ["cost", "gradient"])
+def test_a_cost_passes_the_sine_of_the_heading_to_the_next_tick(name):
+    trace = scan(follow, (-1.0, 0.2, 0.0), 0.0, np.ones(1), backend="python").trace
+    kernel = c.make_kernel(assemble(trace, keep_all=False, given_start=True).program)
+    assert kernel._text(name).split("for (int64_t tick")[1].count("sin_1(") == 1
 
 
 def nodes_of(program):

@@ -10,6 +10,7 @@ import numpy as np
 
 from baqueano.symbolic.c_code import c_bodies, compile
 from baqueano.symbolic.c_code.c_text import header
+from baqueano.symbolic.graph.carried import with_carried_functions
 from baqueano.symbolic.graph.emit import with_reciprocals
 from baqueano.symbolic.graph.program import Program
 
@@ -148,17 +149,22 @@ class CKernel:
     def _text(self, name: str, *options) -> str:
         key = (name, *options)
         if key not in self.texts:
-            program = (
-                self._derivative_program if name in TANGENT_FUNCTIONS else with_reciprocals(self.program, 2)
-            )
+            if name in TANGENT_FUNCTIONS:
+                program = self._derivative_program
+            else:
+                program = with_reciprocals(self._without_final_carry if name == "cost" else self.program, 2)
             self.texts[key] = getattr(c_bodies, name)(program, *options)
         return self.texts[key]
 
     @cached_property
+    def _without_final_carry(self) -> Program:
+        """Return the program for functions that do not return the carry."""
+        return with_carried_functions(self.program)
+
+    @cached_property
     def _derivative_program(self) -> c_bodies.DerivativeProgram:
-        return c_bodies.differentiate(
-            with_reciprocals(self.program, 1)
-        )  # the derivative of x/y with respect to y needs 1/y anyway
+        # the derivative of x/y with respect to y needs 1/y anyway
+        return c_bodies.differentiate(with_reciprocals(self._without_final_carry, 1))
 
     def _function(self, name: str, *options, is_hasty: bool = False) -> Callable[..., None]:
         key = (name, is_hasty, *options)

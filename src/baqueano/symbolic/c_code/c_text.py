@@ -17,6 +17,7 @@ MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 
 FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
 MAX_INLINED_CALLS = 100  # largest number of inlined calls: with more calls the compilation takes too long
 TABLE_OPERATORS = ("interp", "interp_slope")
+NAN = '__builtin_nan("")'
 ROW_OPERATORS = ("row", "choose", "unit", "drift")
 
 
@@ -30,9 +31,10 @@ def header(body: str, tables: Sequence) -> str:
     columns = {f"xp{_grid(tables, k)}": xp for k, (xp, _) in enumerate(tables)}
     columns |= {f"fp{k}": fp for k, (_, fp) in enumerate(tables)}
     for name in dict.fromkeys(re.findall(r"\b[xf]p\d+\b", body)):
-        column = columns[name]
-        cells = ", ".join(map(literal, column.tolist()))
-        texts.append(f"static const double {name}[{len(column)}] = {{{cells}}};\n")
+        cells = (
+            ", ".join(map(float.hex, columns[name].tolist())).replace("inf", "INFINITE").replace("nan", NAN)
+        )
+        texts.append(f"static const double {name}[] = {{{cells}}};\n")
     texts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n#define EXPORT\n#endif\n")
     return "".join(texts)
 
@@ -41,7 +43,7 @@ def literal(value: float) -> str:
     """Return a double as an exact C literal."""
     value = float(value)
     if value != value:
-        return '__builtin_nan("")'
+        return NAN
     text = repr(value).replace("inf", "INFINITE")
     return f"({text})" if text.startswith("-") else text
 
