@@ -45,9 +45,7 @@ def judge_gains(file, gains, count, **options):
     vehicles = draw_vehicles(file, drives.cases[0].system, count, OTHER)[1][1:]
     drives = replace(drives, vehicles=vehicles)
     case = drives.cases[0]
-    far = [
-        case.shown.run(case.inputs[0], np.concatenate([gains, v]), carry=case.start)[1][0] for v in vehicles
-    ]
+    far = [case.shown.run(case.inputs[0], np.concatenate([gains, v]))[1][0] for v in vehicles]
     return drives.vehicle_costs(gains[None])[0], np.array([1e3 * rms(d) for d in far])
 
 

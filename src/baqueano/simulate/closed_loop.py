@@ -41,7 +41,6 @@ from baqueano.standstill import with_rest
 from baqueano.supervisor import REASONS, diagnostic_of
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
-from baqueano.symbolic.graph.tree import flat_row, shape_of
 from baqueano.symbolic.scan import Scan
 from baqueano.worlds.simulated import no_noise, rows_of_tick
 
@@ -220,18 +219,14 @@ def closed_loop(
 
 def start_by_parameters(
     system: System, paths: tuple[str, ...], state: SystemState
-) -> Callable[[Tree], SystemState] | None:
-    """Return `state` as a function of the parameters θ at `paths`, or None if the controller starts alike for all θ."""
+) -> Callable[[Tree], SystemState]:
+    """Return `state` as a function of the parameters θ at `paths`, from which the controller may start."""
 
     def start(theta: Tree) -> SystemState:
         controller = with_parameters(system, paths, theta).controller
         return state._replace(blocks=state.blocks._replace(controller=controller.init()))
 
-    theta = parameter_vector(system, paths)
-    first, second = (start(theta + change * (1.0 + np.abs(theta))).blocks.controller for change in (0.0, 0.1))
-    shape = shape_of(first, "controller")
-    is_constant = np.array_equal(flat_row(shape, first), flat_row(shape, second), equal_nan=True)
-    return None if is_constant else start
+    return start
 
 
 def check_compilable(backend: str, **blocks: Tree) -> None:

@@ -23,7 +23,7 @@ from baqueano.simulate.closed_loop import (
     tick_count_of,
 )
 from baqueano.simulate.open_loop import tick_times
-from baqueano.simulate.system import Input, SystemState, begin
+from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import Scan
 from baqueano.tune.cost import Weights, jerk, path_cost, tick_errors
 from baqueano.tune.objective import (
@@ -81,7 +81,6 @@ class SimulatedLaps:
     seconds: float  # of a lap
     is_whole_route: bool  # False: only the first MAX_LAP_S of it
     _inputs: Input
-    _start: SystemState | None  # None: the kernel computes it from the gains
     _lap_kernel: Scan
     _cost_kernel: Scan
 
@@ -92,7 +91,7 @@ class SimulatedLaps:
 
     def lap(self, gains: np.ndarray) -> SimulatedLap:
         """Return the simulated lap with gains (p,)."""
-        _, tick = self._lap_kernel.run(self._inputs, gains, carry=self._start)
+        _, tick = self._lap_kernel.run(self._inputs, gains)
         costs = float(np.sum(tick.costs.path)), float(np.sum(tick.costs.jerk))
         max_distance_m, saturated_fraction = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
         return SimulatedLap(tick.x, tick.y, *costs, rms(tick.distance_m), max_distance_m, saturated_fraction)
@@ -102,11 +101,11 @@ class SimulatedLaps:
         if len(gains) * len(self._inputs.t_ns) < MIN_BATCH_TICKS:
             laps = [self.lap(each) for each in gains]
             return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
-        return self._cost_kernel.batch_sums(self._inputs, gains, carry=self._start)[0]
+        return self._cost_kernel.batch_sums(self._inputs, gains)[0]
 
     def cost_and_gradient(self, gains: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """Return C and ∂C/∂gains (p,) for a weight of jerks [m²].  (1)"""
-        y, derivatives = self._cost_kernel.sensitivities(self._inputs, gains, carry=self._start)
+        y, derivatives = self._cost_kernel.sensitivities(self._inputs, gains)
         weights = np.array(_TickCosts(1.0, price))
         return float(np.sum(y @ weights)), np.sum(weights @ derivatives, axis=0)
 
@@ -162,7 +161,6 @@ def simulated_laps(
         tick_count / rate,
         is_whole,
         Input(tick_times(tick_count, rate), None),
-        state if start is None else None,
         make(output=output),
         make(output=costs),
     )

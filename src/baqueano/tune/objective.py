@@ -38,7 +38,7 @@ from baqueano.simulate.closed_loop import (
 )
 from baqueano.simulate.many import draw_parameters
 from baqueano.simulate.open_loop import draw_noise, tick_times
-from baqueano.simulate.system import Input, System, SystemState, begin, parameter_vector
+from baqueano.simulate.system import Input, System, begin, parameter_vector
 from baqueano.symbolic import Scan, with_value
 from baqueano.tune.cost import Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
@@ -76,7 +76,6 @@ class ObjectiveCase(NamedTuple):
     system: System
     rate_hz: float
     ticks: int
-    start: SystemState | None  # None: the kernels compute it from the gains
     cost: Scan
     shown: Scan
     inputs: tuple[Input, ...] = ()  # of each seed
@@ -147,7 +146,7 @@ class Objective:
         """Return the errors over all drives with the gains (p,)."""
         thetas = [np.concatenate([gains, v]) for v in self.vehicles]
         errors_of_drives = [
-            case.shown.run(inputs, theta, carry=case.start)[1]
+            case.shown.run(inputs, theta)[1]
             for case in self.cases for inputs in case.inputs for theta in thetas
         ]  # fmt: skip
         d, psi, saturated = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
@@ -206,10 +205,10 @@ def _mean_one_by_one(
     for inputs in case.inputs:
         for k, row in enumerate(theta):
             if derivative_count:
-                cost, gradient = case.cost.cost_and_gradient(inputs, row, carry=case.start)
+                cost, gradient = case.cost.cost_and_gradient(inputs, row)
                 steep[k] += gradient[:derivative_count]
             else:
-                cost = case.cost.cost(inputs, row, carry=case.start)
+                cost = case.cost.cost(inputs, row)
             total[k] += cost
     return total / len(case.inputs), steep / len(case.inputs)
 
@@ -223,7 +222,7 @@ def _mean_in_batch(
     """
     total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
     for inputs in case.inputs:
-        cost, gradient = case.cost.batch_sums(inputs, theta, derivative_count, carry=case.start)
+        cost, gradient = case.cost.batch_sums(inputs, theta, derivative_count)
         total, steep = total + cost[:, 0], steep + gradient[:, 0]
     return total / len(case.inputs), steep / len(case.inputs)
 
@@ -311,7 +310,7 @@ def _case(
     start = start_by_parameters(system, paths, state)
     make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths, start=start)
     kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(tick_errors, limit))
-    return ObjectiveCase(system, rate, tick_count, state if start is None else None, *kernels)
+    return ObjectiveCase(system, rate, tick_count, *kernels)
 
 
 def draw_vehicles(

@@ -38,7 +38,9 @@ TIE_WEIGHT = 2e-3  # w: the share of the cost that is given up for a gain that m
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 LIMIT_TOLERANCE = 1e-3  # of the range in x
 MAX_SLOPE = 1e12  # ∂C/∂x relative to C above which rounding decides its sign: the drive is chaotic
-MIN_DECREASE = 1e-12  # of C in a step, relative to the start; at larger values the slope in a narrow valley stays large
+MIN_DECREASE = (
+    1e-12  # of C in a step, relative to the start; at larger values the slope in a narrow valley stays large
+)
 DIVERGED_COST = 1e30  # the cost of gains for which the simulation diverges
 
 Cost = Callable[[np.ndarray], float]
