@@ -31,7 +31,7 @@ def wrap(angle: Value) -> Value:
     >>> print(f"{wrap(3.5 * np.pi) / np.pi:.1f} π")
     -0.5 π
     """
-    return angle - TAU * np.floor((angle + np.pi) * TURNS_PER_RADIAN)
+    return angle - TAU * np.floor(angle * TURNS_PER_RADIAN + 0.5)
 
 
 def map_from_body(psi: Value) -> np.ndarray:
