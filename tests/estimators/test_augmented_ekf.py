@@ -8,6 +8,7 @@ import pytest
 
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout
+from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots
@@ -61,6 +62,22 @@ def test_a_lasting_disagreement_with_the_model_does_not_turn_the_heading_away_fr
     belief, _ = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(1, 200)))
     after, _ = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(200, 1200)), belief)
     assert wrap(after.mean[2] - belief.mean[2] - 20.0) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_region_of_the_position_contains_each_heading_of_its_own_95_percent():
+    imu = replace(IMU, gyro_scale_std=0.0145, gyro_bias_std=1e-6)
+    quiet = {"disturbance_std": np.array([1e-3, 3.0]), "velocity_walk_std": np.array([1e-4, 1e-4, 1e-3])}
+    ekf = compile_block(AugmentedEkf(SMALL, BOTH(imu, ODOMETER), course_std=1e-4, **quiet), "c")
+    belief, square, place = ekf.init(), [], np.zeros(2)
+    for k in range(1, 2001):
+        before = belief.mean[2]
+        belief, estimate = ekf.step(belief, tick(k, (0.0, 0.0, 1.0)))
+        psi = before + 0.5 * wrap(belief.mean[2] - before) - 1.96 * np.sqrt(estimate.cov[2, 2])
+        place = place + 0.01 * estimate.nu[0] * np.array([np.cos(psi), np.sin(psi)])
+        error = estimate.eta[:2] - place
+        square.append(error @ np.linalg.solve(estimate.cov[:2, :2], error))
+    assert np.sqrt(estimate.cov[2, 2]) == pytest.approx(0.29, abs=0.01)
+    assert max(square[500:]) < CHI_SQUARE_95
 
 
 def test_without_a_speed_sensor_the_model_predicts_the_speed():

@@ -4,7 +4,7 @@
     ν̇ = f(ν, e) + D,  D = (d_x, l d_ψ, d_ψ),  or  ν = V e + D,  D = (d_x, 0, d_ψ);   η̇ = J(ψ) (1 + K) ν     (2)
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
     ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s,  κ̇ = β̇ = ẇ = 0,  ḃ = noise  (3)
-    displacement += −w √¾ s / (1 + s/2) J(ψ) ν δ,   s the variance of the heading, w ~ N(0, 1)             (4)
+    displacement += −w λ s / (1 + s/2) J(ψ) ν δ,   s the variance of the heading, w ~ N(0, 1)              (4)
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
@@ -25,7 +25,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout
-from baqueano.estimators.covariance import block_diagonal
+from baqueano.estimators.covariance import CHI_SQUARE_95, block_diagonal
 from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
 from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
 MIN_SPEED_M_S = 0.02  # below it, the error of the speed fades to 0
+BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
 
 def predict_row(
@@ -84,9 +85,7 @@ def advance_mean(
             vehicle.nu_dot(nu_next, effort.last, eta[2]) - nu_dot
         )  # (9)
     scale_displacement = dt_s * velocity_error(estimator, mean[SCALE_INDEX:BIAS_INDEX], 0.5 * (nu + nu_next))
-    bend_loss = (
-        0.5 * dt_s * mean[BEND_INDEX] * np.sqrt(0.75) * heading_variance / (1.0 + 0.5 * heading_variance)
-    )
+    bend_loss = 0.5 * dt_s * mean[BEND_INDEX] * BEND_STD * heading_variance / (1.0 + 0.5 * heading_variance)
     scale_displacement = scale_displacement - bend_loss * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
     eta = eta + map_from_body(eta[2]) @ (displacement + scale_displacement)
     next_disturbance = mean_disturbance + (d - mean_disturbance) * np.exp(
