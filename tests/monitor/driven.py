@@ -20,6 +20,7 @@ from baqueano.vehicle_file import VehicleFile, parse
 SECONDS, FROM_S = 20.0, 6.0  # of a drive; when a fault begins
 TRACK_M = 0.12
 WHEELS = f'\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.02\ntrack_m = {TRACK_M}\n'
+SCALES = {"half": 0.5, "15 % less": 0.85, "15 % more": 1.15}
 IDENTIFIED = {"estimator.disturbance_std": [0.2, 0.5], "estimator.velocity_walk_std": [0.02, 0.01, 0.05]}
 
 
@@ -89,8 +90,8 @@ def damaged_run(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit
         z[np.ix_(at, k)] = z[first, k]
     elif fault == "full scale":
         z[np.ix_(at, k)] = limit
-    elif fault == "half":
-        z[np.ix_(at, k)] *= 0.5
+    elif fault in SCALES:
+        z[np.ix_(at, k)] *= SCALES[fault]
     elif fault == "slip":
         z[np.ix_(at, k)] += 0.6 * np.sign(z[np.ix_(at, k)])
     elif fault == "zeroes itself":  # uses the mean of the last 0.4 s as its bias

@@ -34,6 +34,8 @@ CASES = [  # kind of vehicle, channel, fault, similar faults
     ("robot", "imu[0]", "full scale", (AT_ITS_END,)),
     ("robot", "imu[1]", "frozen", (FROZEN, ZERO)),
     ("wheels", "imu[2]", "half", (SCALED, AWAY)),
+    ("wheels", "imu[2]", "15 % less", (SCALED, AWAY)),
+    ("wheels", "imu[2]", "15 % more", (SCALED, AWAY)),
     ("wheels", "imu[2]", "zeroes itself", (ZERO, AWAY)),
     ("wheels", "wheels[0]", "frozen", (FROZEN, ZERO)),
     ("wheels", "wheels[0]", "half", (SCALED, AWAY)),
@@ -72,7 +74,8 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
 
 @pytest.mark.parametrize(
     ("kind", "name", "fault"),
-    [("robot", "imu[2]", "frozen"), ("robot", "imu[2]", "zeroes itself"), ("wheels", "wheels[0]", "frozen"),
+    [("robot", "imu[2]", "frozen"), ("robot", "imu[2]", "zeroes itself"), ("wheels", "imu[2]", "15 % less"),
+     ("wheels", "imu[2]", "15 % more"), ("wheels", "wheels[0]", "frozen"),
      ("wheels", "wheels[1]", "slip"), ("car", "odometer[0]", "slip")],
 )  # fmt: skip
 def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, name, fault):
