@@ -189,6 +189,16 @@ def test_a_draft_reads_the_unit_of_the_time_from_its_steps(tmp_path, times, unit
     assert scales == [pytest.approx(1 / 255, rel=1e-5)] * 2
 
 
+def test_a_draft_reads_the_steering_of_a_car_and_the_counter_of_its_axle(tmp_path):
+    rows = "".join(f"{20 * k},{0.01 * k},0.3,0.1,{7 * k}\n" for k in range(9))
+    (tmp_path / "log.csv").write_text("t_ms,servo,throttle,gyro_z_dps,hall\n" + rows, encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert tables["command"]["names"] == ["throttle", "servo"]  # the order of the model
+    assert [entry["column"] for entry in tables["command"]["u"]] == ["throttle", "servo"]
+    (counter,) = tables["sensors"]["odometer"]["z"]
+    assert (counter["column"], counter["unit"]) == ("hall", "counts")
+
+
 def test_a_draft_reads_the_abbreviations_of_spanish_columns(tmp_path):
     head = "tiempo_s;pwm_izq;pwm_der;giro_gps;vel_m_s"
     (tmp_path / "log.csv").write_text(head + "\n" + "0,02;1;2;3;0,5\n" * 9, encoding="utf-8")

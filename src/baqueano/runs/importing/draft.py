@@ -26,16 +26,19 @@ UNIT_OF_ENDING = {  # ends of names → unit
 TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros)(_|$)"
 LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l)(_|$)", r"(^|_)(right|der(ech[ao])?|r)(_|$)"
 COMMAND_PATTERN, SPEED_PATTERN = (
-    r"pwm|duty|cmd|command|comando|throttle|^u_",
+    r"pwm|duty|cmd|command|comando|throttle|acelerador|steer|servo|volante|^u_",
     r"rpm|speed|vel|encoder|wheel|rps",
 )
+STEERING_PATTERN = r"steer|servo|volante"
 FORWARD_PATTERN = r"(^|_)(speed|vel(ocity|ocidad)?(_x)?)(_|$)"
 IMU_PATTERNS = (
     r"(^|_)a(c+(el[a-z]*)?)?_?x(_|$)",
     r"(^|_)a(c+(el[a-z]*)?)?_?y(_|$)",
     r"(gyro|giro)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)|(^|_)(gz|wz|omega(_z)?|yaw_rate)(_|$)",
 )
-COUNT_PATTERN = r"(^|_)(enc|encoder|counts?|ticks?)(_|$)"
+ENCODER_NAMES = r"enc|encoder|hall|pulses?|pulsos?"
+ENCODER_PATTERN = rf"(^|_)({ENCODER_NAMES})(_|$)"
+COUNT_PATTERN = rf"{ENCODER_PATTERN}|(^|_)(counts?|ticks?)(_|$)"
 TWIST_PATTERNS = r"(^|_)linear_x$", r"(^|_)angular_z$"  # names of ROS
 POSITION_PATTERN = r"^(?!.*(linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|_)"
 POSE_PATTERNS = (
@@ -95,6 +98,7 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         yield f"wheels = [\n{_list_lines(_command(column, largest) for column in commands)}\n]"
     elif single_column:
         free_columns[:] = [column for column in free_columns if column not in single_column]
+        single_column.sort(key=lambda column: bool(re.search(STEERING_PATTERN, _plain_name(column))))
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(map(_quoted, single_column))}]'
         entries = _list_lines(_command(column, _largest_magnitude(table, column)) for column in single_column)
         yield f"u = [\n{entries}\n]"
@@ -124,6 +128,8 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(table, column) for column in wheels)}\n]"
     elif speed := _take_column(free_columns, FORWARD_PATTERN):
         yield f"\n[sensors.odometer]\nz = [\n  {_entry(speed, 'speed')},\n]"
+    elif encoder := _take_column(free_columns, ENCODER_PATTERN):
+        yield f"\n[sensors.odometer]\nz = [\n{_list_lines(iter([_wheel(table, encoder)]))}\n]"
     for title, key, names in (("sensors.imu", "z", IMU_PATTERNS), ("truth", "eta", POSE_PATTERNS)):
         columns = [_take_column(free_columns, name) for name in names]
         if any(columns):
