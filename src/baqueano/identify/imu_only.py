@@ -92,10 +92,8 @@ def fit_imu_only(
         kind = type(data.vehicle_file.vehicle).__name__
         raise UsageError(fault("imu-only.no-dynamics", vehicle=data.vehicle_file.name, kind=kind))
     zero_rad_s = std_of_gyro_bias(data.vehicle_file, imu) if has_offset(data.vehicle_file.vehicle) else 0.0
-    requested_parameters = _requested_parameters(data.blocks, free, options, imu)
-    parameters = parameters_for_fit(
-        data.blocks, requested_parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options
-    )
+    free_list, rate_hz = _requested_parameters(data.blocks, free, options, imu), data.vehicle_file.rate_hz
+    parameters = parameters_for_fit(data.blocks, free_list, data.runs, data.channels, rate_hz, options)
     blocks = parameters.blocks
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
     floor = min_sigma(blocks.sensors, problem.z, problem.has)
@@ -125,8 +123,7 @@ def _search_yaw_rate_and_delay(task: Task) -> tuple[Task, Search]:
             break
         previous_theta, count = end.solution.theta, end.evaluations
         bounded_task, end = search_with_free_delay(task, previous_theta)
-        count += end.evaluations
-        end = end._replace(evaluations=count)
+        end = end._replace(evaluations=count + end.evaluations)
         if _is_settled(previous_theta, end):
             break
     return bounded_task, end
@@ -156,11 +153,8 @@ def _is_settled(previous: np.ndarray, end: Search) -> bool:
 def _with_all_errors(end: FinishedFit, scales: np.ndarray, zero_rad_s: float) -> Information:
     """Return the information with its covariance enlarged by the scatter between parts of the run, and by scales and
     zero."""
-    problem, theta, identifiable = (
-        end.task.problem,
-        end.search.solution.theta,
-        np.flatnonzero(end.identifiability.mask),
-    )
+    problem, theta = end.task.problem, end.search.solution.theta
+    identifiable = np.flatnonzero(end.identifiability.mask)
     assert isinstance(problem, GyroAidedResiduals)
     cov = jackknife(problem, theta, identifiable, end.info.bread)
     info = end.info if cov is None else with_jackknife(end.info, identifiable, cov)
@@ -189,23 +183,18 @@ def is_imu_only(
 ) -> bool:
     """Return True for a car with an IMU as its only sensor, and no requested parameter of a sensor."""
     sensors = vehicle_file.sensors._asdict()
-    names = (
-        [name for name in sensors if all(name in run.sensors for run in runs)] if use is None else list(use)
-    )
+    recorded_names = [name for name in sensors if all(name in run.sensors for run in runs)]
+    names = recorded_names if use is None else list(use)
     has_one_imu = len(names) == 1 and has_field(sensors.get(names[0]), "gyro_scale")
-    return (
-        has_one_imu
-        and has_offset(vehicle_file.vehicle)
-        and not any(p.lstrip("+").startswith("sensors.") for p in free or ())
-    )
+    has_free_sensor = any(path.lstrip("+").startswith("sensors.") for path in free or ())
+    return has_one_imu and has_offset(vehicle_file.vehicle) and not has_free_sensor
 
 
 def _imu_name(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> str:
     """Return the name of the IMU. Raise UsageError if `use` names another sensor, or if the IMU is ambiguous or
     missing."""
-    names = [
-        name for name, sensor in vehicle_file.sensors._asdict().items() if has_field(sensor, "gyro_scale")
-    ]
+    sensors = vehicle_file.sensors._asdict().items()
+    names = [name for name, sensor in sensors if has_field(sensor, "gyro_scale")]
     if use is None and len(names) == 1:
         return names[0]
     if use is not None and len(use) == 1 and use[0] in names:
@@ -234,20 +223,15 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """Return the fit with notes on the scales that no run can show, and on its range of motion."""
     sensor = getattr(fit.blocks.sensors, imu)
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
-    calibration_command = "baqueano runs calibrate last --update"
-    scale_notes = (
-        note(
-            "identifiability.gyro-scale",
-            fix=calibration_command,
-            subject=imu,
-            at=float(sensor.gyro_scale),
-            percent=gyro,
-        ),
-        note(
-            "identifiability.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel
-        ),
+    fix, gyro_scale, accel_scale = (
+        "baqueano runs calibrate last --update",
+        sensor.gyro_scale,
+        sensor.accel_scale[1],
+    )
+    never_shown = (
+        *fit.always_unobservable,
+        note("identifiability.gyro-scale", fix=fix, subject=imu, at=float(gyro_scale), percent=gyro),
+        note("identifiability.accelerometer-scale", subject=imu, at=float(accel_scale), percent=accel),
     )
     fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
-    return replace(
-        fit, always_unobservable=(*fit.always_unobservable, *scale_notes), notes=(*fit.notes, fitted_to)
-    )
+    return replace(fit, always_unobservable=never_shown, notes=(*fit.notes, fitted_to))

@@ -153,39 +153,22 @@ class Prediction:
         for rows, indices, is_present, record in segments:
             slopes = self._derivatives(rows, x, indices)
             block, psi = np.ix_(slopes.indices, slopes.indices), weight(slopes.e) * slopes.e
-            A[block] += _hessian_sum(psi_derivative(slopes.e), slopes.e_derivatives) + _hessian_sum(
-                0.25 * BETA, slopes.s_derivatives
-            )
-            by_channel[:, slopes.indices] += np.einsum(
-                "tmp,tmp->mp", slopes.e_derivatives, slopes.e_derivatives
-            )
+            by_e, by_s = slopes.e_derivatives, slopes.s_derivatives
+            A[block] += _hessian_sum(psi_derivative(slopes.e), by_e) + _hessian_sum(0.25 * BETA, by_s)
+            by_channel[:, slopes.indices] += np.einsum("tmp,tmp->mp", by_e, by_e)
             if is_autocorrelated:
-                B[block] += autocorrelated_scores(psi, is_present, slopes.e_derivatives, record.dt_s)
-                B[block] += _hessian_sum(0.25 * (BETA - psi * slopes.e) ** 2, slopes.s_derivatives)
+                B[block] += autocorrelated_scores(psi, is_present, by_e, record.dt_s)
+                B[block] += _hessian_sum(0.25 * (BETA - psi * slopes.e) ** 2, by_s)
             else:
-                U = np.einsum(
-                    "tm,tmp->tp", psi, slopes.e_derivatives
-                ) + 0.5 * BETA * slopes.s_derivatives.sum(axis=1)
-                B[block] += gram(U)
-        return Information(
-            A,
-            B,
-            by_channel,
-            is_autocorrelated,
-            autocorrelation,
-            int(sum(is_present.sum() for is_present in has)),
-        )
+                B[block] += gram(np.einsum("tm,tmp->tp", psi, by_e) + 0.5 * BETA * by_s.sum(axis=1))
+        samples = int(sum(is_present.sum() for is_present in has))
+        return Information(A, B, by_channel, is_autocorrelated, autocorrelation, samples)
 
 
 def maximum_likelihood(
-    prediction: Prediction,
-    theta: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    fixed: np.ndarray,
-    least: np.ndarray | None = None,
-    progress: Callable[[str], object] | None = None,
-) -> MaximumLikelihood:
+    prediction: Prediction, theta: np.ndarray, low: np.ndarray, high: np.ndarray, fixed: np.ndarray,
+    least: np.ndarray | None = None, progress: Callable[[str], object] | None = None,
+) -> MaximumLikelihood:  # fmt: skip
     """Return the x of maximum likelihood. The search starts at `theta` (p,) of the simulation and stays between `low`
     and `high` (p,). `fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `least` (m,),
     given by its converter and by rounding. The first search has v = 0, the second one a free v. `progress` is called
@@ -206,9 +189,8 @@ def maximum_likelihood(
     std = np.full(len(x), np.nan)
     entries = np.flatnonzero((is_positive | (~fixed & ~is_floor)) & (np.diagonal(info.bread) > 0.0))
     std[entries] = np.sqrt(np.diagonal(covariance_of(info, entries)))
-    return MaximumLikelihood(
-        solution, theta, noise, std[is_floor], info, ratio, without_floor.evaluations + solution.evaluations
-    )
+    evaluations = without_floor.evaluations + solution.evaluations
+    return MaximumLikelihood(solution, theta, noise, std[is_floor], info, ratio, evaluations)
 
 
 def chi_square_tail(ratio: float, degrees: int) -> float:
@@ -221,14 +203,9 @@ def chi_square_tail(ratio: float, degrees: int) -> float:
 
 
 def _search(
-    prediction: Prediction,
-    x: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    is_fixed: np.ndarray,
-    damping: float,
+    prediction: Prediction, x: np.ndarray, low: np.ndarray, high: np.ndarray, is_fixed: np.ndarray, damping: float,
     progress: Callable[[str], object] | None,
-) -> Solution:
+) -> Solution:  # fmt: skip
     """Return the minimum of J, searched from `x`. `progress` is called with a text; if it returns True, the search
     ends."""
     evaluation_count, evaluation = 0, None
@@ -238,23 +215,10 @@ def _search(
             fixed=is_fixed, tolerance=TOLERANCE, most=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
         )  # fmt: skip
         evaluation_count += solution.evaluations
-        reason = (
-            progress is not None
-            and progress(
-                _(
-                    "innovations: {count} evaluations, cost {cost:.6g}",
-                    count=evaluation_count,
-                    cost=solution.evaluation.cost,
-                )
-            )
-            is True
-        )
-        if (
-            solution.converged
-            or reason
-            or evaluation_count >= MAX_EVALUATIONS
-            or not np.isfinite(solution.evaluation.cost)
-        ):
+        cost = solution.evaluation.cost
+        text = _("innovations: {count} evaluations, cost {cost:.6g}", count=evaluation_count, cost=cost)
+        is_stopped = progress is not None and progress(text) is True
+        if solution.converged or is_stopped or evaluation_count >= MAX_EVALUATIONS or not np.isfinite(cost):
             return solution._replace(evaluations=evaluation_count)
         x, evaluation, damping = solution.theta, solution.evaluation, 1e-6
 
@@ -263,10 +227,9 @@ def _segment_cost(slopes: InnovationDerivatives) -> Evaluation:
     """Return J of one segment, with its gradient and Hessian.  (1), (2)"""
     with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
         cost, w = float(np.sum(rho(slopes.e)) + 0.5 * BETA * np.sum(slopes.log_s)), weight(slopes.e)
-    g = _gradient_sum(w * slopes.e, slopes.e_derivatives) + _gradient_sum(0.5 * BETA, slopes.s_derivatives)
-    return Evaluation(
-        cost, g, _hessian_sum(w, slopes.e_derivatives) + _hessian_sum(0.25 * BETA, slopes.s_derivatives)
-    )
+    by_e, by_s = slopes.e_derivatives, slopes.s_derivatives
+    g = _gradient_sum(w * slopes.e, by_e) + _gradient_sum(0.5 * BETA, by_s)
+    return Evaluation(cost, g, _hessian_sum(w, by_e) + _hessian_sum(0.25 * BETA, by_s))
 
 
 def rho(e: np.ndarray) -> np.ndarray:

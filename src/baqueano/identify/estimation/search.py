@@ -80,27 +80,22 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
     """Return the search from `begin` (p,). If its result is not plausible, return the best of several searches."""
     best_end = search(task, begin)
     signal, counts = task.problem.signal_std(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
-    is_gain = np.array(
-        [path.partition("[")[0].endswith(GAIN_NAMES) for path in task.problem.shape.shared], dtype=bool
-    )
+    fields = [path.partition("[")[0] for path in task.problem.shape.shared]
+    is_gain = np.array([field.endswith(GAIN_NAMES) for field in fields], dtype=bool)
     for factor in RESTART_FACTORS if is_gain.any() and task.again else ():
         if best_end.stopped or best_end.is_sound(signal):
             break
         theta = task.start.copy()
         theta[: len(is_gain)] = np.where(is_gain, 0.0, factor * theta[: len(is_gain)])
         second_end = search(task, np.clip(theta, task.low, task.high), rough=True)
-        if (
-            not second_end.stopped
-            and second_end.log_sigma_sum(counts) - best_end.log_sigma_sum(counts)
-            < DROPPED_LOG_SIGMA * counts.sum()
-        ):
+        excess = (second_end.log_sigma_sum(counts) - best_end.log_sigma_sum(counts)) / counts.sum()
+        if not second_end.stopped and excess < DROPPED_LOG_SIGMA:
             refined_end = search(task, second_end.solution.theta, None, second_end)
             second_end = refined_end._replace(evaluations=refined_end.evaluations + second_end.evaluations)
         gain = (best_end.log_sigma_sum(counts) - second_end.log_sigma_sum(counts)) / counts.sum()
         evaluations = best_end.evaluations + second_end.evaluations
-        best_end = (second_end if gain > EQUAL_LOG_SIGMA else best_end)._replace(
-            evaluations=evaluations, stopped=second_end.stopped
-        )
+        best_end = second_end if gain > EQUAL_LOG_SIGMA else best_end
+        best_end = best_end._replace(evaluations=evaluations, stopped=second_end.stopped)
         if abs(gain) <= EQUAL_LOG_SIGMA:
             break  # two searches ended at the same place
     return best_end
@@ -119,10 +114,10 @@ def search(
     damping = 1e-2 if previous is None else 1e-6
     if previous is not None:
         sigma, profile = previous.sigma, previous.profile
+    elif task.fixed_sigma is not None:
+        sigma, profile = task.fixed_sigma, None
     else:
-        sigma, profile = (
-            sigma_at(task, problem, theta) if task.fixed_sigma is None else (task.fixed_sigma, None)
-        )
+        sigma, profile = sigma_at(task, problem, theta)
     count, round_number, is_near, reason = 0, 1, sigma_fixed, False
     while True:
         problem = problem.weight(sigma, profile)
@@ -134,17 +129,14 @@ def search(
         )  # fmt: skip
         theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
         if task.progress is not None:
-            reason = (
-                task.progress(
-                    _(
-                        "round {turn}: {count} evaluations, cost {cost:.6g}",
-                        turn=round_number,
-                        count=count,
-                        cost=solution.evaluation.cost,
-                    )
-                )
-                is True
+            cost = solution.evaluation.cost
+            text = _(
+                "round {turn}: {count} evaluations, cost {cost:.6g}",
+                turn=round_number,
+                count=count,
+                cost=cost,
             )
+            reason = task.progress(text) is True
         if sigma_fixed or round_number == MAX_ROUNDS or not np.isfinite(solution.evaluation.cost):
             break
         new_sigma, profile = sigma_at(task, problem, theta)

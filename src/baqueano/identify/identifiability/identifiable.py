@@ -77,10 +77,9 @@ def identifiability_of(
         loading = np.abs(direction) / np.max(np.abs(direction))
         main_entries = np.flatnonzero(loading >= MEMBER_LOADING).tolist()
         members, diagonal = np.flatnonzero(loading >= MIN_LOADING), np.diagonal(info.bread)
-        rank = [
-            (is_by_hand[i], round(loading[i], 1), -diagonal[i] if i >= len(shared) else 0.0) for i in members
-        ]
-        removed_entry = int(members[max(range(len(members)), key=rank.__getitem__)])
+        start_rank = np.where(np.arange(len(theta)) >= len(shared), -diagonal, 0.0)
+        rank = {int(i): (is_by_hand[i], round(loading[i], 1), start_rank[i]) for i in members}
+        removed_entry = max(rank, key=rank.__getitem__)
         collinear[removed_entry] = tuple(i for i in main_entries if i != removed_entry)
         is_identifiable[removed_entry] = False
     is_of_vehicle = np.arange(len(theta)) < len(shared)
@@ -95,10 +94,8 @@ def identifiability_of(
         if not np.any(excess > 0.0):
             is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * signal[index])
             is_weak[index] = is_large & is_of_vehicle[index]
-            near |= {
-                int(k): _correlated_entries(info.bread, is_identifiable & is_of_vehicle, int(k))
-                for k in np.flatnonzero(is_weak)
-            }
+            for k in np.flatnonzero(is_weak).tolist():
+                near[k] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, k)
             break
         relative = std / np.maximum(signal[index], 1e-9 * std)
         removed_entry = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
@@ -161,13 +158,11 @@ def fix_unidentifiable(
         info = information(problem, theta)
         if not is_uncut:
             A, B = eliminate_starts(info.bread, info.meat, problem.layout)
-            info = info._replace(
-                bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count]
-            )
+            info = info._replace(bread=A, meat=B)
+        by_channel = info.information_by_channel[:, :count]
         if task.prior_sigma is not None:  # a hand measurement does not have a signal to compare with
-            info = info._replace(
-                information_by_channel=info.information_by_channel * (task.prior_sigma == 0.0)[:, None]
-            )
+            by_channel = by_channel * (task.prior_sigma == 0.0)[:, None]
+        info = info._replace(information_by_channel=by_channel)
         span = (task.high - task.low)[:count]
         span[[k for k, parameter in enumerate(free) if parameter.path == DELAY_PATH]] = np.inf
         identifiability = identifiability_of(
@@ -216,12 +211,8 @@ def signal_energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
         h = (z * weight - r) * has
         return np.array([np.einsum("tc,tc->c", h, h), np.einsum("tc->c", h), np.einsum("tc->c", has)])
 
-    rows = sum(map(len, problem.z))
-    sums = np.array(
-        parallel_map(
-            channel_sums, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows
-        )
-    )
+    segments = problem.residuals(theta), problem.z, problem.has, problem.weights
+    sums = np.array(parallel_map(channel_sums, *segments, rows=sum(map(len, problem.z))))
     square, total, count = sums.transpose(1, 0, 2)  # (segments, m) each
     segment_means = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
     common_mean = np.sum(total, axis=0) ** 2 / np.maximum(np.sum(count, axis=0), 1.0)
@@ -232,10 +223,9 @@ def has_one_mean(problem: Residuals) -> np.ndarray:
     """Return a mask (m,), True for channels whose mean is not explained by a start, a bias, or a position."""
     by_run = {name.split(".")[1] for name in problem.shape.by_run}
     sensors = problem._blocks.sensors._asdict()
-    mean_of_run = [
-        not (problem.shape.start or name in by_run or measures_pose(sensors[name])) for name in problem.names
-    ]
-    return np.repeat(mean_of_run, problem.sizes)
+    has_start = bool(problem.shape.start)
+    is_explained = [has_start or name in by_run or measures_pose(sensors[name]) for name in problem.names]
+    return np.repeat(~np.array(is_explained, bool), problem.sizes)
 
 
 class FinishedFit(NamedTuple):
@@ -273,13 +263,9 @@ class FinishedFit(NamedTuple):
 
 
 def finished_fit(
-    task: Task,
-    end: Search,
-    parameters: Parameters,
-    vehicle_file: "VehicleFile",
-    message: Diagnostic | None,
+    task: Task, end: Search, parameters: Parameters, vehicle_file: "VehicleFile", message: Diagnostic | None,
     findings: tuple[Diagnostic, ...],
-) -> FinishedFit:
+) -> FinishedFit:  # fmt: skip
     """Return the state of the fit after the search `end` of a task. Parameters that the data do not determine are fixed
     at their start. The bounds of `task` can be narrower than the bounds of the parameters."""
     end, identifiability, info = fix_unidentifiable(task, end, parameters.free)
@@ -313,21 +299,15 @@ def unobservable_reason(
     confused: Sequence[FreeParameter] = (),
 ) -> Diagnostic:
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
+    path = parameter.path
     if collinear:
-        return note(
-            "identifiability.tied",
-            subject=parameter.path,
-            others=_names(collinear),
-            at=value,
-            how=_hand_measurement_note(parameter),
-            apart=_separation((parameter, *collinear)),
-        )
+        how, apart = _hand_measurement_note(parameter), _separation((parameter, *collinear))
+        others = _names(collinear)
+        return note("identifiability.tied", subject=path, others=others, at=value, how=how, apart=apart)
     if parameter.definition.role == "scale":
-        return note(
-            "identifiability.scale", subject=parameter.path, at=value, needs=_needed_motion(parameter)
-        )
+        return note("identifiability.scale", subject=path, at=value, needs=_needed_motion(parameter))
     code = "identifiability.not-beside" if confused else "identifiability.not"
-    return note(code, subject=parameter.path, at=value, **_explanation(parameter, confused))
+    return note(code, subject=path, at=value, **_explanation(parameter, confused))
 
 
 def missing_command(parameters: Sequence[FreeParameter], command: str, never: bool) -> Diagnostic:
@@ -341,9 +321,8 @@ def missing_command(parameters: Sequence[FreeParameter], command: str, never: bo
 
 def _names(parameters: Sequence[FreeParameter]) -> str:
     """Return the short names as text, at most MAX_NAMES."""
-    return ", ".join(
-        [parameter.short for parameter in parameters[:MAX_NAMES]] + ["…"] * (len(parameters) > MAX_NAMES)
-    )
+    names = [parameter.short for parameter in parameters[:MAX_NAMES]]
+    return ", ".join(names + ["…"] * (len(parameters) > MAX_NAMES))
 
 
 def _motion_note(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
@@ -351,22 +330,16 @@ def _motion_note(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
     axes = {parameter.axis for parameter in parameters if parameter.axis is not None}
     if axes == {1}:
         return note("identifiability.hardly-sideways")
-    frictions = {
-        parameter.path.partition("[")[0]
-        for parameter in parameters
-        if parameter.axis is not None and parameter.definition.role != "gain"
-    }
+    of_axes = [p for p in parameters if p.axis is not None and p.definition.role != "gain"]
+    frictions = {parameter.path.partition("[")[0] for parameter in of_axes}
     if len(axes) == 1 and len(frictions) > 1:
         return note("identifiability.few-speeds") if axes == {0} else note("identifiability.few-turn-rates")
     return ""
 
 
 def _hand_measurement_note(parameter: FreeParameter) -> Diagnostic:
-    return (
-        note("identifiability.by-hand", by=parameter.definition.measured_by)
-        if parameter.definition.measured_by
-        else note("identifiability.fix-one")
-    )
+    by = parameter.definition.measured_by
+    return note("identifiability.by-hand", by=by) if by else note("identifiability.fix-one")
 
 
 def _separation(parameters: Sequence[FreeParameter]) -> Diagnostic | str:

@@ -93,11 +93,10 @@ def entry_text(words: Words, entry: tuple[int, ...]) -> str:
 def default_free(blocks: FittedBlocks) -> list[str]:
     """Return the paths, with entries, that are free by default."""
     paths = [p for path in default_fields(blocks) for p in entries(blocks, path)]
-    terms = [(path, p) for path, p in all_parameters(blocks.model, "model") if p.role == "term"]
-    terms_present = [
-        entry for path, p in terms for entry in entries(blocks, path) if value(blocks, entry) != p.neutral
-    ]
-    return paths + terms_present
+    for path, p in all_parameters(blocks.model, "model"):
+        terms = entries(blocks, path) if p.role == "term" else []
+        paths += [entry for entry in terms if value(blocks, entry) != p.neutral]
+    return paths
 
 
 def default_fields(blocks: FittedBlocks) -> list[str]:
@@ -220,17 +219,12 @@ def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> 
 
     The free frictions of an axis share the remaining range.
     """
-    kept_model, bounds = coasting_axes(blocks.model), {}
-    slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, kept_model), 0.0)
-    requested_paths = {path.partition("[")[0] for path in paths}
-    requested_paths = {
-        k for k, p in all_parameters(blocks.model, "model") if k in requested_paths and p.role != "known"
-    }
-    free_slopes = {
-        path: slope
-        for path, slope in damping_derivatives(blocks.model, requested_paths, kept_model)
-        if path in paths
-    }
+    axes, bounds = coasting_axes(blocks.model), {}
+    slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, axes), 0.0)
+    fields = {path.partition("[")[0] for path in paths}
+    fields &= {path for path, p in all_parameters(blocks.model, "model") if p.role != "known"}
+    slopes = damping_derivatives(blocks.model, fields, axes)
+    free_slopes = {path: slope for path, slope in slopes if path in paths}
     for i in range(3):
         paths_of_axis = [path for path, slope in free_slopes.items() if slope[i] > 0.0]
         for path in paths_of_axis:
@@ -244,13 +238,12 @@ def _with_delay_lines(
 ) -> FittedBlocks:
     """Return the blocks with delay lines that are long enough for a command delay of `delay_s` [s] and for the delays
     of the sensors."""
-    sensors = [
-        replace(sensor, delay_slots=past_rows(float(sensor.delay_s)))
-        if has_field(sensor, "delay_slots")
-        else sensor
-        for sensor in blocks.sensors
-    ]
-    blocks = blocks._replace(sensors=type(blocks.sensors)(*sensors))
+    sensors = blocks.sensors
+    for name, sensor in sensors._asdict().items():
+        if has_field(sensor, "delay_slots"):
+            slots = past_rows(float(sensor.delay_s))
+            sensors = sensors._replace(**{name: replace(sensor, delay_slots=slots)})
+    blocks = blocks._replace(sensors=sensors)
     return _with_drivetrain(blocks, delay_slots=past_rows(delay_s)) if delay_s > 0.0 else blocks
 
 
@@ -259,12 +252,9 @@ def _with_reached_limit(
 ) -> tuple[FittedBlocks, dict[str, float]]:
     """Return the blocks with the limits in `paths` below the largest command, and all largest values by path."""
     drivetrain = blocks.model.drivetrain
-    magnitude = (
-        np.abs(u)
-        if drivetrain.mixing == "none"
-        else np.abs(np.stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]], 1))
-    )
-    largest = np.max(magnitude, axis=0)
+    if drivetrain.mixing != "none":
+        u = np.stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]], 1)
+    largest = np.max(np.abs(u), axis=0)
     largest = np.array([largest.max()]) if drivetrain.limit.shape == (1,) else largest
     largest = largest * (1.0 - 1e-9)  # below the largest command, so that the limit has an effect
     begin = np.where(drivetrain.limit < largest, drivetrain.limit, LIMIT_START * largest)
@@ -296,16 +286,9 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         field, bracket, entry = path.partition("[")
         names = _fields(blocks)
-        similar = _similar_paths(field, bracket + entry, names)
-        raise UsageError(
-            fault(
-                "parameter.unknown",
-                path=path,
-                kind=type(blocks.model).__name__,
-                near=similar,
-                example=names[0],
-            )
-        ) from error
+        near, kind = _similar_paths(field, bracket + entry, names), type(blocks.model).__name__
+        unknown = fault("parameter.unknown", path=path, kind=kind, near=near, example=names[0])
+        raise UsageError(unknown) from error
     return values
 
 

@@ -169,15 +169,11 @@ def records_of(
     runs: Sequence[Run], blocks: FittedBlocks, channels: Mapping[str, list[int]], options: FitOptions
 ) -> list[FitRecord]:
     """Return the rows of all runs, segment by segment."""
-    segments, sensors = [], blocks.sensors._asdict()
-    records = parallel_map(
-        lambda run: record_of(run, sensors, channels, options.clocks),
-        runs,
-        rows=sum(len(r.t_ns) for r in runs),
-    )
+    segments, sensors, rows = [], blocks.sensors._asdict(), sum(len(run.t_ns) for run in runs)
+    records = parallel_map(lambda run: record_of(run, sensors, channels, options.clocks), runs, rows=rows)
+    drivetrain = getattr(blocks.model, "drivetrain", None)
     for k, record in enumerate(records):
         record = record._replace(run=k)
-        drivetrain = getattr(blocks.model, "drivetrain", None)
         delay_s = float(np.median(record.dt_s)) * getattr(drivetrain, "delay_slots", 0)
         settled_s = LEAD_LAGS * getattr(drivetrain, "lag_s", 0.0)
         past_s = offset_s(record) if options.clocks else 0.0
@@ -222,26 +218,18 @@ def shape_of(
     start = () if options.at_rest and not is_cut else coasting_axes(blocks.model)
     if any(measures_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
-    means = tuple(name for name in names if any(r.sensors[name].mean_weights is not None for r in records))
-    sample_fraction = tuple(
-        name not in means and any(r.sensors[name].sample_fraction is not None for r in records)
-        for name in names
-    )
+
+    def has(name: str, column: str) -> bool:
+        return any(getattr(record.sensors[name], column) is not None for record in records)
+
+    means = tuple(name for name in names if has(name, "mean_weights"))
+    sample_fraction = tuple(name not in means and has(name, "sample_fraction") for name in names)
     past_rows = max(map(offset_rows, records)) if options.clocks else 0
-    clock_means = tuple(
-        n for n in options.clocks if any(r.sensors[n].duration_s is not None for r in records)
-    )
+    clock_means = tuple(name for name in options.clocks if has(name, "duration_s"))
     has_voltage = any(VOLTAGE_KEY in record.sensors for record in records)
+    clocks = tuple(options.clocks), past_rows
     return ThetaShape(
-        paths,
-        tuple(run_paths),
-        start,
-        sample_fraction,
-        tuple(options.clocks),
-        past_rows,
-        has_voltage,
-        means,
-        clock_means,
+        paths, tuple(run_paths), start, sample_fraction, *clocks, has_voltage, means, clock_means
     )
 
 
@@ -265,14 +253,14 @@ def start_theta(
         raise UsageError(fault("start.not-free", path=missing[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, parameter in enumerate(free):
-        theta[k], low[k] = by_path.get(parameter.path, value(blocks, parameter.path)), parameter.low
-        high[k] = parameter.high
+        theta[k] = by_path.get(parameter.path, value(blocks, parameter.path))
+        low[k], high[k] = parameter.low, parameter.high
     for run in range(max(layout.runs) + 1):
         for k, path in enumerate(shape.by_run, layout.shared_count + run * layout.run_entry_count):
             if path in shape.per_run:
                 parameter = free_parameter(blocks, path, options.bounds)
-                theta[k], low[k] = by_path.get(path, value(blocks, path)), parameter.low
-                high[k] = parameter.high
+                theta[k] = by_path.get(path, value(blocks, path))
+                low[k], high[k] = parameter.low, parameter.high
             else:
                 low[k], high[k] = -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S
     for k, record in enumerate(records):
@@ -335,9 +323,8 @@ def vehicle_at_start(blocks: FittedBlocks, shape: ThetaShape) -> Callable[[np.nd
 
 def example(blocks: FittedBlocks, shape: ThetaShape) -> np.ndarray:
     """Return θ (p,) with the present values of the blocks."""
-    return np.array(
-        [*(value(blocks, path) for path in shape.paths), *np.zeros(shape.size - len(shape.paths))]
-    )
+    values = [value(blocks, path) for path in shape.paths]
+    return np.array([*values, *np.zeros(shape.size - len(values))])
 
 
 def initial_state(

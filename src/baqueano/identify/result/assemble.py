@@ -85,6 +85,8 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     run_entry_names, run_values, run_entry_sd = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
+    sigma_by_sensor = np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1])
+    commands = end.vehicle_file.command.names
     fit = Fit(
         names=evidence.names,
         units=tuple(parameter.unit for parameter in end.requested),
@@ -104,9 +106,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         reasons=reasons,
         notes=(*_notes(end), *remarks(evidence._replace(bound=evidence.bound - basis.bound_excess))),
         channels=evidence.channels,
-        sigma=dict(
-            zip(problem.names, np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1]), strict=True)
-        ),
+        sigma=dict(zip(problem.names, sigma_by_sensor, strict=True)),
         autocorrelated=end.info.autocorrelated,
         converged=solution.converged,
         cost=solution.evaluation.cost,
@@ -115,9 +115,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         backend=problem.scan.backend,
         file=end.vehicle_file,
         blocks=_blocks_of_fit(end),
-        envelope=envelope_of(
-            problem.records, evidence.channels, end.blocks.sensors, end.vehicle_file.command.names
-        ),
+        envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, commands),
     )
     messages = [prior.message for prior in kept_priors(fit) if prior.contradicted or not prior.at_rest]
     return replace(fit, notes=(*fit.notes, *messages))
@@ -126,11 +124,8 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 def _diagnosis(end: FinishedFit, sd: np.ndarray) -> Diagnosis:
     """Return all diagnostics of the fit, and their consequences for the shared entries of θ."""
     report = end.task.progress or (lambda text: None)
-    if (
-        not end.score_test
-        or end.search.stopped
-        or report(_("testing for effects that the model lacks")) is True
-    ):
+    is_skipped = not end.score_test or end.search.stopped
+    if is_skipped or report(_("testing for effects that the model lacks")) is True:
         s = end.task.problem.layout.shared_count
         return Diagnosis(list(end.findings), np.zeros((s, s)), np.zeros(s))
     return diagnose(end, sd, sigma_of_file(end.blocks.sensors))
@@ -145,9 +140,8 @@ def _bound_excess(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     identifiable, moves_in_std = np.flatnonzero(end.identifiability.mask), np.zeros(s)
     g = solution.evaluation.gradient[identifiable]
     if solution.converged and len(identifiable) and np.isfinite(g).all():
-        moves = (
-            np.abs(pseudo_inverse(end.info.bread[np.ix_(identifiable, identifiable)]) @ g) / sd[identifiable]
-        )
+        inverse = pseudo_inverse(end.info.bread[np.ix_(identifiable, identifiable)])
+        moves = np.abs(inverse @ g) / sd[identifiable]
         moves_in_std[identifiable[identifiable < s]] = moves[identifiable < s]
     return moves_in_std
 
@@ -182,21 +176,16 @@ def _evidence(
 
 def _covariance(end: FinishedFit) -> np.ndarray:
     """Return the covariance of θ (p, p), NaN for fixed entries."""
-    identifiable = np.flatnonzero(end.identifiability.mask)
-    full_cov = np.full((len(end.identifiability.mask), len(end.identifiability.mask)), np.nan)
-    if len(identifiable):
-        cov = covariance_of(end.info, identifiable)
-        if not end.is_filtered:  # the innovations of a filter are white
-            problem, theta = end.task.problem, end.search.solution.theta
-            k = int(np.sum(identifiable < problem.layout.shared_count))
-            for by_segment in (False, True):
-                jackknife_cov = jackknife(
-                    problem, theta, identifiable, end.info.bread, alike=True, by_segment=by_segment
-                )
-                cov = with_larger_errors(problem, cov, jackknife_cov, k, by_segment)
-        full_cov[np.ix_(identifiable, identifiable)] = (
-            cov if end.systematic is None else cov + end.systematic[np.ix_(identifiable, identifiable)]
-        )
+    mask, problem, theta = end.identifiability.mask, end.task.problem, end.search.solution.theta
+    identifiable, full_cov = np.flatnonzero(mask), np.full((len(mask), len(mask)), np.nan)
+    if not len(identifiable):
+        return full_cov
+    index, cov = np.ix_(identifiable, identifiable), covariance_of(end.info, identifiable)
+    k = int(np.sum(identifiable < problem.layout.shared_count))
+    for by_segment in () if end.is_filtered else (False, True):  # the innovations of a filter are white
+        scatter = jackknife(problem, theta, identifiable, end.info.bread, alike=True, by_segment=by_segment)
+        cov = with_larger_errors(problem, cov, scatter, k, by_segment)
+    full_cov[index] = cov if end.systematic is None else cov + end.systematic[index]
     return full_cov
 
 
@@ -284,19 +273,16 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain
+    command = end.vehicle_file.command
     for j, frozen in columns.items():
-        is_impossible = bool(end.vehicle_file.command.limit[j] == 0.0) or not np.any(
-            drivetrain.mix(np.eye(n)[j])
-        )
-        message = missing_command(frozen, end.vehicle_file.command.names[j], is_impossible)
+        is_impossible = bool(command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
+        message = missing_command(frozen, command.names[j], is_impossible)
         (never_shown if is_impossible else unobservable_terms).append(message)
-    for i, parameter in enumerate(end.free):
-        if not end.identifiability.mask[i]:
-            collinear = end.confused_with(end.identifiability.collinear, i)
-            correlated_parameters = end.confused_with(end.identifiability.correlated, i)
-            unobservable_terms.append(
-                unobservable_reason(parameter, collinear, float(end.task.start[i]), correlated_parameters)
-            )
+    for i in np.flatnonzero(~end.identifiability.mask[: len(end.free)]).tolist():
+        pairs = end.identifiability.collinear, end.identifiability.correlated
+        collinear, partners = (end.confused_with(pair, i) for pair in pairs)
+        reason = unobservable_reason(end.free[i], collinear, float(end.task.start[i]), partners)
+        unobservable_terms.append(reason)
     return tuple(unobservable_terms), tuple(never_shown)
 
 
