@@ -11,6 +11,7 @@ import baqueano as bq
 from baqueano.atomic_file import replace_file
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
+from baqueano.messages.language import use_language
 from baqueano.runs.run import EstimateLog, Run, TruthLog
 from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.figures import drive_figures, joining_distance
@@ -232,10 +233,20 @@ def test_a_sweep_over_vehicles_and_runs_together_is_refused(small):
         one_process([small, run], routes=ROUTE)
 
 
+@pytest.mark.parametrize("language", ["en", "es"])
+def test_a_sweep_of_long_labels_is_at_most_80_wide_and_shows_each_label(result, language):
+    names = {"kanayama": "augmented_ekf · my_own_controllers.py:MyFirstController", "lqr": "unscented · lqr"}
+    drives = [d._replace(cell=d.cell._replace(label=names[d.cell.label])) for d in result.drives]
+    with use_language(language):
+        table = SweepResult(tuple(drives), result.requested, names["kanayama"]).table()
+    lines = table.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines.count("augmented_ekf · MyFirstController") >= 2
+
+
 def test_a_sweep_is_printed_briefly_and_as_data_frame_and_page(result, tmp_path):
     assert len(repr(result).splitlines()) <= 12
     assert "lqr" in repr(result)
-    assert max(map(len, result.table().splitlines())) <= 110
     frame = result.to_pandas()
     assert (len(frame), set(frame["cell"])) == (4, {"kanayama", "lqr"})
     assert "lqr" in result._repr_html_()

@@ -28,30 +28,39 @@ NAN = float("nan")
 
 
 class SweepFigure(NamedTuple):
-    """The heading, unit and scale of a result in a table."""
+    """The heading, unit, scale and meaning of a result in a table."""
 
     heading: str
     unit: str
     scale: float  # of the unit
+    meaning: str
 
 
+_ACROSS = N_("distance of the vehicle from its path")
+_ATE = N_("absolute error of the estimated position and heading ψ, rms")
+_RPE = N_("error of the estimated motion and turn in 1 s, rms")
+_NEES = N_("squared error of pose η and velocity ν divided by its predicted variance; 1 if consistent")
 RMS_FIGURES = {  # rms values, compared by segments
-    "across_rms_m": SweepFigure(N_("across"), "cm rms", 100.0),
-    "speed_error_m_s": SweepFigure(N_("speed error"), "cm/s rms", 100.0),
-    "effort": SweepFigure(N_("effort"), "%", 100.0),
-    "roughness_1_s": SweepFigure(N_("roughness"), "1/s", 1.0),
-    "ate_m": SweepFigure("ATE", "cm", 100.0),
-    "ate_heading_rad": SweepFigure("ATE ψ", "°", 180.0 / np.pi),
-    "rpe_m": SweepFigure("RPE", "cm", 100.0),
-    "rpe_heading_rad": SweepFigure("RPE ψ", "°", 180.0 / np.pi),
+    "across_rms_m": SweepFigure(N_("cross-track"), "cm rms", 100.0, _ACROSS),
+    "speed_error_m_s": SweepFigure(N_("speed error"), "cm/s rms", 100.0, N_("error of the forward speed")),
+    "effort": SweepFigure(N_("effort"), "%", 100.0, N_("command relative to its limit, rms")),
+    "roughness_1_s": SweepFigure(N_("roughness"), "1/s", 1.0, N_("change of the command per second, rms")),
+    "ate_m": SweepFigure("ATE", "cm", 100.0, _ATE),
+    "ate_heading_rad": SweepFigure("ATE ψ", "°", 180.0 / np.pi, _ATE),
+    "rpe_m": SweepFigure("RPE", "cm", 100.0, _RPE),
+    "rpe_heading_rad": SweepFigure("RPE ψ", "°", 180.0 / np.pi, _RPE),
 }
 SINGLE_FIGURES = {
-    "across_max_m": SweepFigure(N_("across"), "cm max", 100.0),
-    "joined_m": SweepFigure(N_("joined"), "m", 1.0),
-    "laps": SweepFigure(N_("laps"), "", 1.0),
-    "nees_pose": SweepFigure("NEES η", "", 1.0),
-    "nees_velocity": SweepFigure("NEES ν", "", 1.0),
-    "nis": SweepFigure("NIS", "", 1.0),
+    "across_max_m": SweepFigure(N_("cross-track"), "cm max", 100.0, _ACROSS),
+    "joined_m": SweepFigure(
+        N_("joined"), "m", 1.0, N_("distance after which the vehicle stays within 3 cm of its path")
+    ),
+    "laps": SweepFigure(N_("laps"), "", 1.0, N_("complete laps")),
+    "nees_pose": SweepFigure("NEES η", "", 1.0, _NEES),
+    "nees_velocity": SweepFigure("NEES ν", "", 1.0, _NEES),
+    "nis": SweepFigure(
+        "NIS", "", 1.0, N_("squared innovation divided by its predicted variance; 1 if consistent")
+    ),
 }
 
 

@@ -1,16 +1,18 @@
 """Result of a sweep: the values of each drive, the medians of each cell, and the differences from a reference cell."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import Result, shorten
+from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.text_table import LINE_LETTERS, text_table
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.figures import RMS_FIGURES, SINGLE_FIGURES
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
 ALL_FIGURES = {**RMS_FIGURES, **SINGLE_FIGURES}
 BLOCKS = (  # names of results, in the order of the tables
     ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joined_m", "laps"),
-    ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "nees_pose", "nees_velocity", "nis"),
+    ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad"),
+    ("nees_pose", "nees_velocity", "nis"),
 )
 SHORT_FIGURES = (
     "across_rms_m",
@@ -188,7 +191,15 @@ class SweepResult(Result):
 
     def table(self) -> str:
         """Return the medians of each cell, and the ratio to the reference, as a text table."""
-        return "\n".join([*self._lines(BLOCKS), "", verdict_line(self.verdict, self.reasons)])
+        head, *lines = self._lines(BLOCKS)
+        headings: dict[str, dict[str, None]] = {}  # of each meaning
+        for figure in (ALL_FIGURES[name] for block in BLOCKS for name in block if self._has(name)):
+            headings.setdefault(figure.meaning, {})[_(figure.heading)] = None
+        meanings = [(", ".join(words), _(meaning)) for meaning, words in headings.items()]
+        if any("[-]" in line for line in lines):
+            meanings.append(("[-]", _("too few drives for an interval")))
+        lines = [*wrap_sentences([head], LINE_LETTERS), *lines, "", *text_table("<<", *meanings)]
+        return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
 
     def _by_cell(self) -> dict[str, list[SweepDrive]]:
         out: dict[str, list[SweepDrive]] = {}
@@ -213,39 +224,64 @@ class SweepResult(Result):
         return any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
 
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
-        """Return the lines of a table for each block of known results; the first table also contains the ratios."""
-        rows, out = self.cells(), []
-        width = min(max([len(row["cell"]) for row in rows], default=4), MAX_LABEL_LETTERS) + 2
-        for names in ([name for name in block if self._has(name)] for block in blocks):
-            if not names:
-                continue
-            heads = [(_(ALL_FIGURES[name].heading), ALL_FIGURES[name].unit) for name in names]
-            columns = [max(len(head), len(unit), 5) + 2 for head, unit in heads]
-            ratio = "" if out else f"  {_('ratio')}"
-            out += [] if not out else [""]
-            for k in range(2):
-                words = "".join(f"{head[k]:>{n}}" for head, n in zip(heads, columns, strict=True))
-                out.append((" " * width + words + ratio * (k == 0)).rstrip())
-            for row in rows:
-                cells = [
-                    f"{_cell(row[name] * ALL_FIGURES[name].scale):>{n}}"
-                    for name, n in zip(names, columns, strict=True)
-                ]
-                out.append(
-                    f"{row['cell'][: width - 2]:{width}}{''.join(cells)}{self._ratio(row) if ratio else ''}"
-                )
-        main, drives = self.main_figure(), max((row["drives"] for row in rows), default=0)
-        about = {"drives": drives, "figure": _(ALL_FIGURES[main].heading), "reference": self.reference}
-        return [text(note("sweep.head" if len(rows) < 2 else "sweep.head-ratio", **about)), *out]
+        """Return a line on the drives, and the lines of one or more tables for each block of known results."""
+        rows, main = self.cells(), self.main_figure()
+        labels = [_short_label(row["cell"]) for row in rows]
+        out: list[str] = []
+        for block in blocks:
+            columns = [_column(name, rows) for name in block if self._has(name)]
+            if columns and not out and len(rows) > 1:
+                columns.insert(1, [_("ratio"), "", *map(self._ratio, rows)])
+            for lines in _tables(labels, columns):
+                out += ["", *lines] if out else lines
+        code = "sweep.head-ratio" if len(rows) > 1 else "sweep.head"
+        drives = max((row["drives"] for row in rows), default=0)
+        heading, reference = _(ALL_FIGURES[main].heading), _short_label(self.reference)
+        return [text(note(code, drives=drives, figure=heading, reference=reference)), *out]
 
     def _ratio(self, row: "TableRow") -> str:
         main = self.main_figure()
         if row["cell"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
-            return "  1" if row["cell"] == self.reference else "  -"
-        texts = [f"{number(row[f'{main}_{end}']):.2f}" for end in ("ratio", "low", "high")]
-        interval = f"[{texts[1]}, {texts[2]}]" if np.isfinite(row[f"{main}_low"]) else _("interval unknown")
-        return f"  {texts[0]} {interval}"
+            return "1" if row["cell"] == self.reference else "-"
+        if not np.isfinite(row[f"{main}_low"]):
+            return f"{number(row[f'{main}_ratio']):.2f} [-]"
+        return _(
+            "{ratio:.2f} [{low:.2f}, {high:.2f}]",
+            **{end: row[f"{main}_{end}"] for end in ("ratio", "low", "high")},
+        )
 
 
-def _cell(value: float) -> str:
-    return f"{number(value):.3g}" if np.isfinite(value) else "-"
+def _short_label(label: str) -> str:
+    """Return the label of a cell with the class alone in place of file.py:Class."""
+    return re.sub(r"[^ ]*[/\\.][^ :]*:(?=\w)", "", label)
+
+
+def _column(name: str, rows: Sequence["TableRow"]) -> list[str]:
+    """Return the cells of a column: heading, unit, and the value of each row."""
+    figure = ALL_FIGURES[name]
+    values = (row[name] * figure.scale for row in rows)
+    return [_(figure.heading), figure.unit, *(f"{number(x):.3g}" if np.isfinite(x) else "-" for x in values)]
+
+
+def _tables(labels: Sequence[str], columns: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return the lines of as many tables as the columns need, each at most LINE_LETTERS wide. A label of more than
+    MAX_LABEL_LETTERS has its own line, above its values.
+    """
+    width = min(max(map(len, labels)), MAX_LABEL_LETTERS)
+    column_widths = [max(map(len, column)) + 2 for column in columns]
+    tables: list[list[list[str]]] = []
+    left = 0
+    for column, letters in zip(columns, column_widths, strict=True):
+        if letters > left:
+            tables.append([])
+            left = LINE_LETTERS - width
+        tables[-1].append([f"{cell:>{letters}}" for cell in column])
+        left -= letters
+    out = []
+    for table in tables:
+        heads, units, *values = ("".join(cells) for cells in zip(*table, strict=True))
+        lines = [f"{'':{width}}{words}" for words in (heads, units.rstrip()) if words]
+        for label, words in zip(labels, values, strict=True):
+            lines += [f"{label:{width}}{words}"] if len(label) <= width else [label, f"{'':{width}}{words}"]
+        out.append(lines)
+    return out
