@@ -54,6 +54,7 @@ FOREIGN = {
     "empty.mcap": (b"", "runs.empty"),
     "bag.mcap": (b"#ROSBAG V2.0\n", "runs.is-ros-1"),
     "table.csv": (b"t,x\n0,1\n", "runs.is-text"),
+    "vehicle.toml": (b"format = 1\n", "runs.is-toml"),
 }
 
 
@@ -73,7 +74,7 @@ def test_every_command_refuses_a_file_that_is_not_a_run(baqueano, tmp_path, name
 def test_a_missing_run_is_reported(baqueano, verb):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
-    assert (end.reason.code, end.reason.figures["found"]) == ("runs.unknown", "last")
+    assert (end.reason.code, end.reason.figures["found"]) == ("runs.folder-empty", "last")
     assert baqueano(*verb.split(), "no.mcap").reason.code == "runs.absent"
 
 

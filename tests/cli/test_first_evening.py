@@ -9,7 +9,9 @@ import pytest
 
 from baqueano.cli import demo, options
 from baqueano.cli.modelling.tune import command as tune
+from baqueano.diagnostics import note
 from baqueano.drive import experiment
+from baqueano.messages import text
 from baqueano.runs import read_run
 from baqueano.runs.folder import find
 from baqueano.vehicle_file import Provenance, garage_names, load, parse
@@ -50,7 +52,10 @@ def test_measuring_advice_for_a_new_vehicle_ends_with_its_first_fit(baqueano, tm
     for end in (lesson, baqueano("repeat", "lab")):
         assert end.code == 0
         assert end.err.count(advice) == 1, "the advice is one sentence and not a refusal"
-    assert baqueano("experiment", "--seconds", "20").code == 0
+    for flags, times in ((["--json"], 1), ([], 0)):  # the table of a run lists its warnings
+        end = baqueano("experiment", "--seconds", "20", *flags)
+        (warning, *_more) = [e.diagnostic for e in read_run(find("last")).events if e.level == "warning"]
+        assert (end.code, end.err.count(text(note("cli.warning", cause=warning)))) == (0, times)
     assert (
         baqueano("identify", "last", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--update").code
         == 0

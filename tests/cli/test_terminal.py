@@ -83,6 +83,17 @@ def test_a_disk_error_is_not_mistaken_for_a_closed_pipe(monkeypatch, tmp_path):
             terminal.print_result("a result")
 
 
+def test_an_endless_simulation_waits_for_the_clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(terminal.time, "sleep", lambda wait_s: now.append(now.pop() + wait_s))
+    shown: list[float] = []
+    show = terminal.in_real_time(shown.append)
+    for t_s in (0.5, 2.0, 1.0):
+        show(t_s)
+    assert (shown, now) == ([0.5, 2.0, 1.0], [102.0])
+
+
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent to a process in another way there")
 def test_ctrl_c_ends_an_endless_repeat_with_a_complete_run(project):
     command = [*COMMAND, "repeat", "lab", "--vehicle", "small", "--laps", "0", "-o", "forever.mcap"]

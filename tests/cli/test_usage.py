@@ -216,7 +216,7 @@ def test_no_sentence_in_a_command_list_is_truncated(baqueano, group):
     ("line", "code", "ends"),
     [
         ("blocks check ekff --json", "cli.block-unknown", 2),
-        ("compare nothing --json", "runs.unknown", 3),
+        ("compare nothing --json", "runs.folder-empty", 3),
         ("runs ls --jsonn --json", "cli.no-such-option", 2),
     ],
 )
@@ -235,6 +235,18 @@ def test_a_negative_answer_with_json_prints_only_the_answer(baqueano, tmp_path):
     end = baqueano("blocks", "check", "mine.py:Mine", "--role", "guide", "--json")
     assert end.code == 1
     assert json.loads(end.out)["verdict"] == "REFUSED"
+
+
+@pytest.mark.parametrize(
+    ("line", "fix"),
+    [
+        ("runs import a.csv --draft", "baqueano runs import --help"),  # an option without its value
+        ("robot estado", "baqueano robot --help"),  # resembles stop, which moves no one forward
+        ("runs list", "baqueano runs ls"),
+    ],
+)
+def test_a_usage_error_advises_a_command_that_helps(baqueano, line, fix):
+    assert baqueano(*line.split()).fix == fix
 
 
 @pytest.mark.parametrize(("given", "expected"), [(None, "1"), ("4", "4")])

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.residuals.simulation import HUBER
+from baqueano.identify.result.fit_result import BOUNDS
 from baqueano.runs.run import Channel
 from baqueano.signals import Motion
 from baqueano.symbolic import with_value
@@ -125,7 +126,7 @@ def test_id13_negative_friction_ends_at_its_bound_and_is_reported(case, case_run
     row = next(r for r in at[0].rows() if r["name"] == "model.friction.quadratic[0]")
     assert row["bound"] == "low"
     assert {"bound.low-held", "bound.low-by-chance"} & {finding.code for finding in at[0].findings}
-    assert "at its low bound" in at[0].table()
+    assert BOUNDS["low"] in at[0].table()
 
 
 def test_biases_and_initial_speed_are_estimated_with_the_parameters(case, case_run):

@@ -28,7 +28,7 @@ def row(
         (row(-1.0, 0.50), "roughly, ± 98 %"),
         (row(1.0, 0.26), "roughly, ± 51 %"),
         (row(1.0, 0.25), ""),
-        (row(0.0, 0.1, "low"), "at its low bound, may be 0"),
+        (row(0.0, 0.1, "low"), "at its lower bound, may be 0"),
         (row(3.0, 1.0, None, "poorly"), "poorly identified, roughly, ± 65 %"),
         (row(3.0, None), "its error is unknown"),
         (row(None, None, None, "no"), "not identifiable"),

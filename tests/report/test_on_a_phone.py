@@ -49,10 +49,10 @@ def test_the_wide_and_narrow_figures_share_no_id():
 
 
 def test_a_table_of_many_columns_becomes_cards_that_name_each_value():
-    rows = [{"parameter": "mass", "estimate": 1.0, "± sd": 0.1, "unit": "kg", "note": ""}]
+    rows = [{"parameter": "mass", "estimate": 1.0, "std. error": 0.1, "unit": "kg", "note": ""}]
     text = Page("t", "", "", [], [Section("s", "", [Table(rows), Table([{"a": 1}])])]).html()
     assert text.count('<table class="cards">') == 1
-    assert '<td data-heading="± sd" class="number">0.1</td>' in text
+    assert '<td data-heading="std. error" class="number">0.1</td>' in text
 
 
 def test_a_run_without_ticks_has_a_page(drive):

@@ -10,7 +10,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
 from baqueano.messages import text as sentence_of
-from baqueano.messages.language import use_language
+from baqueano.messages.language import translate, use_language
 from baqueano.runs import (
     Channel,
     Event,
@@ -67,7 +67,7 @@ def test_a_run_is_selected_by_path_number_name_or_last(run, tmp_path):
     write_run(run, tmp_path / "0002-c.mcap")
     with refused("runs.ambiguous", FileError, found="2"):
         find("2", tmp_path)
-    with refused("runs.unknown", FileError):
+    with refused("runs.folder-empty", FileError):
         find("last", tmp_path / "nowhere")
 
 
@@ -158,6 +158,12 @@ def test_show_translates_the_names_and_numbers_of_the_metadata(run):
         shown_text = " ".join(show(replace(run, metadata=metadata)).table().split())
     assert "reposo antes del recorrido [s] 2,5" in shown_text
     assert "machine" not in shown_text
+
+
+def test_show_does_not_name_the_source_of_an_event_by_the_word_for_manual_driving(run):
+    event = Event(int(run.t_ns[0]), "info", "drive", "it begins", None)
+    with use_language("es"):
+        assert f"{translate('drive')}:" not in show(replace(run, events=(event,))).table()
 
 
 def test_show_aligns_its_columns_under_a_long_name(make_run):

@@ -110,7 +110,10 @@ def test_a_folder_does_not_hide_a_vehicle_of_the_same_name(tmp_path, monkeypatch
 
 
 def test_a_folder_is_refused_as_a_vehicle_file(tmp_path):
-    with refused("vehicle.folder", FileError):
+    with refused("vehicle.folder-empty", FileError):
+        load(tmp_path)
+    (tmp_path / "mine.toml").touch()
+    with refused("vehicle.folder", FileError, files="mine.toml"):
         load(tmp_path)
 
 

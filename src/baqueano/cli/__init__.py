@@ -51,6 +51,7 @@ MAX_HELP_LETTERS = 200  # characters; every first sentence is shorter
 # names of the values of options
 METAVARS = N_("TEXT"), N_("INTEGER"), N_("NUMBER"), N_("FLOAT"), N_("FILE"), N_("FOLDER")
 USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
+MIN_SIMILARITY = 0.65  # letters that a mistyped subcommand has in common with the right name, as a share
 BACKENDS = ("auto", "c", "python", "numpy")
 
 
@@ -59,7 +60,7 @@ def unknown_subcommand_error(verb: str, verbs: list[str], ctx: click.Context) ->
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
 
-    suggestion = nearest(verb, verbs)
+    suggestion = nearest(verb, verbs, MIN_SIMILARITY)
     fix = "" if "similar" in suggestion.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
     return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=suggestion))

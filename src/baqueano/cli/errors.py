@@ -9,7 +9,7 @@ from typing import NamedTuple
 import click
 
 from baqueano.cli.arguments import Option
-from baqueano.cli.next_command import next_command
+from baqueano.cli.next_command import GROUPS, next_command
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, user_code_place
 from baqueano.messages import text
@@ -67,8 +67,11 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             ), error.exit_code
         case click.UsageError():
             code = "cli.no-such-option" if isinstance(error, click.NoSuchOption) else "cli.usage"
-            path = error.ctx.command_path if error.ctx else "baqueano"
-            return fault(code, f"{path} --help", words=error.format_message().rstrip(".")), USAGE
+            verb = args[: 2 if args[:1] in GROUPS else 1]
+            path = error.ctx.command_path if error.ctx else " ".join(["baqueano", *verb])
+            return fault(
+                code, f"{path} --help", words=" ".join(error.format_message().split()).rstrip(".")
+            ), USAGE
         case click.ClickException():
             return fault("cli.words", words=error.format_message()), error.exit_code
         case KeyboardInterrupt() | click.Abort() if from_outside(error) or not user_code_place(error):

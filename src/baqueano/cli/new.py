@@ -11,6 +11,7 @@ from baqueano.messages.printable import baqueano_command, shell_command
 @click.argument("name")
 @click.option(
     "--vehicle",
+    metavar="FILE|NAME",
     default="small",
     show_default=True,
     help="Vehicle file to copy: a path, or a name of the garage.",

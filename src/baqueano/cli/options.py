@@ -320,16 +320,17 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
     return kind
 
 
-def raise_stop(run: "Run", path: Path) -> None:
+def raise_stop(run: "Run", path: Path, are_warnings_printed: bool = False) -> None:
     """Raise SafetyStop, or Interruption after Ctrl-C, for a stopped drive, whose run is stored at `path`.
-    Return if the drive was not stopped.
+    Return if the drive was not stopped. Print the warnings of the run, if its table has not printed them.
     """
     from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_reason_of
     from baqueano.errors import SafetyStop
 
-    print_warnings(run)
+    if not are_warnings_printed:
+        print_warnings(run)
     stop_reason = stop_reason_of(run)
     if stop_reason is None:
         return

@@ -153,6 +153,17 @@ def show_time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[C
         show(duration_s)
 
 
+def in_real_time(show: Callable[[float], None]) -> Callable[[float], None]:
+    """Return a function that shows the time of a run [s] and then waits until as much time has passed on the clock."""
+    start_s = time.monotonic()
+
+    def wait(t_s: float) -> None:
+        show(t_s)
+        time.sleep(max(0.0, t_s - (time.monotonic() - start_s)))
+
+    return wait
+
+
 class ProgressLine:
     """A function that replaces the previous progress report. It returns True after the user has pressed Ctrl-C.
 

@@ -184,7 +184,7 @@ def _distances(name: str) -> list[TableLine]:
 def _paces(name: str) -> list[TableLine]:
     return [
         TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, True),
-        TableLine(_("speed error, of the mean"), "%", lambda j: 100.0 * getattr(j, name).error, True),
+        TableLine(_("speed error, relative"), "%", lambda j: 100.0 * getattr(j, name).error, True),
         TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).uneven, True),
     ]
 
@@ -217,7 +217,10 @@ def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[T
         ],
     )
     names = dict.fromkeys(refusal.name for run in comparison.runs for refusal in run.refusals)
-    yield _("refused by the estimator"), [TableLine(k, "", lambda j, k=k: _refusal_text(j, k)) for k in names]
+    yield (
+        _("readings rejected by the estimator"),
+        [TableLine(k, "", lambda j, k=k: _refusal_text(j, k)) for k in names],
+    )
     verdicts = [run.verdict for run in comparison.runs if run.verdict != "not reported"]
     yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if verdicts else []
 

@@ -109,7 +109,7 @@ def row_of(row: "TableRow") -> "JsonObject":
     return {
         "parameter": without_model_prefix(row["name"]),
         "estimate": value,
-        "± sd": None if sd is None else float(f"{sd:.2g}"),
+        "std. error": None if sd is None else float(f"{sd:.2g}"),
         "unit": shown_unit(row["unit"]),
         "start": row["start"],
         "note": row_remarks(row),

@@ -116,7 +116,7 @@ def refused_section(counts: tuple[Rejections, ...]) -> list[Section]:
     """Return the section with the rejected readings of each channel; [] if the estimator does not count them."""
     rows = [
         {"number": count.name, "refused": count.rejected_count, "arrived": count.reading_count,
-         _("refused [%]"): 100.0 * count.rejected_count / max(count.reading_count, 1)}
+         _("rejected [%]"): 100.0 * count.rejected_count / max(count.reading_count, 1)}
         for count in counts
     ]  # fmt: skip
     caption = _(

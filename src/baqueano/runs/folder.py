@@ -109,6 +109,8 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     if matches:
         each = [run.stem for run in matches]
         raise FileError(fault("runs.ambiguous", found=name, folder=folder, valid=each))
+    if not runs:
+        raise FileError(fault("runs.folder-empty", baqueano_command("experiment"), found=name, folder=folder))
     names = [run.stem for run in runs[-8:]]
     raise FileError(fault("runs.unknown", _list_command(folder), found=name, folder=folder, valid=names))
 

@@ -31,8 +31,11 @@ SHOWN_KEYS = {  # of the metadata, as they are shown
     "signal": N_("signal"), "route": N_("route"), "start": N_("start"), "note": N_("note"), "created": N_("created"),
     "machine": N_("machine"), "rest_s": N_("rest before the drive [s]"),
 }  # fmt: skip
-
-
+SHOWN_SOURCES = {  # of events, whose names are also those of commands, blocks and verdicts
+    "drive": N_("this drive"), "refused": N_("rejected readings"), "sensors": N_("sensors"), "loop": N_("control loop"),
+    "clock": N_("clock"), "line": N_("serial line"), "mark": N_("lap mark"), "shake": N_("simulated fault"),
+    "run writer": N_("run file"),
+}  # fmt: skip
 NUMBERS = ("start", "rest_s")  # of the metadata
 
 
@@ -97,7 +100,7 @@ class ShownRun:
             _("count"),
             _("rate"),
             _("gaps"),
-            _("longest"),
+            _("longest step"),
             "NaN",
             _("delay"),
             _("size"),
@@ -106,7 +109,7 @@ class ShownRun:
         start = run.start_ns
         events = [
             [f"{number((event.t_ns - start) / NANOSECONDS):.3f} s", _(event.level),
-             f"{_(event.source)}: {event.sentence}"]
+             f"{_(SHOWN_SOURCES.get(event.source, event.source))}: {event.sentence}"]
             for event in run.events[:MAX_SHOWN_EVENTS]
         ]  # fmt: skip
         lines += text_table("><<", *events)

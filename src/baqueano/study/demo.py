@@ -107,7 +107,7 @@ class Demo:
             value = f"{number(row['estimate']):.4g}" if identifiable else "–"
             name = row["name"].removeprefix("model.")
             rows.append([name, value, sd, f"{number(row['truth']):.4g}", _(row["verdict"])])
-        head = [_("parameter"), _("estimate"), _("± sd"), _("truth"), _("verdict")]
+        head = [_("parameter"), _("estimate"), _("std. error"), _("truth"), _("verdict")]
         lines = text_table("<>>><", head, *rows)
         lines += ["", *self._summary()]
         if any(row["verdict"] == "inconsistent" for row in self.rows()):

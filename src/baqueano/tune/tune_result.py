@@ -232,8 +232,8 @@ class TuneResult(Result):
                 heading_deg=np.degrees(d.heading_rms_rad),
             ),
             _(
-                "command at its limit {percent:.0f} % of the time; {agreed} of {starts} starts agree, {evaluations} "
-                "evaluations",
+                "command at its limit {percent:.0f} % of the time; {agreed} of {starts} searches end at the same "
+                "cost, after {evaluations} evaluations in total",
                 percent=100 * d.saturated, agreed=self.agreeing_descents, starts=len(self.descents),
                 evaluations=len(self.history),
             ),
@@ -286,8 +286,8 @@ def _margins_line(m: LoopMargins) -> str:
     if not np.isfinite(m.phase_rad) and not np.isfinite(m.gain_up):
         return _("{channel}: no gain and no delay makes this loop unstable", channel=m.channel)
     return _(
-        "{channel} at {speed_m_s:.2g} m/s: gain × {gain_up:.2f}, phase {phase_deg:.0f}°, delay {delay_ms:.0f} ms more "
-        "until the loop is unstable",
+        "{channel} at {speed_m_s:.2g} m/s: becomes unstable with {gain_up:.2f} times the gain, {phase_deg:.0f}° more "
+        "phase lag, or {delay_ms:.0f} ms more delay",
         channel=m.channel, speed_m_s=m.speed_m_s, gain_up=m.gain_up, phase_deg=np.degrees(m.phase_rad),
         delay_ms=1000 * m.delay_s,
     )  # fmt: skip

@@ -39,6 +39,8 @@ def path_of(source: str | Path) -> Path:
         return GARAGE_FOLDER / f"{source}.toml"
     if path.is_dir():
         file_names = sorted(p.name for p in path.glob("*.toml"))
+        if not file_names:
+            raise FileError(fault("vehicle.folder-empty", "baqueano new mylab", path=path))
         raise FileError(fault("vehicle.folder", path=path, files=file_names))
     if is_run_name:
         suggestion = nearest(str(source), names())

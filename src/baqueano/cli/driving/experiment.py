@@ -130,7 +130,7 @@ def run_experiment(
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)
     print_answer(show(run), as_json)
-    options.raise_stop(run, path)
+    options.raise_stop(run, path, are_warnings_printed=not as_json)
 
 
 def _check_options(signal: str, rounds: int | None, update: bool) -> None:

@@ -16,7 +16,7 @@ from baqueano.cli.driving.route import (
 from baqueano.cli.driving.targets import announce_rest, open_target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_message, show_time_progress
+from baqueano.cli.terminal import in_real_time, print_answer, print_message, show_time_progress
 from baqueano.diagnostics import note
 
 
@@ -29,7 +29,7 @@ from baqueano.diagnostics import note
     type=numbers.count_or_none,
     default=1,
     show_default=True,
-    help=("Number of laps; 0: until Ctrl-C."),
+    help="Number of laps; 0: until Ctrl-C, in a simulation in real time.",
 )
 @room_option
 @start_option
@@ -118,8 +118,11 @@ def command(
     ):
         path = options.run_path(out, folder, "repeat")
         duration_s = announce_rest(mission, vehicle_file) + laps * float(taught_route.t_s[-1])
-        with show_time_progress(note("cli.repeat"), duration_s) as progress:
-            run = target.drive(mission, vehicle_file, path, progress)
+        if laps == 0:
+            print_message(note("cli.until-ctrl-c"))
+        with show_time_progress(note("cli.repeat"), laps and duration_s) as progress:
+            is_paced = laps == 0 and robot.startswith("simulated") and not shown
+            run = target.drive(mission, vehicle_file, path, in_real_time(progress) if is_paced else progress)
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)
     comparison = compare(run)

@@ -100,8 +100,8 @@ def check(
             raise AnswerNo(fault("cli.route-refused", finding.fix, **details) if finding.fix else finding)
 
 
-@command.command("draw", help=f"Store a shape as route NAME: {', '.join(SHAPES)}.")
-@click.argument("shape", type=click.Choice(SHAPES))
+@command.command("draw", help=f"Store a shape as route NAME; SHAPE: {', '.join(SHAPES)}.")
+@click.argument("shape", metavar="SHAPE", type=click.Choice(SHAPES))
 @click.argument("name")
 @click.option(
     "--size",

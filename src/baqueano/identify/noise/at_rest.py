@@ -198,7 +198,16 @@ class RestMeasurement(Result):
 
     def table(self) -> str:
         """Return the table as text."""
-        head = ["", _("mean"), _("± sd"), _("scatter"), _("white"), _("instab."), _("walk"), _("per °C")]
+        head = [
+            "",
+            _("mean"),
+            _("std. error"),
+            _("scatter"),
+            _("white"),
+            _("instab."),
+            _("walk"),
+            _("per °C"),
+        ]
         rows = []
         for c in self.channels:
             pairs = zip(c.coefficients.value, c.coefficients.is_measurable, strict=True)

@@ -130,7 +130,7 @@ class Noise(Result):
         """Return the table as text."""
         lines = text_table(
             "<>><",
-            ["", _("in motion"), _("at rest"), _("standard deviations")],
+            [_("noise"), _("in motion"), _("at rest"), _("unit")],
             *(
                 [row["name"], f"{number(row['sd']):.3g}",
                  "-" if row["sd_at_rest"] is None else f"{number(row['sd_at_rest']):.3g}", shown_unit(row["unit"])]

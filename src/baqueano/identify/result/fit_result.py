@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 MAX_LISTED_RUNS = 8  # runs, above which a table summarises them
 # lines of each: with the verdict and the line on the others at most 14
 MAX_REASONS, MAX_UNOBSERVABLE, MAX_NOTES = 5, 3, 4
-BOUNDS = {"low": N_("at its low bound"), "high": N_("at its high bound")}
+BOUNDS = {"low": N_("at its lower bound"), "high": N_("at its upper bound")}
 VERDICT_MEANINGS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
 
 
@@ -255,7 +255,7 @@ class Fit(Result):
             sd = f"± {number(row['sd']):.2g}" if row["sd"] is not None else "± ?"
             value = f"{number(round_to_error(row['estimate'], row['sd'])):.5g}"
             cells.append([name, value, sd, shown_unit(row["unit"])])
-        table = text_table("<>><", [_("parameter"), _("estimate"), _("± sd"), _("unit")], *cells)
+        table = text_table("<>><", [_("parameter"), _("estimate"), _("std. error"), _("unit")], *cells)
         lines = [
             *(part for row in zip(table, remarks, strict=True) for part in with_remark(*row)),
             "",

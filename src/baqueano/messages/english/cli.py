@@ -168,6 +168,7 @@ TEMPLATES: dict[str, str] = {
     "cli.reading": "reading {name}",
     "cli.reading-files": "reading {count} files",
     "cli.study-paper": "fitting 60 s; seeds: {seeds}",
+    "cli.until-ctrl-c": "The vehicle drives until you press Ctrl-C.",
     "cli.clocked": "{label} {t_s:.0f} s, Ctrl-C ends it",
     "cli.ending": "ending with the results so far; Ctrl-C again to quit without them",
     "cli.estimator-place": (

@@ -37,7 +37,8 @@ TEMPLATES: dict[str, str] = {
     "block.not-class": '{file}: "{found}" is {kind}, expected a class with init() and step(state, …).',
     "block.not-module": "{path}: Python cannot read this file as a module.",
     "block.not-python": "{file} line {line} is not valid Python: {error}: {text}",
-    "vehicle.folder": "{path} is a folder, expected a vehicle file. In it: {files}.",
+    "vehicle.folder": "{path} is a folder. Expected a vehicle file, such as one of its files: {files}.",
+    "vehicle.folder-empty": "{path} is a folder that does not contain a vehicle file. To create one: {fix}",
     "vehicle.unknown": (
         'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To create one: '
         "{fix}"
@@ -57,7 +58,7 @@ TEMPLATES: dict[str, str] = {
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
     "vehicle.no-format": (
-        "{place} is missing: the first line of a vehicle file is format = {expected}. Is this another file?"
+        "{place}: this key is missing. The first line of a vehicle file is format = {expected}. Is this another file?"
     ),
     "vehicle.newer-format": "{place} = {found}: this baqueano reads format {expected}. Update it: {fix}",
     "vehicle.other-format": "{place} = {found}: this baqueano reads format {expected}. Write format = {expected}.",
@@ -241,5 +242,5 @@ TEMPLATES: dict[str, str] = {
         '{file} line {line}: {found} is not valid TOML. Text is written in quotes, key = "value"; true and '
         "false are in lower case."
     ),
-    "toml.syntax": "{file} line {line}: {found} is not valid TOML: {error}.",
+    "toml.syntax": "{file} line {line}: {found} is not valid TOML: {error:word}.",
 }

@@ -36,6 +36,12 @@ SYSTEM_ERRORS = (  # texts of os.strerror, which are English in each language
     N_("Input/output error"), N_("No such device"), N_("Device or resource busy"), N_("Connection refused"),
     N_("Address already in use"), N_("File name too long"),
 )  # fmt: skip
+TOML_ERRORS = (  # texts of tomllib, which are English in each language
+    N_("invalid value"), N_("invalid statement"), N_("unterminated string"), N_("unclosed array"),
+    N_("unclosed inline table"), N_("expected '=' after a key in a key/value pair"),
+    N_("expected newline or end of document after a statement"), N_("invalid initial character for a key part"),
+    N_("expected ']' at the end of a table declaration"), N_("invalid date or datetime"), N_("invalid hex value"),
+)  # fmt: skip
 GROUPS = N_("group dialout"), N_("group i2c"), N_("group gpio")
 RESETS = (
     N_("power"), N_("external"), N_("brown-out"), N_("watchdog"), N_("hung"), N_("warm"), N_("cause unknown"),

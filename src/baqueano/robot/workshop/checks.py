@@ -49,4 +49,4 @@ class Report:
             lines.append((_(check.verdict), _(check.name), check.figure))
             if check.remedy and check.verdict != "ok":
                 lines.append(("", "", f"→ {check.remedy}"))
-        return in_lines([*text_table("<<<", *lines), _("all in all: {verdict}", verdict=_(self.verdict))])
+        return in_lines([*text_table("<<<", *lines), _("overall result: {verdict}", verdict=_(self.verdict))])

@@ -303,7 +303,7 @@ def check_disk(runs: Path, min_mb: float) -> Iterator[Check]:
         N_("disk"),
         "bad" if free_mb < min_mb else "warn" if free_mb < 5 * min_mb else "ok",
         _(
-            "{free_mb:.0f} MB free at {place}, no drive below {least_mb:g}",
+            "{free_mb:.0f} MB free at {place}; a drive needs at least {least_mb:g} MB",
             free_mb=free_mb,
             place=folder,
             least_mb=min_mb,

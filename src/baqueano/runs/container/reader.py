@@ -94,9 +94,8 @@ def read_bytes(path: Path) -> bytes:
             )
         data = path.read_bytes()
     except IsADirectoryError:
-        raise FileError(
-            fault("runs.folder", baqueano_command("runs", "ls", "--runs", path), path=path)
-        ) from None
+        fix = baqueano_command("runs", "ls", "--runs", path)
+        raise FileError(fault("runs.folder", fix, path=path)) from None
     except FileNotFoundError:
         raise FileError(
             fault("runs.absent", baqueano_command("runs", "ls", "--runs", path.parent), missing=path)
@@ -110,10 +109,11 @@ def read_bytes(path: Path) -> bytes:
         format_name = next(names, None)
         if format_name is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
             raise FileError(fault("runs.cut-at-once", path=path, size=len(data)))
-        format_name = format_name or ("bytes" if b"\0" in data[:1000] else "text")
-        fix = "" if format_name in ("zip", "bytes") else _draft_command(path)
-        first_bytes, expected = repr(data[:8]), repr(MAGIC)
-        raise FileError(fault(f"runs.is-{format_name}", fix, path=path, found=first_bytes, expected=expected))
+        unknown_text = "toml" if path.suffix == ".toml" else "text"
+        format_name = format_name or ("bytes" if b"\0" in data[:1000] else unknown_text)
+        fix = "" if format_name in ("zip", "bytes", "toml") else _draft_command(path)
+        first = data[:8] if format_name != "text" else data[:40].decode("utf-8", "replace").splitlines()[0]
+        raise FileError(fault(f"runs.is-{format_name}", fix, path=path, found=repr(first)))
     return data
 
 

@@ -122,7 +122,7 @@ class CaseStudy:
 
     def table(self) -> str:
         """Return a text table with the errors of the paper and of the first fit, in per cent of the truth."""
-        head = ["", _("truth"), _("paper"), _("its error"), _("ours"), _("± sd"), _("our error")]
+        head = ["", _("truth"), _("paper"), _("its error"), _("ours"), _("std. error"), _("our error")]
         rows = []
         for row in self.rows():
             truth, estimate = row["truth"], row["estimate"]

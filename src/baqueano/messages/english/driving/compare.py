@@ -49,7 +49,7 @@ TEMPLATES: dict[str, str] = {
     "corridor.after-time": "after {t_s:.0f} s the position is known within {within} (95 %)",
     "corridor.after-lap": "after 1 lap the position is known within {within} (95 %)",
     "corridor.after-laps": "after {laps} laps the position is known within {within} (95 %)",
-    "corridor.cm": "± {across_cm:.2g} cm across, ± {heading_deg:.2g}°",
-    "corridor.m": "± {across_m:.2g} m across, ± {heading_deg:.2g}°",
+    "corridor.cm": "± {across_cm:.2g} cm across the path, ± {heading_deg:.2g}°",
+    "corridor.m": "± {across_m:.2g} m across the path, ± {heading_deg:.2g}°",
     "compare.of-run": "{run}: {cause}.",
 }

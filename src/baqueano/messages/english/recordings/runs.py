@@ -39,6 +39,7 @@ TEMPLATES: dict[str, str] = {
     "runs.decimal": 'decimal = {found!r}: write decimal "." or ","',
     "runs.no-trajectory": "run {run} does not have trajectory {found!r}; it has: {has}.",
     "runs.file-in-the-way": "{path} exists already. Give another name, or remove it.",
+    "runs.folder-empty": "Run {found!r} does not exist: folder {folder} does not contain runs yet. To make one: {fix}",
     "runs.unknown": "No run in {folder} matches {found!r}. The newest there: {valid}. To list all: {fix}",
     "runs.ambiguous": "{found!r} matches more than one run of {folder}: {valid}. Type one of these names.",
     "runs.none-like": (
@@ -219,9 +220,12 @@ TEMPLATES: dict[str, str] = {
     "runs.is-zip": "{path} is a zip file (or a spreadsheet). Decompress it, or save it as CSV.",
     "runs.is-gzip": "{path} is compressed with gzip. If it is a CSV: {fix}",
     "runs.is-ulog": "{path} is a PX4 log. Export it as CSV, then: {fix}",
-    "runs.is-bytes": "{path} is not a run: it begins with {found}, a run begins with {expected}.",
+    "runs.is-bytes": "{path} is not a run, which is an MCAP file: it begins with the bytes {found}.",
+    "runs.is-toml": (
+        "{path} is a TOML file, not a run. A vehicle file is given with --vehicle {path}, and a run by its number."
+    ),
     "runs.is-text": (
-        "{path} is not a run: it begins with {found}, a run begins with {expected}. If it is a CSV: {fix}"
+        "{path} is not a run, which is an MCAP file: it begins with the text {found}. If it is a CSV file: {fix}"
     ),
     "import.too-short": (
         "{table} gives {rows} rows for the ticks of a run; at least {least} are needed. Number of parts "

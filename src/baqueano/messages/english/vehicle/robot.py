@@ -3,7 +3,8 @@
 from baqueano.diagnostics import StopReason as S
 
 ENCODER_HELP = (
-    "Does that wheel turn? If it does, check its encoder: 5 V, ground, wire A. Without an encoder: {fix}"
+    "Does that wheel turn? If it does, check its encoder: 5 V, ground, wire A. Without an encoder type, with the "
+    "ssh name of the vehicle as HOST: {fix}"
 )
 MISSION_ENDED_TEXT = "the service ended in the middle of a mission: {kind}, recorded in {run}, with {blocks}."
 BLOCK_ENDED_TEXT = "One of its blocks ended, crashed or blocked the program, or the service was killed"
@@ -111,7 +112,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "encoders.both-silent": (
         "both encoders count nothing, although both motors have a high command. Do the wheels turn? If they do, "
-        "check the encoders: 5 V, ground, wire A. Without encoders: {fix}"
+        "check the encoders: 5 V, ground, wire A. Without encoders type, with the ssh name of "
+        "the vehicle as HOST: {fix}"
     ),
     "encoders.left-silent": f"the left encoder counts nothing, although its motor has a high command. {ENCODER_HELP}",
     "encoders.right-silent": f"the right encoder counts nothing, although its motor has a high command. {ENCODER_HELP}",
