@@ -52,6 +52,19 @@ class Chromium:
         with urllib.request.urlopen(new) as answer:
             return Tab(json.load(answer)["webSocketDebuggerUrl"])
 
+    def window(self) -> "Tab":
+        """Return the tab of a new window, which is drawn beside the other tabs."""
+        with connect(self._browser_url()) as line:
+            create = {"method": "Target.createTarget", "params": {"url": "about:blank", "newWindow": True}}
+            line.send(json.dumps({"id": 1, **create}))
+            while (word := json.loads(line.recv(60))).get("id") != 1:
+                pass
+        return Tab(f"ws://127.0.0.1:{self.port}/devtools/page/{word['result']['targetId']}")
+
+    def _browser_url(self) -> str:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/json/version") as answer:
+            return json.load(answer)["webSocketDebuggerUrl"]
+
 
 class Tab:
     """A page of the browser. `errors` lists its failures: exceptions and refused sources."""

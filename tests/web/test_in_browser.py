@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.chromium import CHROMIUM, SIZES, Chromium
 from tests.web.page_client import drive, folder_of
 from tests.web.test_serve import port_of, program
 
@@ -13,6 +13,15 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chrom
 PRESS = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r})).click()"
 TEXT = "document.body.innerText.includes({text!r})"
 START_S, TRIES = 60.0, 6
+REQUESTED = "(({ record }) => Array.from(record.column('asked.0').subarray(0, record.length)))(baqueano.page)"
+BEATS = """async () => {  // of a driver who has handed over
+  const { link } = baqueano.page;
+  for (let n = 0; n < 12; n++) {
+    link.send({ is: "beat", n: 1e6 + n, seen: link.seen, u: [1, 0, 0] });
+    await new Promise((done) => setTimeout(done, 40));
+  }
+  return 12;
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +64,7 @@ def test_a_run_and_its_ghost_run_are_shown(chromium, tmp_path):
         tab.close()
 
 
-def test_a_user_takes_control_drives_and_stops_a_vehicle(chromium, tmp_path):
+def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp_path):
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
         env={**os.environ, "BAQUEANO_BACKEND": "python"},
@@ -72,9 +81,28 @@ def test_a_user_takes_control_drives_and_stops_a_vehicle(chromium, tmp_path):
             tab.js(PRESS.format(name="Manual"))
             time.sleep(0.7)
         show_text(tab, "m/s forward")
-        tab.js(PRESS.format(name="STOP"))
+        other = chromium.window()
+        other.goto(tab.js("location.href"))
+        show_text(other, "m/s forward")
+        tab.down("w", "KeyW", "w")  # and it is not released
+        other.wait(f"{REQUESTED}.at(-1) > 0 || baqueano.page.state.state === 'STOPPED'", START_S)
+        end = time.monotonic() + START_S
+        while not other.js("baqueano.page.hand.mine"):
+            assert time.monotonic() < end
+            take(tab)
+            tab.js(
+                "(() => { const list = document.getElementById('give');"
+                "if (list.options[1]) { list.value = list.options[1].value; list.onchange(); } })()"
+            )
+            time.sleep(0.2)
+        since_s = other.js("baqueano.page.record.end") + 0.1
+        assert tab.js(f"({BEATS})()") == 12
+        after = other.js(f"{REQUESTED}.filter((_, k) => baqueano.page.record.t[k] > {since_s})")
+        assert not any(after)
+        other.js(PRESS.format(name="STOP"))
         show_text(tab, "STOPPED")
-        assert not tab.errors
+        assert not tab.errors + other.errors
+        other.close()
         tab.close()
 
 
@@ -198,44 +226,67 @@ def test_a_run_is_replayed_through_another_filter_in_the_browser(chromium, tmp_p
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4", START_S)
 
 
-def test_a_route_is_taught_repeated_and_scrubbed_with_a_reopened_tab(chromium, tmp_path):
+def phone(chromium, port):
+    """Return a tab of a phone at the page."""
+    tab = chromium.tab()
+    tab.size(*SIZES["phone"])
+    tab.do("Emulation.setTouchEmulationEnabled", enabled=True)
+    tab.goto(f"http://127.0.0.1:{port}/")
+    tab.wait("Boolean(baqueano.page?.screens.drive)", START_S)
+    return tab
+
+
+def tap(tab, selector):
+    tab.js(f"document.querySelector({selector!r}).scrollIntoView({{ block: 'nearest' }})")
+    tab.touch("touchStart", tab.middle(selector))
+    tab.touch("touchEnd")
+
+
+def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(chromium, tmp_path):
+    action = ".drive .actions button:nth-of-type({})".format
+    teach, repeat, finish = action(1), action(2), action(6)
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
         env={**os.environ, "BAQUEANO_BACKEND": "python"},
     ) as page:  # fmt: skip
         port = port_of(page)
-        tab = chromium.tab()
-        tab.goto(f"http://127.0.0.1:{port}/")
-        show_text(tab, "nobody drives")
+        tab = phone(chromium, port)
         is_taught = False
         for _ in range(TRIES):  # a stalled machine loses control of the vehicle
             take(tab)
             tab.js("document.getElementById('clear').click()")
             tab.wait("baqueano.page.state.state === 'READY'", START_S)
-            tab.js(PRESS.format(name="Teach"))
+            tap(tab, teach)
             tab.wait("['MANUAL', 'STOPPED'].includes(baqueano.page.state.state)", START_S)
-            tab.down("w", "KeyW")
+            tab.js("document.querySelector('.pad').scrollIntoView({ block: 'nearest' })")
+            x, y = tab.middle(".pad")
+            tab.touch("touchStart", (x, y))
+            tab.touch("touchMove", (x, y - 20))
+            tab.touch("touchMove", (x, y - 60))
             tab.wait(
                 "baqueano.page.record.value('eta.x') > 0.4 || baqueano.page.state.state === 'STOPPED'",
                 START_S,
             )
-            tab.up("w", "KeyW")
+            tab.touch("touchEnd")
             if is_taught := tab.js("baqueano.page.state.state === 'MANUAL'"):
                 break
         assert is_taught
-        tab.js(PRESS.format(name="End"))
+        tap(tab, finish)
         tab.wait("baqueano.page.state.state === 'READY' && baqueano.page.screens.drive.route.value", START_S)
-        tab.js(PRESS.format(name="Repeat"))
+        tap(tab, repeat)
         show_text(tab, "REPEATING")
         show_text(tab, "from its route")
         tab.close()  # the tab is lost while it drives
-        tab = chromium.tab()
-        tab.goto(f"http://127.0.0.1:{port}/")
+        tab = phone(chromium, port)
         show_text(tab, "STOPPED")
         assert tab.js("baqueano.page.record.length") > 10  # the last minute is available
         take(tab)
         tab.js("document.getElementById('clear').click()")
         tab.wait("baqueano.page.state.state === 'READY'", START_S)
+        tap(tab, repeat)
+        tab.wait("baqueano.page.state.state === 'MISSION'", START_S)
+        tap(tab, "#stop")
+        show_text(tab, "STOPPED")
         tab.wait("baqueano.page.runs.filter((one) => one.seconds).length >= 2", START_S)
         tab.js("baqueano.page.openRun(baqueano.page.runs.find((one) => one.kind === 'teach').id)")
         tab.wait("baqueano.page.opened", START_S)
