@@ -3,8 +3,11 @@ client delays no other client.
 """
 
 import base64
+import gc
 import json
+import os
 import socket
+import sys
 import time
 from contextlib import suppress
 
@@ -289,6 +292,30 @@ def test_ne5_a_client_that_does_not_read_is_disconnected(door, person, people):
         door.broadcast({"is": "event", "text": "x" * 100_000, "k": k})
         person.receive()
     until(lambda: len(door._clients) == 1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts open files in /proc")
+def test_two_hundred_clients_that_come_and_go_leave_nothing_behind(door):
+    def come_and_go():
+        client = Person(door.path)
+        client.send(do="watch", hz=20.0)
+        client.send(do="ping", token=1)
+        assert client.receive()["is"] == "pong"
+        client.close()
+        until(lambda: not door._clients)
+
+    def left():
+        gc.collect()
+        return np.array(
+            [len(os.listdir("/proc/self/fd")), len(door._selector.get_map()), len(gc.get_objects())]
+        )
+
+    for _ in range(20):
+        come_and_go()
+    before = left()
+    for _ in range(200):
+        come_and_go()
+    assert np.all(left() - before < [3, 1, 100])
 
 
 def test_a_disconnected_driver_releases_the_vehicle(door, person):

@@ -1,5 +1,13 @@
 """A browser that connects during a drive receives the rows so far, and then each later row."""
 
+import asyncio
+import gc
+import os
+import sys
+
+import numpy as np
+import pytest
+
 from baqueano.web.feed import HEAD_LAYOUT, RING_S, Feed
 from tests.web.fake_vehicle import COLUMNS, live_page, until
 from tests.web.page_client import Browser, browser, line_to, run_page
@@ -58,5 +66,36 @@ def test_the_history_ends_for_a_browser_that_is_slower_than_the_drive():
             sent += 1
             feed.add_rows({"x": [[0.05 * sent, *[0.0] * (len(COLUMNS) - 1)]]})
         assert sent == 1
+
+    run_page(job)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts open files in /proc")
+def test_two_hundred_pages_that_open_and_close_leave_nothing_behind(tmp_path):
+    """Neither a file, nor a task, nor an object per page remains, however the page ends."""
+
+    async def visit(server, link, k):
+        async with browser(server, name=f"ana {k}") as visitor:
+            await visitor.send("take")
+            await visitor.send("identify", on=True)
+            await visitor.request("ping")
+            link.frame(0.01 * k)
+            if k % 2:
+                visitor.line.transport.abort()
+        await until(lambda: not server.visitors)
+
+    async def left(server):
+        await until(lambda: not server._connections and len(asyncio.all_tasks()) < 10)  # no task remains
+        gc.collect()
+        return np.array([len(os.listdir("/proc/self/fd")), len(gc.get_objects())])
+
+    async def job():
+        async with live_page(tmp_path) as (server, link, _):
+            for k in range(70):  # more than each bounded buffer holds
+                await visit(server, link, k)
+            before = await left(server)
+            for k in range(70, 270):
+                await visit(server, link, k)
+            assert np.all(await left(server) - before < [5, 200])
 
     run_page(job)
