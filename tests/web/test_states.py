@@ -76,6 +76,21 @@ def test_stop_stands_at_one_place_of_each_size_on_every_screen(tab, live):
     assert tab.js(box)[2] > 300  # across the whole width, under the thumb
 
 
+def test_on_a_phone_the_numbers_of_a_run_stand_above_its_controls(tab, live):
+    """The vehicle is stopped, and an event is shown: all parts are as high as they become."""
+    tab.size(*SIZES["phone"])
+    open_page(tab, live, "es")
+    live.put(live._state("es") | {"state": "STOPPED"})
+    tab.js(f"{PAGE}.openRun({PAGE}.runs[0].id)")
+    tab.wait(f"Boolean({PAGE}.opened)")
+    tab.js(f"{PAGE}.screens.replay.seek({PAGE}.opened.about.events[0].t + 0.1)")
+    tab.wait("Boolean(document.querySelector('.happened').textContent)")
+    box = "document.querySelector({!r}).getBoundingClientRect()".format
+    tab.wait(
+        f"!document.getElementById('clear').hidden && {box('.numbers')}.bottom <= {box('.transport')}.top"
+    )
+
+
 @pytest.mark.parametrize("language", ODD)
 def test_an_odd_event_is_stated_beside_the_accuracy_in_the_sentence(tab, live, language):
     open_page(tab, live, language)
