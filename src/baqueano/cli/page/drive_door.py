@@ -19,7 +19,7 @@ from baqueano.contracts.blocks import World
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.frames.descriptions import drive_description
-from baqueano.door.gain_changes import PACE, ChangeObserver
+from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import Operator
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.sockets import Door
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 SEND_PERIOD_S = 0.2  # between states
 PAGE_RATE_HZ = 20.0  # frames of a robot
 RELAYED = ("vehicle", "fields", "route", "frame", "state", "event")
+PACE = "guide.pace"  # 0 if the vehicle waits on its route
 TIME_FIELDS = ("pace", "paused")  # of a simulation: the page of a subcommand does not set the time of a robot
 MANUAL_MISSIONS = ("drive", "teach")
 
@@ -217,7 +218,7 @@ class DriveDoor:
     def _on_set(self, client: object, message: "JsonObject") -> "JsonObject":
         if self._robot is None:
             self.operator.set_gain(client, str(message["path"]), message["value"])
-        elif message["path"] == PACE:  # a pause
+        elif message["path"] == PACE:
             self._robot.send(do="set", path=PACE, value=float(message["value"]))
         else:
             raise SafetyStop(
