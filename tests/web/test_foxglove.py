@@ -172,6 +172,25 @@ def test_a_row_has_the_same_time_in_each_topic():
     assert [b - a for a, b in pairwise(times[1])] == [10**7] * 3
 
 
+def test_ne5_a_route_is_encoded_once_for_many_subscriptions_and_sent_to_their_client_alone():
+    routes, one, other = [], Line(), Line()
+
+    def about():
+        return {"fields": [], "route": routes.append(1) or {"x": [0.0], "y": [0.0]}}
+
+    bridge = FoxgloveServer(about)
+    bridge.add_client(one)
+    bridge.add_client(other)
+    for line in (one, other):
+        routes.clear()
+        one.pictures = b""
+        many = [{"id": k, "channelId": 3} for k in range(20)]
+        asyncio.run(bridge.receive(line, {"op": "subscribe", "subscriptions": many}))
+        assert line.pictures.count(b"map") == 20
+        assert len(routes) == 1
+    assert not one.pictures
+
+
 def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):
     async def status_of(url, **options):
         with pytest.raises(InvalidStatus) as error:

@@ -14,7 +14,7 @@ does not change.
 import json
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.contracts.values import Value
@@ -139,6 +139,7 @@ class FoxgloveServer:
         })  # fmt: skip
 
     def _subscribe(self, client: Client, requests: "list[JsonObject]") -> None:
+        new_topics = set[str]()
         for request in requests:
             subscription_id, channel = int(request["id"]), int(request["channelId"])
             if not 0 < channel <= len(self._topics) or not 0 <= subscription_id < 1 << 32:
@@ -147,8 +148,9 @@ class FoxgloveServer:
                 client.line.send(_status("web.foxglove-most", str(MAX_SUBSCRIPTIONS)))
             else:
                 client.subscriptions[subscription_id] = self._topics[channel - 1]
-                if self._topics[channel - 1] == ROUTE:
-                    self._send(ROUTE, self._route())
+                new_topics.add(self._topics[channel - 1])
+        if ROUTE in new_topics:
+            self._send(ROUTE, self._route(), [client])
 
     def _channels(self) -> "list[JsonObject]":
         fields = self._about()["fields"]
@@ -218,9 +220,9 @@ class FoxgloveServer:
         ]
         return {"timestamp": _time(self._now_ns()), "frame_id": "map", "poses": poses}
 
-    def _send(self, topic: str, message: "JsonObject") -> None:
+    def _send(self, topic: str, message: "JsonObject", clients: Iterable[Client] | None = None) -> None:
         content = encode_json(message)
-        for client in self._clients.values():
+        for client in self._clients.values() if clients is None else clients:
             for subscription_id, channel_topic in client.subscriptions.items():
                 if channel_topic == topic:
                     client.line.send_latest(
