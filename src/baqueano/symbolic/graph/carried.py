@@ -26,6 +26,9 @@ def with_carried_functions(program: Program) -> Program:
             end_of[f] = graph.make(f.op, *(next_of[x] for x in f.args), value=f.value)
     present = {*order}
     end_of = {f: end for f, end in end_of.items() if end is not f and end in present}
+    if not end_of:
+        return program
+
     begin = [graph.make(f.op, *(initial_of[x] for x in f.args), value=f.value) for f in end_of]
     symbols = [graph.symbol("carried") for _ in end_of]
     roots = graph.substitute((*roots, *end_of.values()), dict(zip(end_of, symbols, strict=True)))
