@@ -11,9 +11,8 @@
     K ν_x = (κ_v e + c κ_ψ) ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,  κ_v ~ N(0, σ₁²): no speed sensor   (8)
     ∫ν = δ (ν + ν⁺)/2 − δ² (ν̇⁺ − ν̇)/12:   D adds δ² D/2 − δ² (f(ν⁺, e) − f(ν⁺ − δ D, e))/12             (9)
 
-e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. l is the distance of the origin ahead of the centre of
-turning: a turn moves the origin sideways. d̄ follows d slowly: otherwise a model with an error during a whole bend
-would pull the heading away from the gyro. docs/derivations/kalman.md derives (4) to (7), (9).
+e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance; l: the origin ahead of the centre of turning. d̄ prevents
+that a model with an error in a whole bend turns the heading. docs/derivations/kalman.md derives (4) to (7) and (9).
 """
 
 from functools import lru_cache
