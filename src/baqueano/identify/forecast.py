@@ -223,17 +223,11 @@ def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[flo
 
 def _route_of(drives: Sequence[_ModelDrive]) -> Any:
     """Return a lap at the median speed of the runs while they move."""
-    speeds_m_s = np.concatenate(
-        [
-            np.hypot(*np.diff(drive.eta[:, :2], axis=0).T) / np.maximum(np.diff(drive.t_s), 1e-9)
-            for drive in drives
-        ]
-    )
-    lap_speed_m_s = (
-        float(np.median(speeds_m_s[speeds_m_s > 0.1 * np.quantile(speeds_m_s, 0.95)]))
-        if np.any(speeds_m_s > 0.0)
-        else LAP_RATE
-    )
+    steps = [(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T), np.diff(drive.t_s)) for drive in drives]
+    speeds_m_s = np.concatenate([step_m / np.maximum(step_s, 1e-9) for step_m, step_s in steps])
+    lap_speed_m_s = LAP_RATE
+    if np.any(speeds_m_s > 0.0):
+        lap_speed_m_s = float(np.median(speeds_m_s[speeds_m_s > 0.1 * np.quantile(speeds_m_s, 0.95)]))
     lap_speed_m_s = float(f"{lap_speed_m_s:.1g}")
     size_m = lap_speed_m_s / LAP_RATE
     return sinuous_circle(size_m, 0.1 * size_m, 6, lap_speed_m_s)

@@ -98,24 +98,11 @@ def _check_complete_record(name: str, gyro: IntegratedSignal, limit: np.ndarray 
     steps_s = np.diff(gyro.t_s)
     if steps_s.max() > GAP_S:
         at_s = float(gyro.t_s[np.argmax(steps_s)])
-        raise UsageError(
-            fault(
-                "turns.silent",
-                baqueano_command("runs", "cut", name, "--to", f"{at_s:.1f}"),
-                run=name,
-                gap_s=steps_s.max(),
-                at_s=at_s,
-            )
-        )
+        fix = baqueano_command("runs", "cut", name, "--to", f"{at_s:.1f}")
+        raise UsageError(fault("turns.silent", fix, run=name, gap_s=steps_s.max(), at_s=at_s))
     if limit is not None and np.any(np.abs(gyro.z) >= limit[-1]):
-        raise UsageError(
-            fault(
-                "turns.end-of-range",
-                run=name,
-                limit_rad_s=limit[-1],
-                at_s=gyro.t_s[np.argmax(np.abs(gyro.z))],
-            )
-        )
+        at_s = gyro.t_s[np.argmax(np.abs(gyro.z))]
+        raise UsageError(fault("turns.end-of-range", run=name, limit_rad_s=limit[-1], at_s=at_s))
 
 
 def is_turned_by_hand(run: Run) -> bool:
@@ -142,12 +129,11 @@ def _rests(gyro: IntegratedSignal) -> list[Rest]:
     is_quiet &= np.abs(mean - mean[np.argmax(is_quiet)]) < MIN_TURN_RAD_S
     rests, edges = [], np.flatnonzero(np.diff(np.concatenate([[False], is_quiet, [False]]).astype(int)))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
-        rest_rows = slice(windows[a].start, windows[b - 1].stop)
-        if t_s[rest_rows][-1] - t_s[rest_rows][0] >= 0.9 * MIN_REST_S:
+        rows = slice(windows[a].start, windows[b - 1].stop)
+        begin_s, end_s = float(t_s[rows][0]), float(t_s[rows][-1])
+        if end_s - begin_s >= 0.9 * MIN_REST_S:
             std = float(np.std(mean[a:b], ddof=1) / np.sqrt(b - a))
-            rests.append(
-                Rest(float(t_s[rest_rows][0]), float(t_s[rest_rows][-1]), float(np.mean(z[rest_rows])), std)
-            )
+            rests.append(Rest(begin_s, end_s, float(np.mean(z[rows])), std))
     return rests
 
 
@@ -166,21 +152,15 @@ def _whole_turns(
     """Return the whole turns N of the rests on the mark, from the first on, and the indices of these rests. Raise
     UsageError without a whole turn, or if the number of turns is ambiguous."""
     turns_at_marks, rests_used, problem = [0.0], [0], fault("turns.not-turned", run=name)
+    mark_turns = MARK_SIGMA * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
     for k in range(1, len(rests)):
         turn_count = (angle[k] - angle[rests_used[-1]]) / TAU
-        n = (
-            float(np.round(turn_count))
-            if turns is None or abs(turn_count) < 0.5
-            else float(np.copysign(abs(turns), turn_count))
-        )
-        tolerance = (
-            SCALE_TOLERANCE * max(abs(turn_count), abs(n)) + MARK_SIGMA * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
-        )
-        details: JsonObject = {
-            "run": name,
-            "from_s": rests[rests_used[-1]].middle_s,
-            "to_s": rests[k].middle_s,
-        }
+        n = float(np.round(turn_count))
+        if turns is not None and abs(turn_count) >= 0.5:
+            n = float(np.copysign(abs(turns), turn_count))
+        tolerance = SCALE_TOLERANCE * max(abs(turn_count), abs(n)) + mark_turns
+        from_s, to_s = (rests[i].middle_s for i in (rests_used[-1], k))
+        details: JsonObject = {"run": name, "from_s": from_s, "to_s": to_s}
         if turns is None and abs(turn_count) > 0.5 and tolerance > 0.5:
             raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **details))
         if abs(turn_count - n) < tolerance:
@@ -211,8 +191,7 @@ def _regression(
     x = np.linalg.solve(X.T @ weights, weights.T @ angle)
     residuals = angle - X @ x
     std = float(np.sqrt(np.linalg.inv(X.T @ weights)[1, 1]))
-    if freedom > 0 and (chi2 := float(residuals @ np.linalg.solve(cov, residuals))) > chi_square(
-        freedom, 2.3263
-    ):
+    chi2 = float(residuals @ np.linalg.solve(cov, residuals))
+    if freedom > 0 and chi2 > chi_square(freedom, 2.3263):
         return float(x[1]), std * (chi2 / freedom) ** 0.5, freedom
     return float(x[1]), std, None

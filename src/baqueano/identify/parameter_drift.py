@@ -66,16 +66,10 @@ class ParameterChange(NamedTuple):
     def message(self) -> Diagnostic:
         """Return the change as a warning."""
         percent = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
-        details = {
-            "before": self.before,
-            "before_sd": self.before_sd,
-            "after": self.after,
-            "after_sd": self.after_sd,
-        }
-        runs = {"first": self.between[0], "second": self.between[1]}
+        details = {key: getattr(self, key) for key in ("before", "before_sd", "after", "after_sd", "unit")}
+        details |= {"percent": percent, "z": abs(self.z), "first": self.between[0], "second": self.between[1]}
         code = "over-time.step" if self.how == "step" else "over-time.drift"
-        details |= {"percent": percent, "z": abs(self.z)}
-        return note(code, Severity.WARNING, subject=self.name, **details, **runs, unit=self.unit)
+        return note(code, Severity.WARNING, subject=self.name, **details)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -202,14 +196,8 @@ def parameter_history(
         fits.append(fit)
     accepted_fits = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(accepted_fits) < 2:
-        raise UsageError(
-            fault(
-                "over-time.few-fits",
-                baqueano_command("identify", refused_fits[0]),
-                good=len(accepted_fits),
-                count=len(fits),
-            )
-        )
+        fix = baqueano_command("identify", refused_fits[0])
+        raise UsageError(fault("over-time.few-fits", fix, good=len(accepted_fits), count=len(fits)))
     return track_parameters(fits, tuple(refused_fits), [_date_of(run) for run in runs])
 
 
@@ -226,13 +214,9 @@ def track_parameters(
             single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
     walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
     filtered_values, cov, smoothed_values = _smooth(single, covs, walk)
-    changes = [
-        change
-        for i in range(p)
-        if (change := _change(first.names[i], first.units[i], runs, single[:, i], single_sd[:, i], p))
-        is not None
-    ]
-    changes.sort(key=lambda change: -abs(change.z))
+    columns = zip(first.names, first.units, single.T, single_sd.T, strict=True)
+    tests = [_change(name, unit, runs, x, std, p) for name, unit, x, std in columns]
+    changes = sorted((one for one in tests if one is not None), key=lambda change: -abs(change.z))
     last = [fit for fit in fits if fit.runs[0] not in refused][-1]
     dates = tuple(when) or ("",) * len(fits)
     return ParameterHistory(
@@ -270,11 +254,8 @@ def _smooth(
         smoothed_states.insert(0, (x + G @ (x_s - x_bar), P + G @ (P_s - P_bar) @ G.T))
     has_begun = np.maximum.accumulate(np.isfinite(single), axis=0)
     is_ever_measured = np.tile(np.isfinite(single).any(axis=0), (K, 1))
-    return (
-        _columns([s[1] for s in states], has_begun),
-        states[-1][1][1],
-        _columns(smoothed_states, is_ever_measured),
-    )
+    filtered_values = _columns([s[1] for s in states], has_begun)
+    return filtered_values, states[-1][1][1], _columns(smoothed_states, is_ever_measured)
 
 
 def _columns(
@@ -330,17 +311,15 @@ def _change(
         ends = (line[0], line[0] + line[1] * (len(measured_runs) - 1))
         z = float(line[1] / line[2])
         first, last = runs[measured_runs[0]], runs[measured_runs[-1]]
-        return ParameterChange(name, unit, "drift", (first, last), *_ends_with_errors(ends, variance), z)
+        std_first, std_last = float(np.sqrt(variance[0])), float(np.sqrt(variance[-1]))
+        values = float(ends[0]), std_first, float(ends[1]), std_last
+        return ParameterChange(name, unit, "drift", (first, last), *values, z)
     z, before, v_before, after, v_after, _, k = best_step
     between = (runs[measured_runs[k - 1]], runs[measured_runs[k]])
     return ParameterChange(
         name, unit, "step", between, float(before), float(np.sqrt(v_before)), float(after), float(np.sqrt(v_after)),
         float(z),
     )  # fmt: skip
-
-
-def _ends_with_errors(ends: tuple[float, float], variance: np.ndarray) -> tuple[float, float, float, float]:
-    return float(ends[0]), float(np.sqrt(variance[0])), float(ends[1]), float(np.sqrt(variance[-1]))
 
 
 def _fit_line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float, float, float], float]:

@@ -99,9 +99,8 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
         name, signal = odometer
         windows = _windows(run, frames, signal)
         fit = _best_regression(lambda o: _motion_equations(windows, signal, o), windows, offset)
-        calibrated_sensors += (_clock_offset(fit) if offset is None else []) + _odometer(
-            fit, name, vehicle_file
-        )
+        calibrated_sensors += _clock_offset(fit) if offset is None else []
+        calibrated_sensors += _odometer(fit, name, vehicle_file)
         residuals["way_m"] = fit.rms
     return Calibration(run.name, tuple(calibrated_sensors), residuals)
 
@@ -127,22 +126,11 @@ def channel_of(
 
 def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
     """Return times (K,) and poses (K, 3) of the truth, with the heading unwrapped. Raise UsageError without a pose."""
-    if (
-        run.truth is not None
-        and np.isfinite(run.truth.eta[:, :2]).any()
-        and np.isnan(run.truth.eta[:, 2]).all()
-    ):
+    eta = None if run.truth is None else run.truth.eta
+    if eta is not None and np.isfinite(eta[:, :2]).any() and np.isnan(eta[:, 2]).all():
+        use = "--use", "imu", "--use", "truth", "--clock", "truth", "--free", "+sensors.truth.lever_arm_m"
         raise UsageError(
-            fault(
-                "truth.no-heading",
-                baqueano_command(
-                    "identify",
-                    run.name,
-                    *("--use", "imu", "--use", "truth", "--clock", "truth"),
-                    *("--free", "+sensors.truth.lever_arm_m"),
-                ),
-                run=run.name,
-            )
+            fault("truth.no-heading", baqueano_command("identify", run.name, *use), run=run.name)
         )
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
         raise UsageError(fault("truth.none", "baqueano runs import MAP.toml FILE", run=run.name))
@@ -158,15 +146,11 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: Integrat
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
     if not end - begin >= BATCHES * WINDOW_S:
-        raise UsageError(
-            fault(
-                "truth.short-overlap",
-                run=run.name,
-                overlap_s=max(0.0, end - begin),
-                needed_s=BATCHES * WINDOW_S,
-                windows=BATCHES,
-            )
+        overlap_s, needed_s = max(0.0, end - begin), BATCHES * WINDOW_S
+        short = fault(
+            "truth.short-overlap", run=run.name, overlap_s=overlap_s, needed_s=needed_s, windows=BATCHES
         )
+        raise UsageError(short)
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
     silent = _gaps(t_s, 0.0) + _gaps(signal.t_s, MAX_OFFSET_S)

@@ -61,21 +61,14 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     free_paths = [parameter.path for k, parameter in enumerate(candidates) if k not in constant]
     interest_paths = [p for p in free_paths if value(blocks, p) != 0.0]
     zero_paths = [p for p in free_paths if p not in interest_paths]
-    bias_paths = [
-        p
-        for name in blocks.sensors._fields
-        for field in BIASES
-        if has_field(getattr(blocks.sensors, name), field)
-        for p in entries(blocks, f"sensors.{name}.{field}")
-    ]
-    start_axes = coasting_axes(blocks.model)
-    size = [abs(value(blocks, p)) for p in interest_paths] + [
-        _parameter_scale(blocks, p, candidates) for p in zero_paths
-    ]
+    pairs = [(name, field) for name in blocks.sensors._fields for field in BIASES]
+    fields = [f"sensors.{n}.{field}" for n, field in pairs if has_field(getattr(blocks.sensors, n), field)]
+    bias_paths, start_axes = [p for f in fields for p in entries(blocks, f)], coasting_axes(blocks.model)
+    size = [abs(value(blocks, p)) for p in interest_paths]
+    size += [_parameter_scale(blocks, p, candidates) for p in zero_paths]
     size += [NUISANCE_STD] * (len(bias_paths) + len(start_axes))
-    return Unknowns(
-        (*interest_paths, *zero_paths, *bias_paths), len(interest_paths), start_axes, np.array(size)
-    )
+    paths = (*interest_paths, *zero_paths, *bias_paths)
+    return Unknowns(paths, len(interest_paths), start_axes, np.array(size))
 
 
 class DriveInformation:
@@ -134,15 +127,9 @@ def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[FreeP
     """Return the size of a parameter that is 0: the largest value in its matrix row, or among the frictions of its axis
     (at 1 m/s or 1 rad/s). If this is 0, return the largest value of its field, or 1 if that is also 0."""
     parameter = free_parameter(blocks, path, {})
-    same_axis = [
-        candidate
-        for candidate in candidates
-        if parameter.axis is not None and candidate.axis == parameter.axis
-    ]
-    row_sizes = [
-        abs(value(blocks, candidate.path))
-        for candidate in same_axis
-        if (candidate.definition.role == "gain") == (parameter.definition.role == "gain")
-    ]
+    is_gain = parameter.definition.role == "gain"
+    same_axis = [one for one in candidates if parameter.axis is not None and one.axis == parameter.axis]
+    of_kind = [one for one in same_axis if (one.definition.role == "gain") == is_gain]
+    row_sizes = [abs(value(blocks, one.path)) for one in of_kind]
     matrix_sizes = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
     return max(row_sizes, default=0.0) or max(matrix_sizes) or 1.0

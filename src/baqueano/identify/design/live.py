@@ -48,10 +48,9 @@ class RecursiveInformation:
         example = begin(self.nominal)
         shape = shape_of(example, "x")
         names = [name for leaf in leaves(shape) for name in leaf.names]
+        unused_carry = drive_information.kernel.unused_carry
         self._live_indices = [
-            k
-            for k, name in enumerate(names)
-            if name.replace("x", "carry", 1) not in drive_information.kernel.unused_carry
+            k for k, n in enumerate(names) if n.replace("x", "carry", 1) not in unused_carry
         ]
         initial_values, q = _flatten(shape, example), len(self.nominal)
 
@@ -66,9 +65,7 @@ class RecursiveInformation:
             flat = _flatten(shape, state)
             return state, np.concatenate([outputs, np.array([flat[k] for k in self._live_indices])])
 
-        numbers = np.concatenate(
-            [self.nominal, np.array([initial_values[k] for k in self._live_indices], dtype=float)]
-        )
+        numbers = np.array([*self.nominal, *(initial_values[k] for k in self._live_indices)], dtype=float)
         commands, backend = np.zeros(drive_information.commands), drive_information.kernel.backend
         self._kernel = scan(step, state_of, commands, numbers, backend=backend)
         self._begin = lambda theta: np.array([_flatten(shape, begin(theta))[k] for k in self._live_indices])
@@ -87,16 +84,11 @@ class RecursiveInformation:
         theta, x, S, F = state
         q = len(theta)
         for offset in range(0, len(u), WINDOW_TICKS):
-            outputs, derivatives = self._kernel.sensitivities(
-                u[offset : offset + WINDOW_TICKS], np.concatenate([theta, x])
-            )
+            window = slice(offset, offset + WINDOW_TICKS)
+            outputs, derivatives = self._kernel.sensitivities(u[window], np.concatenate([theta, x]))
             m = outputs.shape[1] - len(x)
             total_derivatives = derivatives[:, :, :q] + derivatives[:, :, q:] @ S
-            H = (
-                total_derivatives[:, :m]
-                if has is None
-                else total_derivatives[:, :m] * has[offset : offset + WINDOW_TICKS, :, None]
-            )
+            H = total_derivatives[:, :m] * (1.0 if has is None else has[window, :, None])
             H = H.reshape(-1, q)
             x, S, F = outputs[-1, m:], total_derivatives[-1, m:], F + H.T @ H
         return InformationState(theta, x, S, F)
@@ -199,19 +191,12 @@ class MotionAdvisor:
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):
-            scale = np.outer(self._drive_information.unknowns.size, self._drive_information.unknowns.size)
-            informations = [
-                self._drive_information.information(motion.u, theta) / scale for motion in self._motions
-            ]
-            self._F, self._theta = np.stack(informations), theta
+            of_drive, scale = self._drive_information, self._drive_information.unknowns.size
+            informations = [of_drive.information(motion.u, theta) for motion in self._motions]
+            self._F, self._theta = np.stack(informations) / np.outer(scale, scale), theta
         D, relative_std = np.outer(size, size), self._drive_information.relative_std
         std_before = np.minimum(widening * relative_std(F * D), 1.0)
-        std_after = np.array(
-            [
-                np.minimum(widening * relative_std((F + gained_information) * D), 1.0)
-                for gained_information in self._F
-            ]
-        )
+        std_after = np.minimum([widening * relative_std((F + gain) * D) for gain in self._F], 1.0)
         gain = np.log(std_before**2 + GOAL_STD**2) - np.log(std_after**2 + GOAL_STD**2)
         k, i = np.unravel_index(np.argmax(gain), gain.shape)
         return NextMotion(self._motions[k].words, int(i), float(std_before[i]), float(std_after[k, i]))

@@ -38,24 +38,17 @@ def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
     out = []
     for name, sensor in blocks.sensors._asdict().items():
         if has_field(sensor, "gyro_scale"):
-            out += [
-                ChannelLabel(N_("acceleration"), "m/s²"),
-                ChannelLabel(N_("lateral acceleration"), "m/s²"),
-                ChannelLabel(N_("yaw rate"), "rad/s"),
-            ]
+            names = N_("acceleration"), N_("lateral acceleration"), N_("yaw rate")
+            out += map(ChannelLabel, names, ("m/s²", "m/s²", "rad/s"))
         elif has_field(sensor, "radius_scale"):
             out += [
-                ChannelLabel(N_("left wheel's speed"), "m/s"),
-                ChannelLabel(N_("right wheel's speed"), "m/s"),
+                ChannelLabel(name, "m/s") for name in (N_("left wheel's speed"), N_("right wheel's speed"))
             ]
         elif sensor.size == 1 and has_field(sensor, "scale"):
             out.append(ChannelLabel(N_("speed"), "m/s"))
         elif sensor.size == 3 and name == "truth":
-            out += [
-                ChannelLabel(N_("speed"), "m/s"),
-                ChannelLabel(N_("sideways speed"), "m/s"),
-                ChannelLabel(N_("yaw rate"), "rad/s"),
-            ]
+            names = N_("speed"), N_("sideways speed"), N_("yaw rate")
+            out += map(ChannelLabel, names, ("m/s", "m/s", "rad/s"))
         else:
             out += [ChannelLabel(f"{name}[{k}]", "") for k in range(sensor.size)]
     return out

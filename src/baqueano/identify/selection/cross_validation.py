@@ -99,14 +99,13 @@ class HeldOutFolds:
         fitted_runs = len(begins_at_rest) - held_out_count
         self.unseen, self.whole_runs = held_out_count, bool(held_out_count) or fitted_runs >= FOLDS
         judging = [record for record in records if not held_out_count or record.run >= fitted_runs]
-        self.block_s, block_numbers, self.count = _blocks(
-            judging, (held_out_count or fitted_runs) >= MIN_RUN_BLOCKS
-        )
+        are_runs_blocks = (held_out_count or fitted_runs) >= MIN_RUN_BLOCKS
+        self.block_s, block_numbers, self.count = _blocks(judging, are_runs_blocks)
         fitted_blocks = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
         self.blocks = [*fitted_blocks, *block_numbers]
-        fitted = [
-            r.with_mask(np.full(len(r.dt_s), not held_out_count or r.run < fitted_runs)) for r in records
-        ]
+        run_numbers = [np.full(len(r.dt_s), r.run) for r in records]
+        is_fitted = [run < fitted_runs if held_out_count else run >= 0 for run in run_numbers]
+        fitted = [r.with_mask(mask) for r, mask in zip(records, is_fitted, strict=True)]
         self.all_data = Residuals(blocks, shape, fitted, backend)
         self.shared = np.arange(self.all_data.size) < len(shape.shared)
         self.starts = np.arange(self.all_data.size) >= self.all_data.layout.first_start
@@ -115,25 +114,18 @@ class HeldOutFolds:
             self.still[self.all_data.layout.start_slice(k)] = begins_at_rest[record.run]
         self.folds = []
         if held_out_count:
-            held_out_records = [r.with_mask(np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
+            held_out_records = [r.with_mask(~mask) for r, mask in zip(records, is_fitted, strict=True)]
             self.folds.append(Fold(self.all_data, Residuals(blocks, shape, held_out_records, backend)))
             return
         for k in range(min(FOLDS, self.count)):
-            groups = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
+            groups = run_numbers if self.whole_runs else self.blocks
             is_held_out = [block_number % FOLDS == k for block_number in groups]
-            is_excluded = (
-                is_held_out
-                if self.whole_runs
-                else [_widen(o, r.dt_s) for o, r in zip(is_held_out, records, strict=True)]
-            )
+            is_excluded = is_held_out
+            if not self.whole_runs:
+                is_excluded = [_widen(o, r.dt_s) for o, r in zip(is_held_out, records, strict=True)]
             train = [r.with_mask(~n) for r, n in zip(records, is_excluded, strict=True)]
-            held_out_records = [r.with_mask(o) for r, o in zip(records, is_held_out, strict=True)]
-            self.folds.append(
-                Fold(
-                    Residuals(blocks, shape, train, backend),
-                    Residuals(blocks, shape, held_out_records, backend),
-                )
-            )
+            test = [r.with_mask(o) for r, o in zip(records, is_held_out, strict=True)]
+            self.folds.append(Fold(*(Residuals(blocks, shape, part, backend) for part in (train, test))))
 
     def fit(
         self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
@@ -143,15 +135,9 @@ class HeldOutFolds:
         change."""
         problem = (self.all_data if problem is None else problem).weight(sigma)
         return minimise(
-            problem.evaluate,
-            theta,
-            self.low,
-            self.high,
-            fixed=~is_free,
-            tolerance=FINAL_DECREMENT,
-            most=max_evaluations,
-            damping=1e-4,
-        )
+            problem.evaluate, theta, self.low, self.high,
+            fixed=~is_free, tolerance=FINAL_DECREMENT, most=max_evaluations, damping=1e-4,
+        )  # fmt: skip
 
     def score(self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray) -> Score:
         """Return the score on held-out data of a model with the entries `is_free` (p,) of θ; folds start at `theta`.
@@ -159,15 +145,11 @@ class HeldOutFolds:
         # otherwise each run uses one core
         is_single = len(self.all_data.records) == 1 and self.all_data.scan.backend == "c"
         rows = sum(map(len, self.blocks)) if is_single else 0
-        fold_scores = parallel_map(
+        scores = parallel_map(
             lambda fold: self._score_fold(fold, theta, is_free, sigma), self.folds, rows=rows
         )
-        loss, samples, one_step_errors, pairs = (
-            np.sum([part[i] for part in fold_scores], axis=0) for i in range(4)
-        )
-        return Score(
-            loss, samples, one_step_errors, pairs, np.array([part[4] for part in fold_scores]), sigma
-        )
+        loss, samples, one_step_errors, pairs = (np.sum([s[i] for s in scores], axis=0) for i in range(4))
+        return Score(loss, samples, one_step_errors, pairs, np.array([score[4] for score in scores]), sigma)
 
     def _score_fold(
         self, fold: Fold, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray
@@ -228,11 +210,8 @@ def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list
     """Return the length of a block, the block number of each row, and the number of blocks."""
     if whole_runs:
         first_run = min(r.run for r in records)
-        return (
-            0.0,
-            [np.full(len(r.dt_s), r.run - first_run) for r in records],
-            max(r.run for r in records) + 1 - first_run,
-        )
+        block_numbers = [np.full(len(r.dt_s), r.run - first_run) for r in records]
+        return 0.0, block_numbers, max(r.run for r in records) + 1 - first_run
     total = sum(float(np.sum(r.dt_s)) for r in records)
     if total < MIN_BLOCKS * SHORT_BLOCK_S:
         raise UsageError(fault("choose.short", total_s=total, needed_s=MIN_BLOCKS * SHORT_BLOCK_S))

@@ -118,9 +118,7 @@ def choose(
     report(_("fitting the smallest model"))
     base = setup.fit(bare, minimal)
     terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
-    terms = [
-        term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
-    ]
+    terms = [t for t in terms if {path.partition("[")[0] for path in t.paths}.isdisjoint(options.fixed)]
     growing = _ModelSelection(setup, bare, base, minimal, terms, report)
     model, results = growing.grow()
     report(_("fitting the model that was chosen"))
@@ -285,14 +283,12 @@ class _ModelSelection:
         score = self._score(end.theta, mask, model.sigma)
         test = paired_comparison(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.critical_value(alpha) else Decision.LEFT_OUT
-        std = np.fmax(
-            jackknife(score, index.tolist()), marginal_std(dense(end.evaluation.hessian), index, mask)
-        )
+        of_hessian = marginal_std(dense(end.evaluation.hessian), index, mask)
+        std = np.fmax(jackknife(score, index.tolist()), of_hessian)
         reason = separation_problem(term, end.theta[index], std) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
-        result = self._result(
-            term, verdict, reason, model, (score, test), end.theta, test.critical_value(alpha)
-        )
+        limit = test.critical_value(alpha)
+        result = self._result(term, verdict, reason, model, (score, test), end.theta, limit)
         return TermTrial(result, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, is_free: np.ndarray) -> Solution:

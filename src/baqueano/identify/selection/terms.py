@@ -70,9 +70,8 @@ def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.
     u (N, n) all commands."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
-    paths = [
-        p for path in requested_paths(free, lambda: default_fields(blocks)) for p in entries(blocks, path)
-    ]
+    fields = requested_paths(free, lambda: default_fields(blocks))
+    paths = [path for field in fields for path in entries(blocks, field)]
     candidates = [free_parameter(blocks, p, {}) for p in paths if p not in optional]
     frozen_numbers = frozen_columns(candidates, u)
     return [candidate.path for k, candidate in enumerate(candidates) if k not in frozen_numbers]
@@ -137,18 +136,11 @@ def candidate_terms(
             out.append(by_name[candidate])
         elif candidate.startswith(("model.", "sensors.")):
             paths = tuple(entries(blocks, candidate))
-            out.append(
-                Term(candidate, paths, (0.0,) * len(paths), (tuple(value(blocks, p) or 0.1 for p in paths),))
-            )
+            start = tuple(value(blocks, path) or 0.1 for path in paths)
+            out.append(Term(candidate, paths, (0.0,) * len(paths), (start,)))
         else:
-            raise UsageError(
-                fault(
-                    "choose.no-term",
-                    found=candidate,
-                    kind=type(blocks.model).__name__,
-                    near=nearest(candidate, by_name),
-                )
-            )
+            kind, near = type(blocks.model).__name__, nearest(candidate, by_name)
+            raise UsageError(fault("choose.no-term", found=candidate, kind=kind, near=near))
     return out
 
 
@@ -208,14 +200,11 @@ def _search_starts(
     with_, without = (with_value(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
     sensitivity = 0.0
     for m in motions:
-        nu_dot_with, nu_dot_without = (
-            x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (with_, without)
-        )
-        change = np.abs(nu_dot_with - nu_dot_without) / UNIT_STEP / max_nu
+        after, before = (x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (with_, without))
+        change = np.abs(after - before) / UNIT_STEP / max_nu
         sensitivity = max(sensitivity, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
-    return (
-        tuple(neutral + fraction / sensitivity for fraction in SPEED_FRACTIONS) if sensitivity > 1e-9 else ()
-    )
+    fractions = SPEED_FRACTIONS if sensitivity > 1e-9 else ()
+    return tuple(neutral + fraction / sensitivity for fraction in fractions)
 
 
 def _track_width(blocks: FittedBlocks) -> float:
@@ -251,13 +240,8 @@ def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bo
         paths, starts = terms[0].paths + terms[1].paths, zip(terms[0].starts, terms[1].starts, strict=True)
         terms.insert(0, Term(N_("dead zone"), paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
     terms.append(_term(N_("motor lag"), LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
-    terms.append(
-        _term(
-            N_("delay"),
-            DELAY_PATH,
-            *((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S))),
-        )
-    )
+    delays_s = ((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S)))
+    terms.append(_term(N_("delay"), DELAY_PATH, *delays_s))
     if model.drivetrain.mixing == "two_wheels":
         gain = Term(N_("unequal motors"), ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
         terms += [gain, _term(N_("battery sag"), "model.drivetrain.sag", 0.05)]
@@ -279,8 +263,7 @@ def separation_problem(term: Term, x: np.ndarray, std: np.ndarray) -> Diagnostic
     """Return the reason why the runs do not separate the effect κ of the battery. Return None for other terms, or if
     κ is known to ± 0.5 and, within its error, between 0 and 1."""
     half_width = QUANTILE_95 * float(std[0])
-    if term.paths != (BATTERY_EFFECT_PATH,) or (
-        2.0 * half_width <= 1.0 and -half_width <= x[0] <= 1.0 + half_width
-    ):
+    is_separated = 2.0 * half_width <= 1.0 and -half_width <= x[0] <= 1.0 + half_width
+    if is_separated or term.paths != (BATTERY_EFFECT_PATH,):
         return None
     return note("term.battery-not-separable", value=x[0], half=half_width)
