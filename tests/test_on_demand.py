@@ -10,7 +10,7 @@ import pytest
 
 import baqueano
 from baqueano.cli import SUBCOMMANDS as COMMANDS
-from baqueano.on_demand import on_demand
+from baqueano.on_demand import MODULE_OF, on_demand
 
 ROOT = Path(baqueano.__file__).parent
 PACKAGES = sorted(
@@ -99,3 +99,12 @@ def test_the_top_level_functions_match_the_command_line():
             "new"}  # fmt: skip
     assert both <= set(COMMANDS)
     assert both <= set(baqueano.__all__) == set(dir(baqueano)) - {"__version__"}
+
+
+@pytest.mark.parametrize("name", MODULE_OF)
+def test_a_name_of_another_module_is_reported_with_its_import(name):
+    with pytest.raises(AttributeError) as raised:
+        getattr(baqueano, name)
+    namespace: dict[str, object] = {}
+    exec(str(raised.value).partition(": ")[2], namespace)
+    assert callable(namespace[name])

@@ -12,6 +12,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
+SIGNALS = ("Command", "Estimate", "Reference", "Tick")
+SHAPES = ("circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom")
+MODULE_OF = dict.fromkeys(SIGNALS, "baqueano.signals") | dict.fromkeys(SHAPES, "baqueano.guides.shapes")
+
+
 def on_demand(
     package: str, names: dict[str, tuple[str, ...]], subpackages: tuple[str, ...] = ()
 ) -> "Callable[[str], object]":
@@ -39,12 +44,16 @@ def on_demand(
 
 
 def _suggestion(name: str, names: "list[str]") -> str:
-    """Return a sentence with the most similar name, or ""; nothing for names that Python itself looks up."""
+    """Return a sentence with the import of the name, or with the most similar name. Return "" for names that Python
+    itself looks up.
+    """
     if name.startswith("_"):
         return ""
-    from baqueano.diagnostics import nearest
+    from baqueano.diagnostics import nearest, note
     from baqueano.messages import text
 
+    if name in MODULE_OF:
+        return f". {text(note('front.elsewhere', fix=f'from {MODULE_OF[name]} import {name}'))}"
     return f". {text(nearest(name, names))}."
 
 

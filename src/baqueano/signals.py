@@ -141,7 +141,7 @@ class Tick(NamedTuple):
     u : ndarray (n,) [unit of u]
         Command that reached the motors during the interval that ends at t_ns.
     sensors : NamedTuple of Slot
-        One slot per sensor of the vehicle: `tick.sensors.imu.z`.
+        One field per sensor of the vehicle: `tick.sensors.imu.z`.
 
     Examples
     --------

@@ -166,6 +166,14 @@ def test_show_does_not_name_the_source_of_an_event_by_the_word_for_manual_drivin
         assert f"{translate('drive')}:" not in show(replace(run, events=(event,))).table()
 
 
+def test_the_brief_form_of_a_run_begins_its_events_with_the_error(run):
+    start_ns = int(run.t_ns[0])
+    events = [Event(start_ns + k, "info", "imu", f"line {k}", None) for k in range(5)]
+    stopped = Event(start_ns + 9, "error", "loop", "the estimator failed", None)
+    brief = repr(replace(run, events=(*events, stopped)))
+    assert stopped.text in brief
+
+
 def test_show_aligns_its_columns_under_a_long_name(make_run):
     run = make_run()
     long = {"temperature_of_the_gearbox": next(iter(run.sensors.values()))}

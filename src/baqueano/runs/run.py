@@ -129,7 +129,9 @@ class Run(Result):
         ) and list(self.sensors) == list(other.sensors)
 
     def __repr__(self) -> str:
-        lines = self.table().splitlines()
+        from baqueano.runs.show import show
+
+        lines = show(self).table(is_by_severity=True).splitlines()
         topics = len(self.rows()) + 2  # the name, the head of the columns
         return shorten(lines[:topics], lines[topics:], [])
 

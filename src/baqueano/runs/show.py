@@ -15,6 +15,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import in_lines
 from baqueano.messages.text_table import text_table
+from baqueano.runs.logs import LEVELS
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
     "recovered_from": N_("recovered from"), "map": N_("map"), "commands": N_("commands"), "files": N_("files"),
     "signal": N_("signal"), "route": N_("route"), "start": N_("start"), "note": N_("note"), "created": N_("created"),
-    "machine": N_("machine"), "rest_s": N_("rest before the drive [s]"),
+    "machine": N_("machine"), "rate_hz": N_("rate [Hz]"), "noise": N_("noise"),
+    "rest_s": N_("rest before the drive [s]"),
 }  # fmt: skip
 SHOWN_SOURCES = {  # of events, whose names are also those of commands, blocks and verdicts
     "drive": N_("this drive"), "refused": N_("rejected readings"), "sensors": N_("sensors"), "loop": N_("control loop"),
@@ -74,9 +76,12 @@ class ShownRun:
                 rows.append(_row(name, log.t_ns, log.eta, start))
         return rows
 
-    def table(self) -> str:
-        """Return the topics, then the events and the notes on the file, as text."""
+    def table(self, is_by_severity: bool = False) -> str:
+        """Return the topics, the events by time or the most severe first, and the notes on the file, as text."""
         run, lines = self.run, []
+        by_severity = sorted(
+            run.events, key=lambda event: (*LEVELS, event.level).index(event.level), reverse=True
+        )
         counts = " ".join(
             f"{_(SHOWN_KEYS.get(key, key))} {_with_few_digits(value) if key in NUMBERS else _(value)};"
             for key, value in run.metadata.items()
@@ -110,7 +115,7 @@ class ShownRun:
         events = [
             [f"{number((event.t_ns - start) / NANOSECONDS):.3f} s", _(event.level),
              f"{_(SHOWN_SOURCES.get(event.source, event.source))}: {event.sentence}"]
-            for event in run.events[:MAX_SHOWN_EVENTS]
+            for event in (by_severity if is_by_severity else run.events)[:MAX_SHOWN_EVENTS]
         ]  # fmt: skip
         lines += text_table("><<", *events)
         if len(run.events) > MAX_SHOWN_EVENTS:

@@ -15,6 +15,7 @@ TEMPLATES: dict[str, str] = {
     "call.unknown": "{call}() does not accept {found}. {near}. Type: {fix}",
     "call.kind": "{call}(): {name} = {found}; expected {expected:word}. Type: {fix}",
     "call.option-of": "{call}() does not accept {found}, which is an option of {owner}. Add: {fix}",
+    "front.elsewhere": "Type: {fix}",
     "front.more": "{lines} more lines: .table()",
     "front.fit": "Fit of {vehicle} to {runs}: {count} of {parameters} parameters have an estimate",
     "front.across-true": "{cm:.2g} cm rms across the path",

@@ -7,7 +7,7 @@ TEMPLATES: dict[str, str] = {
     "when.tick-of-curve": "tick {tick} of a curve",
     "when.rest": "at rest, without a command",
     "when.rolling": "while rolling freely",
-    "when.circle": "in a circle",
+    "when.circle": "on a simulated circle",
     "when.silent": "while all sensors are silent",
     "when.after-measurement": "after a measurement of {found}",
     "when.repeated": "at a repeated tick",

@@ -91,8 +91,8 @@ TEMPLATES: dict[str, str] = {
         "the signal has shape {found}: expected finite numbers (N, {commands}), one column for each of {names}."
     ),
     "drive.driver-type": (
-        "a driver of type {kind}: expected a Route, a guide, a list of (seconds, command), or a function that "
-        "returns a command."
+        "a driver of type {kind}: expected a Route, such as baqueano.guides.shapes.circle(1.0, 0.25), a guide, a list "
+        "of (seconds, command), or a function that returns a command."
     ),
     "drive.step-pair": "step {number} of the drive is {found}: expected (seconds, command).",
     "drive.step-numbers": (

@@ -12,7 +12,9 @@ TEMPLATES: dict[str, str] = {
     "sensor.away": "{subject} reads {reading:.3g}; expected {expected:.3g}. {off}.",
     "sensor.off-sensor": "The error is in the sensor, not in the model",
     "sensor.off-model": "The error is in the model, not in the sensor. Type: {fix}",
-    "sensor.off-unknown": "The error can be in the sensor or in the model: a third source is missing",
+    "sensor.off-unknown": (
+        "The error can be in the sensor or in the model. A third source, such as another sensor, would decide"
+    ),
     "sensor.degraded": "DEGRADED: {cause}.",
     "sensor.agrees-again": "{subject} agrees again, after {lasted_s:.1f} s",
     "monitor.raised": "the sensors are no longer monitored: the monitor raised {error}",

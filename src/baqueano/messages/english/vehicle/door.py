@@ -9,7 +9,7 @@ TEMPLATES: dict[str, str] = {
     S.STOPPED_BY: "{words}",
     S.STOPPED_ON_PAGE: "{name} pressed STOP on the page",
     S.STOPPED_FROM_LAPTOP: "stopped from the laptop",
-    S.STOPPED_BY_COMMAND: "stopped with baqueano robot stop",
+    S.STOPPED_BY_COMMAND: "the vehicle was stopped with the command baqueano robot stop",
     "door.own-mission": "Your last mission is still running. Wait for its end, or stop it.",
     "door.mission": "This vehicle is on a mission. You can stop it: {fix}",
     "door.somebody": "Another person drives this vehicle now. You can stop it: {fix}",
