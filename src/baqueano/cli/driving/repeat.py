@@ -46,8 +46,8 @@ from baqueano.diagnostics import note
     "stand",
     metavar="X,Y,DEG",
     help=(
-        "Pose of the vehicle relative to the start of the route [m, m, degrees]; the drive first leads "
-        "onto the route."
+        "Pose of the vehicle relative to the start of the route [m, m, degrees]; the vehicle first drives to "
+        "the route."
     ),
 )
 @click.option(

@@ -59,7 +59,7 @@ from baqueano.messages.printable import baqueano_command
     type=numbers.count,
     default=1,
     show_default=True,
-    help="Number of draws of the noise to tune for, with --estimator.",
+    help="With --estimator: number of different sequences of noise for which the gains are tuned.",
 )
 @click.option(
     "--jerk",
