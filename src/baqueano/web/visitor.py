@@ -178,7 +178,7 @@ class Visitor:
             message = json.loads(b"".join(self._parts))
         except (ValueError, RecursionError):
             message = None
-        if not _is_nested(message, MAX_LEVELS):
+        if not _is_shallow(message, MAX_LEVELS):
             message = None
         if not isinstance(message, dict) or not isinstance(message.get(self._kind), str):
             self.disconnect(POLICY)
@@ -291,12 +291,12 @@ def encode_json(message: "JsonObject") -> bytes:
     ).encode()
 
 
-def _is_nested(value: Value, levels: int) -> bool:
+def _is_shallow(value: Value, levels: int) -> bool:
     """Return True if a value from JSON has at most so many levels of lists and objects."""
     if not isinstance(value, dict | list):
         return True
     items = value.values() if isinstance(value, dict) else value
-    return levels > 0 and all(_is_nested(item, levels - 1) for item in items)
+    return levels > 0 and all(_is_shallow(item, levels - 1) for item in items)
 
 
 def _finite_json(value: Value) -> Value:
