@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import note
 from baqueano.identify import identify, random_steps
-from baqueano.identify.diagnostics.score_test import fit_residuals, score_test
+from baqueano.identify.diagnostics import residual_checks
+from baqueano.identify.diagnostics.score_test import ScoreTest, fit_residuals, score_test
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import FREE_CAR, car_file, car_values, drive_group, run_of_vehicle
@@ -158,17 +160,43 @@ SECONDS = 30.0
 DRAG = "model.linear_drag"
 
 
-def test_unmodelled_tyre_slip_drag_widens_the_errors():
-    """A car of the independent truth has soft tyres. The estimate of its rolling drag is too low, because slip
-    explains a part of it."""
-    car = trials.draw_car(702, "understeer")
+@pytest.fixture(scope="module")
+def soft_tyres():
+    """A car of the independent truth that understeers, the file of this car, and a run."""
+    car = trials.draw_car(703, "understeer")
     file = car_file(car)
-    u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
-    motion = drive_group(car, u[:, None], [702], tick_times(len(u), file.rate_hz))
-    fit = identify(run_of_vehicle(motion, 0, u, file, "soft tyres", 702), file, FREE_CAR)
+    u = trials._car_steps(703, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
+    motion = drive_group(car, u[:, None], [703], tick_times(len(u), file.rate_hz))
+    return car, file, run_of_vehicle(motion, 0, u, file, "soft tyres", 703)
+
+
+def test_unmodelled_tyre_slip_drag_widens_the_errors(soft_tyres):
+    """The estimate of the rolling drag is too low, because slip explains a part of it."""
+    car, file, run = soft_tyres
+    fit = identify(run, file, FREE_CAR)
     k = fit.names.index(DRAG)
     off = fit.estimate[k] - float(car_values(car)[DRAG][0])
     assert fit.verdict == "WARN"
     assert "slip, x" in [reason.figures.get("term") for reason in fit.reasons]
     assert abs(off) < 1.96 * fit.sd[k]
     assert np.isfinite(fit.sd[k])
+    assert "--free +model.understeer" in [reason.fix for reason in fit.reasons]
+
+
+def test_understeer_explains_a_steering_gain_that_falls_with_the_speed(soft_tyres):
+    car, file, run = soft_tyres
+    off = {}
+    for free in (FREE_CAR, (*FREE_CAR, "+model.understeer")):
+        fit = identify(run, file, free)
+        off[free] = abs(fit.value("model.steering_gain") / float(car.servo_rad[0]) - 1.0)
+    assert off[free] < 0.02 < off[FREE_CAR]
+
+
+@pytest.mark.parametrize(("z", "fix"), [(-9.0, "--free +model.understeer"), (9.0, "")])
+def test_understeer_is_advised_only_if_the_yaw_rate_is_too_small(z, fix):
+    """A car that oversteers turns faster than the model."""
+    gain, std, far = np.array([0.4]), np.array([0.01]), np.array([np.inf])
+    fit = residual_checks._FitEvidence(None, ["model.steering_gain"], gain, std, -far, far)
+    tests = [(("cornering, psi", note("term.cornering")), ScoreTest(z, z, 58.0, np.array([0.1]), 1.0))]
+    (result,) = residual_checks._missing_terms(fit, tests, True)
+    assert result.message.fix == fix

@@ -55,6 +55,7 @@ VEHICLES = {
         linear_drag=2.0,
         coulomb_m_s2=0.4,
         cornering_drag=0.8,
+        understeer=0.02,
         drivetrain=Drivetrain(
             commands=2, delay_s=0.02, delay_slots=3, dead_zone_forward=np.array([0.1, 0.0])
         ),

@@ -40,6 +40,7 @@ VEHICLES = {
         coulomb_m_s2=0.4,
         coulomb_speed_m_s=0.2,
         cornering_drag=0.8,
+        understeer=0.02,
     ),
 }
 signed = st.floats(0.1, 2.0).flatmap(lambda x: st.sampled_from([x, -x]))
@@ -112,6 +113,7 @@ PARAMETERS = {
         "coulomb_m_s2",
         "coulomb_speed_m_s",
         "cornering_drag",
+        "understeer",
         "yaw_lag_s",
     ],
 }

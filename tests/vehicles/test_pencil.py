@@ -161,6 +161,14 @@ def test_cornering_drag_slows_a_car_by_k_v_omega():
         assert extra == pytest.approx(-0.8 * abs(v * r) * np.sign(v))
 
 
+def test_a_car_that_understeers_turns_on_a_wider_circle_at_speed():
+    """0.1 s²/m and 2 m/s add 0.4 m to a wheelbase of 0.2 m, so the circle is three times as large as at rest."""
+    car = Car(wheelbase_m=0.2, throttle_gain=4.0, steering_gain=0.3, understeer=0.1)
+    for v, radius in ((0.0, 0.2 / np.tan(0.3)), (2.0, 0.6 / np.tan(0.3)), (-2.0, 0.6 / np.tan(0.3))):
+        steady = car.nu_dot(np.array([v, 0.0, v / radius]), np.array([0.0, 1.0]))
+        assert steady == pytest.approx(np.zeros(3), abs=1e-12)
+
+
 def test_a_pwm_motor_that_can_coast_brakes_only_during_its_pulses():
     """Duty 0.5 of 0.3 effort and a dead zone of 0.2; back EMF 4 1/s: at 1 m/s the motor brakes with 2 m/s²."""
     free = Drivetrain(commands=2, dead_zone_forward=np.array([0.2, 0.0]))

@@ -2,16 +2,16 @@
 
     v̇ = k_t u_t − d_l v − d_m w v − d_c |v| v − d_k(t) t − k |ν_ψ| v,   t = tanh(v / v_k)                  (1)
     d_k(t) = d_k + d_f (1 + t)/2 + d_b (1 − t)/2           d_f, d_b: extra friction forward, backward
-    δ = k_s u_s + δ₀,   κ = ν_ψ/v,   κ̇ = (tan δ / L − κ) / λ                                              (2)
-    ν̇_ψ = (v tan δ / L − ν_ψ) / λ + ν_ψ v v̇ / (v² + ε²)              the same for ν_ψ, regular at v = 0   (2')
+    δ = k_s u_s + δ₀,   κ = ν_ψ/v,   κ̇ = (tan δ / (L + U v²) − κ) / λ                                     (2)
+    ν̇_ψ = (v tan δ / (L + U v²) − ν_ψ) / λ + ν_ψ v v̇ / (v² + ε²)     the same for ν_ψ, regular at v = 0   (2')
     ν = (v, b ν_ψ, ν_ψ)                                                                                   (3)
     η̇ = J(ψ) ν                                                                                            (4)
     w = |u_t| / g + z min(|u_t| / 0.01, 1),   z the dead zone of its direction, g the gain of the channel (5)
 
 η, ν: pose and velocity of the body's origin, b ahead of the rear axle; v: speed, ν_ψ: yaw rate, κ: curvature, λ: its
-lag, u_t, u_s: effort of throttle and servo, δ: steering angle, L: wheelbase, d_m: damping of a driven motor, w: its
-duty. A steered car that brakes stays on its circle, so the lag is in κ. Terms are per kilogram, because the mass
-cannot be identified from commands and IMU (errata 9). Keep k_s · limit well below π/2.
+lag, u_t, u_s: effort of throttle and servo, δ: steering angle, L: wheelbase, U: understeer, d_m: damping of a driven
+motor, w: its duty. A steered car that brakes stays on its circle, so the lag is in κ. Terms are per kilogram, because
+the mass cannot be identified from commands and IMU (errata 9). Keep k_s · limit well below π/2.
 Derivation: docs/derivations/vehicles.md.
 """
 
@@ -123,6 +123,10 @@ class Car:
         "1/rad", "drag of cornering k", low=0.0, high=100.0, default=0.0, neutral=0.0,
         term="drag of cornering", shown_by="turning at speed", symbol="k",
     )  # fmt: skip
+    understeer: float = parameter(
+        "rad s²/m", "understeer U: additional steering angle per lateral acceleration in a curve", low=0.0, high=1.0,
+        default=0.0, role="term", term="understeer", shown_by="the same curve both slowly and fast", symbol="U",
+    )  # fmt: skip
     yaw_lag_s: float = parameter(
         "s", "lag of servo and tyres λ", low=MIN_LAG_S, high=10.0, default=0.05,
         shown_by="sudden changes of steering while driving", symbol=r"\lambda",
@@ -164,7 +168,8 @@ class Car:
         drag = drag + self.motor_drag * self._duty(effort[0])
         v_dot = self.throttle_gain * effort[0] - drag * v - dry_friction
         delta = self.steering_gain * effort[1] + self.steering_offset_rad
-        r_dot = (v * np.tan(delta) / self.wheelbase_m - r) / self.yaw_lag_s
+        curvature = np.tan(delta) / (self.wheelbase_m + self.understeer * v * v)
+        r_dot = (v * curvature - r) / self.yaw_lag_s
         r_dot = r_dot + r * v * v_dot / (v * v + MIN_STEERED_SPEED_M_S**2)  # (2')
         return np.array([v_dot, self.rear_axle_m * r_dot, r_dot])
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.score_test import (
@@ -61,6 +62,9 @@ KEYS_OF_TERMS = {  # code of an effect → key of the file that models it
     "term.imu-ahead": "sensors.{sensor}.lever_arm_m",
     "term.imu-beside": "sensors.{sensor}.lever_arm_m",
 }
+UNDERSTEER_PATH = "model.understeer"
+# the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
+UNDERSTEER_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
 COULOMB_SPEEDS = {  # magnitude of the dry friction → speed over which it changes its sign
     "model.friction.coulomb": "model.friction.coulomb_speed",
     "model.coulomb_m_s2": "model.coulomb_speed_m_s",
@@ -94,7 +98,7 @@ def check_residuals(
     fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high)
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
-    missing_terms = _missing_terms(fit_evidence, tests)
+    missing_terms = _missing_terms(fit_evidence, tests, has_field(blocks.model, "understeer"))
     if errors := [result.errors for result in missing_terms + differences]:
         unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
     if motion is not None:
@@ -154,7 +158,7 @@ class _FitEvidence:
 
 
 def _missing_terms(
-    fit: _FitEvidence, tests: Sequence[tuple[LabelledTerm, ScoreTest]]
+    fit: _FitEvidence, tests: Sequence[tuple[LabelledTerm, ScoreTest]], can_understeer: bool
 ) -> list[_SignificantResult]:
     ranked_tests = sorted(tests, key=lambda pair: -abs(pair[1].z))
     results = []
@@ -164,6 +168,8 @@ def _missing_terms(
             continue
         test = test._replace(shift=bounded_shift(fit.residuals, test, fit.low, fit.high))
         k, key = fit.most_biased(test), _free_key(term_note, fit.paths)
+        if can_understeer and test.z < 0.0 and code in UNDERSTEER_TERMS and UNDERSTEER_PATH not in fit.paths:
+            key = UNDERSTEER_PATH
         if code == "delay" and not key:
             continue  # the delay is already in the model, so this effect is not a delay
         if k is not None:
