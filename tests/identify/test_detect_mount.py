@@ -76,6 +76,19 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     assert [finding.code for finding in findings] == ["file.swapped"]
 
 
+@pytest.mark.parametrize(("push", "turn", "expected"), [(0.3, (), 1), (0.01, (), 0), (0.3, (0.05,), 0)])
+def test_two_wheels_that_seem_to_push_sideways_show_a_turned_imu(small, push, turn, expected):
+    names = ["model.actuator_matrix[1,0]", *("sensors.imu.heading_rad" for _ in turn)]
+    blocks, std = FittedBlocks(small.vehicle, small.sensors), np.full(len(names), 0.01)
+    no_noise = np.zeros(0)
+    findings = channel_map.check_gain_changes(
+        blocks, names, np.array([push, *turn]), std, no_noise, no_noise, ()
+    )
+    turned = [finding for finding in findings if finding.code == "file.turned-imu"]
+    assert len(turned) == expected
+    assert all("--free +sensors.imu.heading_rad" in finding.fix for finding in turned)
+
+
 def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     """A robot of the independent truth; the fit may not move the lever arm."""
     seed = 700
