@@ -23,7 +23,9 @@ from baqueano.vehicle_file import VehicleFile, load
 
 SPREAD = 0.3
 DRIVES = 10
-LAG_S = 0.01  # motor lag of a car whose file does not have a lag; its delay is shorter by the same time
+# motor lag of a car whose file has only a delay, which contains this lag, and for the servo the delay of the tyres
+# (docs/derivations/vehicles.md): both take about 10 ms
+LAG_S = 0.01
 
 
 class PlannedDrive(NamedTuple):

@@ -3,7 +3,7 @@
 Robots have dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms and delays of 4 to 17 ms. Their
 8-bit PWM counts are logged. The IMU is 3 cm off the centre, turned by 4° and tilted by 2°. In a fit all parameters
 are free that a user would free. It begins at a rough guess with the true tilt (robots.py). Cars on tyres are fitted
-by the kinematic car, from IMU and odometer. The cases:
+by the kinematic car with understeer, from IMU and odometer. The cases:
     clean               only white noise
     rough               ticks 1 ms irregular with true timestamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
     floor               process noise of a rough floor; "floor, innovations" is the same with the other cost
@@ -49,6 +49,7 @@ ROBOT_CASES = (
     N_("wrong start"),
 )
 CAR_CASES = (N_("matched"), N_("understeer"))
+FREE_CAR_ON_TYRES = (*FREE_CAR, "+model.understeer")
 CASES = ROBOT_CASES + CAR_CASES
 DRIVE_S, REST_S = 60.0, 2.0
 FLOOR_NOISE = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
@@ -250,7 +251,7 @@ def _car_outcomes(job: TrialJob, case: str) -> list[TrialOutcome]:
     outcomes = []
     for k, seed in enumerate(job.seeds):
         run = run_of_vehicle(drive, k, us[k], files[k], f"car {seed}", seed)
-        fit = identify(run, files[k], FREE_CAR, options=FitOptions(backend=job.backend))
+        fit = identify(run, files[k], FREE_CAR_ON_TYRES, options=FitOptions(backend=job.backend))
         outcomes.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
     return outcomes
 
