@@ -87,8 +87,11 @@ def test_output_has_the_same_figures_in_both_languages(page):
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("KNOWN: after 3 laps the position is known within ± 5.2 cm across, ± 31° (95 %)", False),
-        ("CONOCIDO: después de 3 vueltas la posición se conoce con ± 5,2 cm transversal, ± 31° (95 %)", True),
+        ("KNOWN: after 3 laps the position is known within ± 5.2 cm across the path, ± 31° (95 %)", False),
+        (
+            "CONOCIDO: después de 3 vueltas la posición se conoce con ± 5,2 cm a los lados del camino, ± 31° (95 %)",
+            True,
+        ),
         ("N m per unit of u", False),
         ("N m por unidad de u", True),
         ("/dev/serial/by-id/usb-…", True),

@@ -204,8 +204,8 @@ def test_the_spanish_reference_describes_each_function_of_the_front_door(site):
 
 
 @needs_sphinx
-@pytest.mark.parametrize("name", ["blocks", "signals", "contracts.blocks"])
-def test_the_contract_of_a_block_is_described_in_spanish(site, name):
+@pytest.mark.parametrize("name", ["blocks", "signals", "contracts.blocks", "compare", "report"])
+def test_a_block_and_its_results_are_described_in_spanish(site, name):
     text = (site / f"es/reference/{name}.html").read_text(encoding="utf-8")
     assert not re.search(r">(Return|Protocol|Time) ", text)
     assert f'id="baqueano.{name}.' in text

@@ -1,7 +1,8 @@
 """Generate the API reference from signatures and docstrings of all public names, a page for each module.
 
-In another language the reference has the pages of `import baqueano as bq` and of the contract of a block. Their texts
-are in the catalogue LANGUAGE.po of this folder. They link to the English pages of the other modules.
+In another language the reference has the pages of `import baqueano as bq`, of the contract of a block, of comparisons
+and of reports. Their texts are in the catalogue LANGUAGE.po of this folder. They link to the English pages of the other
+modules.
 """
 
 import dataclasses
@@ -53,7 +54,9 @@ TRANSLATED = (
     "baqueano.blocks",
     "baqueano.signals",
     "baqueano.contracts.blocks",
-)  # for a block of one's own
+    "baqueano.compare",
+    "baqueano.report",
+)  # for a block of one's own, and for what a notebook shows of its results
 TITLE = "Reference of the Python names"
 INTRODUCTION = "These pages are generated from the code. `help(bq.repeat)` shows the same text."
 MODULES = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
@@ -137,7 +140,7 @@ def _page(name: str, described: dict[int, str], translate: Translate, language: 
             parts.append(f"`{word}`: [{translate('its page')}]({_address(thing.__name__, language)})\n")
         elif id(thing) in described and callable(thing):
             target_name = described[id(thing)]
-            parts.append(f"`{word}`: see {{py:obj}}`{target_name}`\n")
+            parts.append(f"`{word}` → {{py:obj}}`{target_name}`\n")
         elif callable(thing):
             described[id(thing)] = f"{name}.{word}"
             parts.append(_entry(f"{name}.{word}", thing, translate))

@@ -69,7 +69,7 @@ def test_rejected_readings_have_a_table_only_if_they_were_counted():
     counts = Event(0, "info", REJECTIONS_SOURCE, "", rejection_event([Rejections("imu[2]", 12, 400)]))
     run = replace(a_run(), events=(counts,))
     (table,) = parts_of(page_of_run(run))["Refused readings"]
-    assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "refused [%]": 3.0}]
+    assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "rejected [%]": 3.0}]
     assert "Refused readings" not in parts_of(page_of_run(a_run()))
 
 

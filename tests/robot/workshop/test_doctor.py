@@ -109,7 +109,7 @@ def test_the_report_prints_a_remedy_below_each_failed_check():
     assert report.verdict == "bad"
     lines = report.table().splitlines()
     assert [line.strip() for line in lines] == [
-        "ok    a  1", "warn  b  2", "→ do this", "bad   c  3", "→ do that", "all in all: bad",
+        "ok    a  1", "warn  b  2", "→ do this", "bad   c  3", "→ do that", "overall result: bad",
     ]  # fmt: skip
     assert [row["verdict"] for row in report.rows()] == ["ok", "warn", "bad"]
 
