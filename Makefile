@@ -8,8 +8,8 @@ BIN := $(VENV)/bin
 endif
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-# By whole files, and in the order of tests/conftest.py. Four processes on two cores: many tests wait for a clock.
-PROCESSES := -n 4 --dist loadfile --no-loadscope-reorder
+# By whole files, and in the order of tests/conftest.py. Three processes on two cores: many tests wait for a clock.
+PROCESSES := -n 3 --dist loadfile --no-loadscope-reorder
 
 # What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices; and
 # the browser in which the page is tested.

@@ -52,7 +52,11 @@ def test_help_advice_of_a_subcommand_names_the_subcommand(baqueano):
     assert (end.code, end.reason.code, end.fix) == (2, "cli.one-radio", "baqueano robot card --help")
 
 
-def test_the_error_about_a_missing_run_advises_to_list_the_runs(baqueano):
+def test_the_error_about_a_missing_run_advises_to_list_the_runs(baqueano, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert baqueano("identify", "77").fix == "baqueano experiment"
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "1.mcap").touch()
     assert baqueano("identify", "77").fix == "baqueano runs ls"
 
 

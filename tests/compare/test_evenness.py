@@ -178,7 +178,7 @@ def test_the_table_shows_the_evenness_of_the_drive():
     text = compare(run_with()).table()
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert "ticks at a limit % 25" in lines
-    assert "speed error, of the mean % 10" in lines
+    assert "speed error, relative % 10" in lines
 
 
 def test_without_a_vehicle_file_the_share_at_a_limit_is_nan():
