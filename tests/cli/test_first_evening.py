@@ -12,6 +12,7 @@ from baqueano.cli.modelling.tune import command as tune
 from baqueano.diagnostics import note
 from baqueano.drive import experiment
 from baqueano.messages import text
+from baqueano.messages.printable import shell_command
 from baqueano.runs import read_run
 from baqueano.runs.folder import find
 from baqueano.vehicle_file import Provenance, garage_names, load, parse
@@ -23,6 +24,10 @@ def test_the_demo_prints_a_program_name_that_the_shell_can_run(tmp_path, monkeyp
     monkeypatch.setattr(sys, "argv", [str(program), "demo"])
     monkeypatch.setenv("PATH", "")
     assert demo.program_name() == str(program), "make installs it in .venv, which is not in the path"
+    module = tmp_path / "__main__.py"
+    module.touch()
+    monkeypatch.setattr(sys, "argv", [str(module), "demo"])
+    assert demo.program_name() == shell_command(sys.executable, "-m", "baqueano")
     monkeypatch.setenv("PATH", str(tmp_path))
     assert demo.program_name() == "baqueano"
 

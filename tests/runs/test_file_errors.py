@@ -22,6 +22,7 @@ from tests.codes import refused
         (b"\x1f\x8b\x08", "runs.is-gzip"),
         (b"ULog\x01", "runs.is-ulog"),
         (b"t,u\n0,1\n", "runs.is-text"),
+        (b" \n", "runs.is-text"),
         (bytes(100), "runs.is-bytes"),
     ],
 )

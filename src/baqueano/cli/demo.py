@@ -11,14 +11,17 @@ from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, figure_options
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_steps
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.messages.printable import shell_command
 
 
 def program_name() -> str:
     """Return the command that a user types to start this program: its name, or its path if the shell does not
-    find the name."""
+    find the name. A package that was started as a module has the name of the interpreter before it."""
     if shutil.which("baqueano") or not (program_path := Path(sys.argv[0])).is_file():
         return "baqueano"
-    return str(program_path)
+    if program_path.name == "__main__.py":
+        return shell_command(sys.executable, "-m", "baqueano")
+    return shell_command(program_path)
 
 
 def unused_folder() -> Path:

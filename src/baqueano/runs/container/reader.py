@@ -112,7 +112,8 @@ def read_bytes(path: Path) -> bytes:
         unknown_text = "toml" if path.suffix == ".toml" else "text"
         format_name = format_name or ("bytes" if b"\0" in data[:1000] else unknown_text)
         fix = "" if format_name in ("zip", "bytes", "toml") else _draft_command(path)
-        first = data[:8] if format_name != "text" else data[:40].decode("utf-8", "replace").splitlines()[0]
+        line = data[:40].decode("utf-8", "replace").strip().partition("\n")[0]
+        first = line if format_name == "text" else data[:8]
         raise FileError(fault(f"runs.is-{format_name}", fix, path=path, found=repr(first)))
     return data
 
