@@ -62,15 +62,28 @@ def printed_in(language: str, cell: str) -> bool:
     return bool(colon) and printed_in(language, head) and printed_in(language, reason)
 
 
-def outputs(language: str, page: str) -> list[str]:
-    """Return the lines of output on a page."""
+def outputs(language: str, page: str) -> list[list[str]]:
+    """Return the cells of each block of output on a page, each cell with its further lines."""
     text = (FOLDERS[language] / page).read_text(encoding="utf-8")
-    return [line for kind, block in FENCE.findall(text) if kind == "text" for line in block.splitlines()]
+    return [block_cells(block) for kind, block in FENCE.findall(text) if kind == "text"]
+
+
+def block_cells(block: str) -> list[str]:
+    """Return the cells of a block; a line below the last cell of a table is the rest of this cell."""
+    cells: list[str] = []
+    last_column = 0
+    for line in block.splitlines():
+        if last_column and len(line) - len(line.lstrip()) == last_column:
+            cells[-1] += " " + line.strip()
+            continue
+        cells += re.split(r" {2,}", line.strip())
+        last_column = line.rindex("  ") + 2 if "  " in line.strip() else 0
+    return cells
 
 
 @pytest.mark.parametrize(("language", "page"), PAGES)
 def test_output_on_a_page_is_printed_by_the_program_in_this_language(language, page):
-    cells = [cell for line in outputs(language, page) for cell in re.split(r" {2,}", line.strip())]
+    cells = [cell for block in outputs(language, page) for cell in block]
     assert [cell for cell in cells if not printed_in(language, cell)] == []
 
 
@@ -78,10 +91,16 @@ def test_output_on_a_page_is_printed_by_the_program_in_this_language(language, p
 def test_output_has_the_same_figures_in_both_languages(page):
     def figures(language):
         return [
-            [figure.replace(",", ".") for figure in FIGURE.findall(line)] for line in outputs(language, page)
+            [figure.replace(",", ".") for cell in block for figure in FIGURE.findall(cell)]
+            for block in outputs(language, page)
         ]
 
     assert figures("es") == figures("en")
+
+
+def test_a_further_line_of_the_last_cell_belongs_to_it():
+    block = "gyro_scale   0.98  the true rotation\n                   is 1.02\n  heading  20\n"
+    assert block_cells(block) == ["gyro_scale", "0.98", "the true rotation is 1.02", "heading", "20"]
 
 
 @pytest.mark.parametrize(

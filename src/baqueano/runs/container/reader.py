@@ -112,7 +112,7 @@ def read_bytes(path: Path) -> bytes:
         unknown_text = "toml" if path.suffix == ".toml" else "text"
         format_name = format_name or ("bytes" if b"\0" in data[:1000] else unknown_text)
         fix = "" if format_name in ("zip", "bytes", "toml") else _draft_command(path)
-        line = data[:40].decode("utf-8", "replace").strip().partition("\n")[0]
+        line = data[:40].decode(errors="replace").strip().partition("\n")[0]
         first = line if format_name == "text" else data[:8]
         raise FileError(fault(f"runs.is-{format_name}", fix, path=path, found=repr(first)))
     return data
@@ -375,8 +375,7 @@ def _estimate_columns(
 def _concatenate(segments: list[Any], tuple_class: Any) -> Any:
     """Return the segments of a log joined into one, in order of time."""
     order = np.argsort(np.concatenate([segment[0] for segment in segments]), kind="stable")
-    positions = np.empty_like(order)
-    positions[order] = np.arange(len(order))
+    positions = np.argsort(order)  # the inverse permutation
     return tuple_class(*(_joined_column(parts, positions) for parts in zip(*segments, strict=True)))
 
 
