@@ -7,7 +7,7 @@ its value:
     fitted   estimates                                   term    estimates if the value is not neutral
     gain     estimates: the effect of a command          known   keeps: measured separately
     offset   estimates: it acts without a command        scale   keeps: of a sensor, known from its data sheet
-                                                         noise   keeps: it does not act on the motion
+    mount    estimates if a motion is known to be 0      noise   keeps: it does not act on the motion
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ Kind = TypeVar("Kind", bound=type)
 SHOWN_BOUND = 1e3  # a larger bound only excludes absurd values, and is not shown to the reader
 SECTION_HEAD = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
 SECTION_ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
-ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")
+ROLES = ("fitted", "gain", "offset", "term", "mount", "known", "scale", "noise")
 Words = str | tuple[str, ...]  # for all entries, or one for each index of the first axis
 
 

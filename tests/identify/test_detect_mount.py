@@ -8,12 +8,15 @@ import pytest
 from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import channel_map
+from baqueano.identify.parameters.free import default_free
 from baqueano.sensors import Wheels
 from baqueano.signals import sensor_slots
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
 from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
+from baqueano.symbolic import with_value
+from baqueano.vehicle_file import load
 
 
 def with_imu(run, change):
@@ -76,19 +79,6 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     assert [finding.code for finding in findings] == ["file.swapped"]
 
 
-@pytest.mark.parametrize(("push", "turn", "expected"), [(0.3, (), 1), (0.01, (), 0), (0.3, (0.05,), 0)])
-def test_two_wheels_that_seem_to_push_sideways_show_a_turned_imu(small, push, turn, expected):
-    names = ["model.actuator_matrix[1,0]", *("sensors.imu.heading_rad" for _ in turn)]
-    blocks, std = FittedBlocks(small.vehicle, small.sensors), np.full(len(names), 0.01)
-    no_noise = np.zeros(0)
-    findings = channel_map.check_gain_changes(
-        blocks, names, np.array([push, *turn]), std, no_noise, no_noise, ()
-    )
-    turned = [finding for finding in findings if finding.code == "file.turned-imu"]
-    assert len(turned) == expected
-    assert all("--free +sensors.imu.heading_rad" in finding.fix for finding in turned)
-
-
 def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     """A robot of the independent truth; the fit may not move the lever arm."""
     seed = 700
@@ -100,5 +90,17 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
     run = counterpart.run_of_vehicle(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
+    k = fit.names.index("sensors.imu.heading_rad")
+    assert abs(fit.estimate[k] - q.imu.turn_rad[0]) < 3.0 * fit.sd[k]
     assert fit.verdict == "WARN"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}
+
+
+def test_a_default_fit_frees_the_turn_of_an_imu_in_place_of_a_sideways_push_of_two_wheels(small):
+    robot, car = (FittedBlocks(file.vehicle, file.sensors) for file in (small, load("car")))
+    paths, turn, push = default_free(robot), "sensors.imu.heading_rad", "model.actuator_matrix[1,0]"
+    assert turn in paths
+    assert push not in paths
+    assert turn not in default_free(robot, {"imu": [2]})  # a gyro does not show it
+    assert push in default_free(with_value(robot, push, 0.1))  # the file states the push
+    assert turn not in default_free(car)

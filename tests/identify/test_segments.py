@@ -15,6 +15,7 @@ from baqueano.identify.data.segments import (
     ThetaLayout,
     derivatives_without_start,
     eliminate_starts,
+    pseudo_inverse,
     split_record,
 )
 from baqueano.runs.run import TruthLog
@@ -186,3 +187,9 @@ def test_segments_need_a_positive_length_and_several_rows(case, case_run):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.05))
     with pytest.raises(UsageError, check=of_code("segment.length", length_s=0.0)):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))
+
+
+def test_an_entry_without_information_has_a_pseudo_inverse_of_zero():
+    """At a saddle of the likelihood the curvature of an entry is negative; an overflow there once ended a fit."""
+    A = np.array([[4.0, 1e10, 0.0], [1e10, -1e-3, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(pseudo_inverse(A), np.diag([0.25, 0.0, 0.0]))

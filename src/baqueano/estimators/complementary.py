@@ -21,6 +21,7 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
+from baqueano.estimators.dead_reckoning import MAX_REST_NU, MIN_REST_S
 from baqueano.estimators.kalman import boxplus
 from baqueano.estimators.pauses import filter_row, rows_before, step_in_rows
 from baqueano.estimators.readings.sensor_numbers import has_measurement
@@ -121,7 +122,9 @@ class Complementary:
         omega = measured_nu[2] - belief.bias
         v = predicted_nu[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (measured_nu[0] - predicted_nu[0])
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + dt_s)
-        is_learning = (rest_s > 1.0) & (np.abs(omega) < 0.1) & (self._turning_count(tick) > 0.0)
+        is_learning = (
+            (rest_s > MIN_REST_S) & (np.abs(omega) < MAX_REST_NU[2]) & (self._turning_count(tick) > 0.0)
+        )
         learnt = np.where(is_learning, 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
         nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning
         J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)

@@ -10,8 +10,9 @@
 velocity_readings.py defines h(0), H and L: L H = I, so a reading replaces the velocity of the model. Readings are not
 gated. ν has the age d of its reading, η is current: the sum of (3) is the trapezoid rule plus d times the last ν.
 During t, the time without a reading before this tick, the error of the model is assumed to grow linearly. b is the bias
-of the gyro, a random walk; s and s_v are the constant scale errors of gyro and speed. All three stay 0, and only their
-uncertainty has an effect (consider states, Schmidt 1966).
+of the gyro, a random walk. At rest (MIN_REST_S without a command, |ν| < MAX_REST_NU) the gyro measures it. s and s_v
+are the constant scale errors of gyro and speed. Both stay 0, and only their uncertainty has an effect (consider states,
+Schmidt 1966).
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
-from baqueano.estimators.kalman import boxplus
+from baqueano.estimators.kalman import boxplus, correct
 from baqueano.estimators.pauses import (
     filter_row,
     row_effort,
@@ -54,14 +55,19 @@ from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
 
+MIN_REST_S = 1.0  # without a command
+MAX_REST_NU = np.array([0.01, 0.01, 0.1])  # m/s, m/s, rad/s; a gyro with a larger bias is not used at rest
+BIAS_INDEX = 6  # of b in the state
+
 
 class DeadReckoningBelief(NamedTuple):
     """The state of dead reckoning between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
-    mean: np.ndarray  # (9,) η, ν, and zeros for b, s_ω, s_v
+    mean: np.ndarray  # (9,) η, ν, b, and zeros for s_ω, s_v
     cov: np.ndarray  # (9, 9) of their errors
     since_s: np.ndarray  # (3,) t of each entry of ν
+    rest_s: Value  # time since the last command
     drivetrain: DrivetrainState
 
 
@@ -135,7 +141,7 @@ class DeadReckoning:
         errors = np.array([*(bias or [0.0]), turning, speed])
         cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)
         return DeadReckoningBelief(
-            -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), self.vehicle.drivetrain.init()
+            -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), 0.0, self.vehicle.drivetrain.init()
         )
 
     def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
@@ -160,10 +166,24 @@ class DeadReckoning:
         walk = np.diag(np.array([walk, 0.0, 0.0]))
         added_cov = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
         cov = mirror_upper(F @ block_diagonal([belief.cov, *noise]) @ F.T + added_cov)
-        belief = tree_where(
-            row.is_new, DeadReckoningBelief(tick.t_ns, mean, cov, since_s, drivetrain), belief
-        )
+        rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + row.dt_s)
+        mean, cov = self._with_bias_at_rest(mean, cov, rest_s, tick)
+        after = DeadReckoningBelief(tick.t_ns, mean, cov, since_s, rest_s, drivetrain)
+        belief = tree_where(row.is_new, after, belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
+
+    def _with_bias_at_rest(
+        self, mean: np.ndarray, cov: np.ndarray, rest_s: Value, tick: Tick
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the state and its covariance after the gyro has measured its bias; unchanged if not at rest."""
+        for reading in self.readings[:1] if self.gyro_bias else ():
+            sensor, k = getattr(self.sensors, reading.name), reading.rows[0]
+            at_rest = (rest_s > MIN_REST_S) & np.all(np.abs(mean[3:6]) < MAX_REST_NU)
+            has = at_rest & has_measurement(sensor, getattr(tick.sensors, reading.name))
+            H, q = np.eye(9)[BIAS_INDEX][None], np.array([sensor.cov[k, k]])
+            update = correct(cov, mean[5:6], H, q, weight=lambda c, e, s: np.where(has, 1.0, 0.0))  # noqa: B023
+            mean, cov = boxplus(mean, update.move), update.cov
+        return mean, cov
 
     def _reading_times(
         self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value

@@ -103,7 +103,7 @@ class Imu:
         measured_by="a level", symbol=(r"\theta_{x}", r"\theta_{y}"),
     )  # fmt: skip
     heading_rad: float = parameter(
-        "rad", "turn of the IMU on the vehicle, to the left", low=-3.2, high=3.2, default=0.0,
+        "rad", "turn of the IMU on the vehicle, to the left", low=-3.2, high=3.2, default=0.0, role="mount",
         shown_by="sudden starts and stops in a straight line", symbol=r"\psi_{s}",
     )  # fmt: skip
     accel_limit: float = parameter("m/s²", "full-scale range of the accelerometers", low=1e-3, default=INF)

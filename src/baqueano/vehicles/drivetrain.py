@@ -200,6 +200,12 @@ class Drivetrain:
         """Return k, the number of motors or servos behind the mix."""
         return 2 if self.mixing == "two_wheels" else self.commands
 
+    @property
+    def driven_axes(self) -> tuple[int, ...]:
+        """Return the axes along which a command acts: 0 forward, 1 sideways, 2 turning. Two wheels roll sideways
+        only with their vehicle."""
+        return (0, 2) if self.mixing == "two_wheels" else (0, 1, 2)
+
     def mix(self, u: np.ndarray) -> np.ndarray:
         """Return the channels (k,) of a command (n,).  (2)"""
         return mix(self.mixing, u)

@@ -126,9 +126,10 @@ def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -
 
 
 def pseudo_inverse(A: np.ndarray, rcond: float = 1e-12) -> np.ndarray:
-    """Return the pseudo-inverse (p, p) of an information A; it is 0 in directions below `rcond` of the largest
-    eigenvalue of the scaled A."""
-    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    """Return the pseudo-inverse (p, p) of an information A. It is 0 in directions below `rcond` of the largest
+    eigenvalue of the scaled A. It is also 0 for an entry with a diagonal of at most 0, as at a saddle."""
+    diagonal = np.diagonal(A)
+    root = np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
     return np.linalg.pinv(A / np.outer(root, root), rcond=rcond, hermitian=True) / np.outer(root, root)
 
 

@@ -75,7 +75,8 @@ def possible_vehicles(
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
     fit_indices = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
     names = [] if fit is None else [fit.names[k] for k in fit_indices]
-    guesses = [p for p in default_free(blocks) if p not in names and value(blocks, p) != 0.0]
+    free_paths = [p for p in default_free(blocks) if p.startswith("model.")]
+    guesses = [p for p in free_paths if p not in names and value(blocks, p) != 0.0]
     paths = (*names, *guesses)
     mean = np.array([value(blocks, p) for p in paths])
     half_draws = random_stream(seed, "possible_vehicles").standard_normal((vehicle_count // 2, len(paths)))

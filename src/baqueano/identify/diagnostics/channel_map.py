@@ -230,29 +230,8 @@ def check_gain_changes(
     """Return messages on gains and noise that differ from the file before the fit. `estimate` and `std` (p,) belong to
     `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0 if the file does not contain it.
     `sigma` (m,) is the estimated noise."""
-    findings = gain_findings(blocks, names, estimate, std) + _turned_imu(blocks, names, estimate, std)
+    findings = gain_findings(blocks, names, estimate, std)
     return findings + _noise_findings(file_sigma, sigma, labels)
-
-
-def _turned_imu(
-    blocks: FittedBlocks, names: Sequence[str], estimate: np.ndarray, std: np.ndarray
-) -> list[Diagnostic]:
-    """Return a note if two wheels, which cannot push sideways, seem to do so. An IMU that is turned causes this."""
-    imu = next((k for k, sensor in blocks.sensors._asdict().items() if has_field(sensor, "gyro_scale")), "")
-    turn, rows = f"sensors.{imu}.heading_rad", [f"model.actuator_matrix[1,{j}]" for j in (0, 2)]
-    drivetrain = getattr(blocks.model, "drivetrain", None)
-    if (
-        getattr(drivetrain, "mixing", "none") != "two_wheels"
-        or not imu
-        or turn in names
-        or rows[0] not in names
-    ):
-        return []
-    k = list(names).index(rows[0])
-    if value(blocks, rows[0]) != 0.0 or not abs(estimate[k]) > SIGNIFICANT_SIGMA * std[k]:
-        return []
-    fix = " ".join([f"--free +{turn}", *(f"--fix {row}" for row in rows)])
-    return [note("file.turned-imu", fix=fix, subject=rows[0], sensor=imu)]
 
 
 def gain_findings(

@@ -10,23 +10,27 @@ value with an effect (`enable_parameters`). Columns of a matrix whose command ne
 `frozen_columns` returns them.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.optional import has_field
+from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
+from baqueano.estimators.readings.sensor_numbers import GENERAL_MOTION, PARAMETER_STEP
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
+from baqueano.signals import Motion
 from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, decay_rates
 from baqueano.vehicles.rk4 import row_rate_hz
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
+SIDEWAYS = 1  # axis
+NO_CHANNELS: Mapping[str, Sequence[int]] = {}  # all sensors are used with all their channels
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
 DELAY_PATH = "model.drivetrain.delay_s"
 LAG_PATH = "model.drivetrain.lag_s"
@@ -90,19 +94,42 @@ def entry_text(words: Words, entry: tuple[int, ...]) -> str:
     return text.replace("{nth}", nth).replace("{axis}", AXIS_NAMES[min(first, 2)])
 
 
-def default_free(blocks: FittedBlocks) -> list[str]:
-    """Return the paths, with entries, that are free by default."""
-    paths = [p for path in default_fields(blocks) for p in entries(blocks, path)]
-    for path, p in all_parameters(blocks.model, "model"):
+def default_free(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]] = NO_CHANNELS) -> list[str]:
+    """Return the paths, with entries, that are free by default. `channels` are those of partly used sensors."""
+    fields = list(all_parameters(blocks.model, "model"))
+    field_paths = [path for path, p in fields if p.role in FREE_ROLES and path != PROCESS_NOISE_PATH]
+    paths = [p for path in field_paths for p in entries(blocks, path) if not _is_undriven(blocks, p)]
+    for path, p in fields:
         terms = entries(blocks, path) if p.role == "term" else []
         paths += [entry for entry in terms if value(blocks, entry) != p.neutral]
+    return paths + _mounts(blocks, channels)
+
+
+def _is_undriven(blocks: FittedBlocks, path: str) -> bool:
+    """Return True for a force of 0 along an axis on which no command acts, such as a sideways force of two wheels."""
+    parameter = free_parameter(blocks, path, {})
+    is_gain = parameter.column is not None and parameter.axis is not None
+    return is_gain and parameter.axis not in driven_axes(blocks) and value(blocks, path) == 0.0
+
+
+def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list[str]:
+    """Return the paths of the mounts of the sensors. A straight acceleration of a vehicle that no command pushes
+    sideways shows how its accelerometers are turned; otherwise a turned sensor and such a push look alike."""
+    if SIDEWAYS in driven_axes(blocks) or not optional.is_dynamic(blocks.model):
+        return []
+    motion, paths = Motion(GENERAL_MOTION[:3], GENERAL_MOTION[3:6], GENERAL_MOTION[6:], np.zeros(2)), []
+    for name, sensor in blocks.sensors._asdict().items():
+        rows = list(channels.get(name, range(sensor.size)))
+        for path, _ in (p for p in parameters(sensor) if p[1].role == "mount"):
+            other = with_value(sensor, path, value_at_path(sensor, path) + PARAMETER_STEP)
+            has_effect = np.any((other.h(motion) != sensor.h(motion))[rows])
+            paths += [f"sensors.{name}.{path}"] if has_effect else []
     return paths
 
 
-def default_fields(blocks: FittedBlocks) -> list[str]:
-    """Return the paths, without entries, that a default fit frees for any value in the file."""
-    paths = all_parameters(blocks.model, "model")
-    return [path for path, p in paths if p.role in FREE_ROLES and path != PROCESS_NOISE_PATH]
+def driven_axes(blocks: FittedBlocks) -> tuple[int, ...]:
+    """Return the axes along which a command acts: 0 forward, 1 sideways, 2 turning."""
+    return optional.attribute(getattr(blocks.model, "drivetrain", None), "driven_axes")
 
 
 def has_offset(model: Tree) -> bool:
@@ -147,10 +174,12 @@ def free_parameters(
     free: Iterable[str] | None,
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
+    channels: Mapping[str, Sequence[int]] = NO_CHANNELS,
 ) -> list[FreeParameter]:
-    """Return the free parameters, in order and once each; an empty list if `free` is empty. Raise UsageError if all
-    are fixed."""
-    paths = [p for path in requested_paths(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
+    """Return the free parameters, in order and once each; an empty list if `free` is empty. `channels` are those of
+    partly used sensors. Raise UsageError if all are fixed."""
+    field_paths = requested_paths(free, lambda: default_free(blocks, channels))
+    paths = [p for path in field_paths for p in entries(blocks, path)]
     fixed_paths = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
         entries(blocks, path)
@@ -240,7 +269,7 @@ def _with_delay_lines(
     of the sensors."""
     sensors = blocks.sensors
     for name, sensor in sensors._asdict().items():
-        if has_field(sensor, "delay_slots"):
+        if optional.has_field(sensor, "delay_slots"):
             slots = past_rows(float(sensor.delay_s))
             sensors = sensors._replace(**{name: replace(sensor, delay_slots=slots)})
     blocks = blocks._replace(sensors=sensors)

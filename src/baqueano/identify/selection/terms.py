@@ -30,7 +30,8 @@ from baqueano.identify.parameters.free import (
     LAG_PATH,
     MAX_DELAY_S,
     WHEEL_FRICTIONS,
-    default_fields,
+    default_free,
+    driven_axes,
     entries,
     entry_text,
     free_parameter,
@@ -70,7 +71,7 @@ def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.
     u (N, n) all commands."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
-    fields = requested_paths(free, lambda: default_fields(blocks))
+    fields = requested_paths(free, lambda: default_free(blocks))
     paths = [path for field in fields for path in entries(blocks, field)]
     candidates = [free_parameter(blocks, p, {}) for p in paths if p not in optional]
     frozen_numbers = frozen_columns(candidates, u)
@@ -217,7 +218,7 @@ def _cross_talk_terms(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
     for field, p in all_parameters(blocks.model, "model"):
         if p.term and p.role == "gain":
             matrix = value_at_path(blocks, field)
-            pairs = [(i, j) for j in axes_moved for i in range(len(matrix)) if i != j]
+            pairs = [(i, j) for j in axes_moved for i in driven_axes(blocks) if i != j]
             paths = tuple(f"{field}[{i},{j}]" for i, j in pairs)
             start = tuple(0.02 * float(matrix[j, j]) for _, j in pairs)
             name = entry_text(p.term, ())

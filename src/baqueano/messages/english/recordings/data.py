@@ -117,10 +117,6 @@ TEMPLATES: dict[str, str] = {
         "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors; if the "
         "file was a guess, save this fit and repeat it"
     ),
-    "file.turned-imu": (
-        "{subject}: two wheels cannot push the vehicle sideways. {sensor} is probably turned on its mount. The "
-        "estimated position then drifts to the side. Type: {fix}"
-    ),
     "file.swapped": (
         "the command {subject} should give {expected} motion and gives {found} motion. Are columns of commands or axes "
         "of a sensor swapped?"
