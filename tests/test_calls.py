@@ -97,7 +97,7 @@ def test_the_wrong_item_of_a_list_is_named(call, name, value_text):
     with pytest.raises(Misuse) as error:
         call()
     figures = error.value.diagnostic.figures
-    assert (figures["name"], figures["found"]) == (name, value_text)
+    assert (figures["name"], figures["value"]) == (name, value_text)
 
 
 def test_a_result_in_place_of_its_part_is_answered_with_the_part():

@@ -197,13 +197,13 @@ FAILING_LINE = next(
     ("failure", "figures"),
     [
         ("raises", {"error": "ZeroDivisionError: float division by zero"}),
-        ("shape", {"found": "Command.u.shape = (2,)", "expected": "(3,)"}),
-        ("nan", {"found": "Command.u = [nan, 0., 0.]", "expected": note("block.finite")}),
-        ("text", {"found": "Command.u = ['a', 'b', 'c']", "expected": note("block.finite")}),
-        ("kind", {"found": "(state, ndarray)", "expected": "(state, Command(t_ns, u))"}),
-        ("one", {"found": "Command", "expected": "(state, output)"}),
-        ("nothing", {"found": "None", "expected": "(state, output)"}),
-        ("three", {"found": "(…, …, …)", "expected": "(state, output)"}),
+        ("shape", {"value": "Command.u.shape = (2,)", "expected": "(3,)"}),
+        ("nan", {"value": "Command.u = [nan, 0., 0.]", "expected": note("block.finite")}),
+        ("text", {"value": "Command.u = ['a', 'b', 'c']", "expected": note("block.finite")}),
+        ("kind", {"value": "(state, ndarray)", "expected": "(state, Command(t_ns, u))"}),
+        ("one", {"value": "Command", "expected": "(state, output)"}),
+        ("nothing", {"value": "None", "expected": "(state, output)"}),
+        ("three", {"value": "(…, …, …)", "expected": "(state, output)"}),
     ],
 )
 def test_rt3_a_failing_controller_stops_the_vehicle_and_logging_continues(failure, figures):
@@ -312,7 +312,7 @@ def test_a_nan_estimate_is_attributed_to_the_estimator():
     _, _, outcome = drive(BLOCKS._replace(estimator=Lost()))
     assert outcome.stopped.code == StopReason.BLOCK_RETURNED
     assert outcome.stopped.figures["block"].startswith("estimator Lost (")
-    assert outcome.stopped.figures["found"] == "Estimate.nu = [nan, nan, nan]"
+    assert outcome.stopped.figures["value"] == "Estimate.nu = [nan, nan, nan]"
 
 
 def test_after_a_supervisor_stop_one_more_second_is_recorded():

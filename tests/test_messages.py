@@ -350,6 +350,11 @@ def test_the_role_in_an_old_message_was_called_room():
     assert Diagnostic.of_json(wall).figures == {"room": "2x2"}
 
 
+def test_a_figure_of_an_old_message_has_its_present_name():
+    data = note("block.returned", block="E.step()", found="None", expected="Command").to_json()
+    assert Diagnostic.of_json(data).figures == {"block": "E.step()", "value": "None", "expected": "Command"}
+
+
 def test_an_unknown_code_is_printed_with_its_figures():
     assert (
         text(note("uno.new", fix="baqueano help", volts=7.1)) == "uno.new (volts = 7.1). Type: baqueano help"

@@ -102,7 +102,7 @@ def kinds(role: str) -> tuple[str, ...]:
     ('repeat', 'repeat_by_progress', 'sinuous_circle')
     """
     if role not in BLOCK_TARGETS:
-        raise UsageError(fault("block.role-unknown", found=role, near=nearest(role, BLOCK_TARGETS)))
+        raise UsageError(fault("block.role-unknown", value=role, near=nearest(role, BLOCK_TARGETS)))
     return tuple(BLOCK_TARGETS[role])
 
 
@@ -141,8 +141,8 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     if colon and file_name.endswith(".py"):
         return _class_of(_find(file_name, folder), name)
     if kind.endswith(".py") and _path_of(kind, folder) is not None:
-        raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
-    raise FileError(fault("block.unknown", role=role, found=kind, near=nearest(kind, names)))
+        raise FileError(fault("block.without-class", value=kind, holds=classes_in(kind, folder)))
+    raise FileError(fault("block.unknown", role=role, value=kind, near=nearest(kind, names)))
 
 
 @contextmanager
@@ -237,7 +237,7 @@ def check_role(role: str, block: object) -> None:
     """
     block_class = block if isinstance(block, type) else type(block)
     if not all(callable(getattr(block_class, method, None)) for method in ("init", "step")):
-        raise UsageError(fault("block.not-a-block", role=role, found=block_class.__name__))
+        raise UsageError(fault("block.not-a-block", role=role, value=block_class.__name__))
     check_step(role, block_class, lambda fitting_role: f"{fitting_role}={block_class.__name__}")
 
 
@@ -263,7 +263,7 @@ def _find(file: str, folder: Path | str | None) -> Path:
         sorted(p.name for p in candidates[0].parent.glob("*.py")) if candidates[0].parent.is_dir() else []
     )
     suggestion = nearest(path.name, neighbours)
-    raise FileError(fault("block.file-absent", missing=candidates[0], found=path.name, near=suggestion))
+    raise FileError(fault("block.file-absent", missing=candidates[0], value=path.name, near=suggestion))
 
 
 def _path_of(file: str, folder: Path | str | None) -> Path | None:
@@ -301,9 +301,9 @@ def _class_of(path: Path, name: str) -> type:
     member = getattr(module, name, None)
     if member is None:
         suggestion = nearest(name, class_names)
-        raise FileError(fault("block.class-unknown", file=path.name, found=name, near=suggestion))
+        raise FileError(fault("block.class-unknown", file=path.name, value=name, near=suggestion))
     if not inspect.isclass(member):
-        raise FileError(fault("block.not-class", file=path.name, found=name, kind=type(member).__name__))
+        raise FileError(fault("block.not-class", file=path.name, value=name, kind=type(member).__name__))
     return member
 
 

@@ -113,7 +113,7 @@ FORMER_CODES = (  # beginning of a code in older runs → its present one
 )  # fmt: skip
 FORMER_FIGURES = {  # figure in older runs and robots → its present name
     "known": "valid", "meant": "similar", "heard": "received", "held": "content", "asked": "requested",
-    "believed_cm": "bound_cm", "unseen": "unidentified", "said": "reply",
+    "believed_cm": "bound_cm", "unseen": "unidentified", "said": "reply", "found": "value",
 }  # fmt: skip
 WITH_ROLE = (  # messages in runs whose figure `role` was called `room`
     "drive.not-compiled", "drive.says-failed", "drive.text-unknown", "door.swapped",

@@ -152,7 +152,7 @@ def parameter(
     0.03
     """
     if role not in ROLES:
-        raise Invalid(fault("field.role", found=repr(role), valid=ROLES))
+        raise Invalid(fault("field.role", value=repr(role), valid=ROLES))
     if role == "term":
         physics = {"neutral": 0.0} | physics
     metadata = {"parameter": Parameter(unit, low, high, meaning, shape, role, **physics)}

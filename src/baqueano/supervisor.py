@@ -185,7 +185,7 @@ class GuardedBlock:
 
     def _return_fault(self, result_text: str, expected: Diagnostic | str) -> BlockFault:
         reason = stop(
-            StopReason.BLOCK_RETURNED, block=_block_place(self), found=result_text, expected=expected
+            StopReason.BLOCK_RETURNED, block=_block_place(self), value=result_text, expected=expected
         )
         return BlockFault(self.role, reason)
 

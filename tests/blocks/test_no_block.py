@@ -21,7 +21,7 @@ def test_a_class_without_step_is_not_a_block(tmp_path):
 
 
 def test_an_unknown_kind_of_block_is_refused():
-    with refused("block.role-unknown", UsageError, found="guides"):
+    with refused("block.role-unknown", UsageError, value="guides"):
         resolve("guides", "repeat")
 
 

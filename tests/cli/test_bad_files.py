@@ -74,7 +74,7 @@ def test_every_command_refuses_a_file_that_is_not_a_run(baqueano, tmp_path, name
 def test_a_missing_run_is_reported(baqueano, verb):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
-    assert (end.reason.code, end.reason.figures["found"]) == ("runs.folder-empty", "last")
+    assert (end.reason.code, end.reason.figures["value"]) == ("runs.folder-empty", "last")
     assert baqueano(*verb.split(), "no.mcap").reason.code == "runs.absent"
 
 

@@ -267,7 +267,7 @@ def test_an_unknown_unit_must_be_stated_by_the_user(baqueano, tmp_path):
     )
     baqueano("runs", "import", "log.csv", "--draft", "log.toml")
     end = baqueano("runs", "import", "log.toml", "log.csv")
-    assert (end.reason.code, end.reason.figures["found"]) == ("map.wrong", "'?'")
+    assert (end.reason.code, end.reason.figures["value"]) == ("map.wrong", "'?'")
 
 
 def test_a_recording_at_rest_needs_no_command(baqueano, tmp_path):

@@ -212,9 +212,9 @@ def test_a_block_whose_init_raises_writes_no_run(project, tmp_path):
     [
         ("import nothere\n", "Mine", ("block.raised-while-read", "place", "mine.py line 1")),
         ("class Mine:\n    def step step(self):\n", "Mine", ("block.not-python", "line", 2)),
-        ("class Mine: ...\n", "Myne", ("block.class-unknown", "found", "Myne")),
+        ("class Mine: ...\n", "Myne", ("block.class-unknown", "value", "Myne")),
         ("Mine = 3\n", "Mine", ("block.not-class", "kind", "int")),
-        (None, "Mine", ("block.file-absent", "found", "mine.py")),
+        (None, "Mine", ("block.file-absent", "value", "mine.py")),
     ],
 )  # fmt: skip
 def test_a_block_that_cannot_be_loaded_is_refused_before_the_drive(

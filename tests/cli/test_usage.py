@@ -24,8 +24,8 @@ from baqueano.diagnostics import fault
         ("experiment --secs 5", "cli.no-such-option", "--seconds"),
         ("experiment extra", "cli.usage", "baqueano experiment --help"),
         ("experiment --seconds abc", "cli.number", "> 0, ≤ 86400 [s]"),
-        ("experiment --seconds -5", "cli.number", "'found': '-5'"),
-        ("experiment --seconds nan", "cli.number", "'found': 'nan'"),
+        ("experiment --seconds -5", "cli.number", "'value': '-5'"),
+        ("experiment --seconds nan", "cli.number", "'value': 'nan'"),
         ("experiment --seconds 1e12", "cli.number", "'option': '--seconds'"),
         ("experiment --seed -1", "cli.whole-number", "≥ 0"),
         ("experiment --backend rust", "cli.usage", "'numpy'"),
@@ -34,9 +34,9 @@ from baqueano.diagnostics import fault
         (
             "experiment --vehicle small --robot simulated:car --seconds 1",
             "drive.other-vehicle",
-            "'found': 3, 'expected': 2",
+            "'value': 3, 'expected': 2",
         ),
-        ("repeat lab --laps tres", "cli.whole-number", "'found': 'tres'"),
+        ("repeat lab --laps tres", "cli.whole-number", "'value': 'tres'"),
         ("simulate --vehicles 0", "cli.whole-number", "≥ 1"),
         ("simulate --vehicle small --set model.mass_kg", "vehicle.setting", "model.mass_kg"),
         ("simulate --vehicle small --set model.mas_kg=1", "vehicle.unknown-key", "--set model.mass_kg=1"),
@@ -176,7 +176,7 @@ def test_an_unknown_back_end_in_the_environment_is_reported(baqueano, monkeypatc
     end = baqueano("runs", "ls")
     assert end.code == 2
     assert dict(end.reason.figures) == {
-        "variable": "BAQUEANO_BACKEND", "found": "rust", "valid": "auto, c, python, numpy",
+        "variable": "BAQUEANO_BACKEND", "value": "rust", "valid": "auto, c, python, numpy",
     }  # fmt: skip
 
 

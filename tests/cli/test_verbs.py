@@ -163,7 +163,7 @@ def test_an_unknown_run_is_reported_with_the_newest_runs(project):
     assert end.code == 3
     assert end.reason.code == "runs.unknown"
     assert dict(end.reason.figures) == {
-        "found": "77",
+        "value": "77",
         "folder": "runs",
         "valid": "0001-experiment, 0002-teach",
     }

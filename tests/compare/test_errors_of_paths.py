@@ -135,7 +135,7 @@ def test_errors_are_invariant_under_rotation_of_the_world():
 
 
 def test_an_unknown_alignment_is_refused_with_the_valid_names():
-    with refused("compare.alignment", UsageError, found="scaled", valid="none, start, rigid"):
+    with refused("compare.alignment", UsageError, value="scaled", valid="none, start, rigid"):
         errors.align_trajectory(np.zeros((2, 3)), np.zeros((2, 3)), "scaled")
 
 

@@ -270,7 +270,7 @@ def test_a_controller_without_a_law_names_the_missing_method():
 
 
 def test_a_limit_of_wrong_length_is_refused():
-    with refused("field.limit", ValueError, block="PdFeedforward", found="(2,)", commands=3):
+    with refused("field.limit", ValueError, block="PdFeedforward", value="(2,)", commands=3):
         PdFeedforward(SMALL.vehicle, limit=np.ones(2))
 
 

@@ -97,5 +97,5 @@ def test_commands_are_invariant_under_motions_of_the_world(x, y, psi, xr, yr, ps
 
 
 def test_a_limit_of_the_wrong_length_is_refused():
-    with refused("pd.limit", ValueError, found="(4,)"):
+    with refused("pd.limit", ValueError, value="(4,)"):
         Pd(alpha=1.0, beta=1.0, limit=np.ones(4))

@@ -134,9 +134,9 @@ def test_a_run_stores_the_source_of_a_file_or_a_notebook_cell():
     ("returned", "code", "figure"),
     [
         ("1 / 0", StopReason.BLOCK_RAISED, ("error", "ZeroDivisionError: division by zero")),
-        ("None", StopReason.BLOCK_RETURNED, ("found", "None")),
-        ("np.zeros(2)", StopReason.BLOCK_RETURNED, ("found", "Reference.eta.shape = (2,)")),
-        ("np.full(3, np.nan)", StopReason.BLOCK_RETURNED, ("found", "Reference.eta = [nan, nan, nan]")),
+        ("None", StopReason.BLOCK_RETURNED, ("value", "None")),
+        ("np.zeros(2)", StopReason.BLOCK_RETURNED, ("value", "Reference.eta.shape = (2,)")),
+        ("np.full(3, np.nan)", StopReason.BLOCK_RETURNED, ("value", "Reference.eta = [nan, nan, nan]")),
     ],
 )
 def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(

@@ -127,7 +127,7 @@ def test_teaching_without_motion_is_refused():
 @pytest.mark.parametrize(
     ("script", "words"),
     [
-        ([(1.0,)], ("drive.step-pair", {"number": 1, "found": "(1.0,)"})),
+        ([(1.0,)], ("drive.step-pair", {"number": 1, "value": "(1.0,)"})),
         ([(1.0, (0, 0, 0)), (-1.0, (0, 0, 0))], ("drive.step-numbers", {"number": 2, "commands": 3})),
         ([(1.0, (0, 0))], ("drive.step-numbers", {"commands": 3})),
         ([(np.inf, (0, 0, 0))], ("drive.step-numbers", {"number": 1})),
@@ -145,7 +145,7 @@ def test_a_step_of_a_script_lasts_at_least_one_tick():
         [0, 0, 0],
         [0, 0, 0],
     ]
-    with refused("drive.signal-shape", UsageError, found="(0, 3)"):
+    with refused("drive.signal-shape", UsageError, value="(0, 3)"):
         experiment(FILE, np.zeros((0, 3)))
 
 
@@ -289,7 +289,7 @@ def test_the_simulated_vehicle_may_differ_from_the_model():
 def test_a_world_and_a_file_of_different_kinds_are_refused():
     world = SimulatedWorld(VEHICLE, SENSORS)
     world.commands = 2
-    with refused("drive.other-vehicle", UsageError, file="small", found=3, expected=2):
+    with refused("drive.other-vehicle", UsageError, file="small", value=3, expected=2):
         experiment(FILE, np.zeros((5, 3)), world=world)
 
 

@@ -156,7 +156,7 @@ def test_a_scale_that_contradicts_the_file_is_refused(file, lap, scale, std, mos
     prior = {"sensors.imu.gyro_scale": scale, "sensors.imu.gyro_scale_std": std}
     with refused("marks.lap-other-scale", AnswerNo) as no:
         lap_closure(lap, file.with_values(prior))
-    assert no.value.diagnostic.figures["found"] == pytest.approx(TRUE, abs=0.015)
+    assert no.value.diagnostic.figures["value"] == pytest.approx(TRUE, abs=0.015)
     assert no.value.diagnostic.figures["most_percent"] == pytest.approx(most, abs=0.2)
 
 

@@ -221,7 +221,7 @@ def test_sensor_rows_are_selected_by_their_measured_velocities():
     assert rows_shown(wheels=WHEELS) == [("wheels", (0, 1), (0, 2))]
     assert rows_shown(pose=Pose(noise_std=np.full(3, 0.01)), odometer=ODOMETER) == [("odometer", (0,), (0,))]
     assert rows_shown(imu=IMU, odometer=ODOMETER, use=("odometer",)) == [("odometer", (0,), (0,))]
-    with refused("field.use", ValueError, found="gps", valid="imu"):
+    with refused("field.use", ValueError, value="gps", valid="imu"):
         reckoning(use=("gps",))
 
 
@@ -308,7 +308,7 @@ def test_dead_reckoning_passes_the_block_check_and_compiles(name):
         ),
         (
             {"initial_std": np.zeros(9)},
-            ("field.shape", {"where": "DeadReckoning.initial_std", "found": "(9,)", "expected": "(6,)"}),
+            ("field.shape", {"where": "DeadReckoning.initial_std", "value": "(9,)", "expected": "(6,)"}),
         ),
     ],
 )

@@ -181,13 +181,13 @@ def test_the_estimator_models_the_drivetrain_delay_of_the_vehicle():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"mode": "papr"}, ("ekf.mode", {"found": "papr", "valid": "default, paper"})),
-        ({"use": ("gps",)}, ("field.use", {"found": "gps", "valid": "imu"})),
+        ({"mode": "papr"}, ("ekf.mode", {"value": "papr", "valid": "default, paper"})),
+        ({"use": ("gps",)}, ("field.use", {"value": "gps", "valid": "imu"})),
         ({"gate_sigma": 0.0}, ("ekf.positive", {"gate_sigma": 0.0})),
         ({"initial_std": np.zeros(9)}, ("ekf.initial-std", {})),
         (
             {"process_noise_cov": np.eye(5)},
-            ("cov.shape", {"name": "process_noise_cov", "found": "(5, 5)", "size": 6}),
+            ("cov.shape", {"name": "process_noise_cov", "value": "(5, 5)", "size": 6}),
         ),
         (
             {"process_noise_cov": np.diag([1, 1, np.nan, 1, 1, 1])},

@@ -199,7 +199,7 @@ def test_the_unscented_filter_passes_the_block_check_and_compiles(name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"use": ("gps",)}, ("field.use", {"found": "gps", "valid": "imu"})),
+        ({"use": ("gps",)}, ("field.use", {"value": "gps", "valid": "imu"})),
         (
             {"vehicle": Kinematic(velocity_matrix=np.eye(3))},
             ("unscented.no-acceleration", {"vehicle": "Kinematic"}),

@@ -92,7 +92,7 @@ def test_a_route_is_placed_at_the_vehicle_pose():
         ({"t_s": np.array([1.0, 2.0])}, ("guide.times", {})),
         ({"eta": np.zeros((3, 3))}, ("route.shapes", {})),
         ({"nu": np.full((2, 3), np.nan)}, ("route.not-finite", {})),
-        ({"laps": -1}, ("route.laps", {"found": -1})),
+        ({"laps": -1}, ("route.laps", {"value": -1})),
     ],
 )
 def test_a_bad_route_is_refused_with_a_reason(change, words):

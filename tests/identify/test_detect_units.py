@@ -94,7 +94,7 @@ def test_swapped_axes_without_turns_are_detected_by_the_gain_matrix(case):
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
     assert [(finding.code, finding.subject) for finding in findings] == [("file.swapped", "u[0]")]
-    axes = [findings[0].figures[name].code for name in ("expected", "found")]
+    axes = [findings[0].figures[name].code for name in ("expected", "value")]
     assert axes == ["axis.forward", "axis.sideways"]
 
 

@@ -106,5 +106,5 @@ def test_a_tolerance_out_of_range_is_refused(tolerance_m):
 
 
 def test_a_route_without_speeds_cannot_keep_them():
-    with refused("route.speed", UsageError, found=0.0):
+    with refused("route.speed", UsageError, value=0.0):
         smooth(circle(0.5, 0.2)._replace(nu=np.zeros((1441, 3))))

@@ -62,10 +62,10 @@ def test_a_run_is_selected_by_path_number_name_or_last(run, tmp_path):
     assert find("2", tmp_path) == find("0002", tmp_path) == find("last", tmp_path) == second
     assert find("0001-a", tmp_path) == first
     assert find("loose", tmp_path) == tmp_path / "loose.mcap"
-    with refused("runs.unknown", FileError, found="7", valid="0001-a, 0002-b, loose"):
+    with refused("runs.unknown", FileError, value="7", valid="0001-a, 0002-b, loose"):
         find("7", tmp_path)
     write_run(run, tmp_path / "0002-c.mcap")
-    with refused("runs.ambiguous", FileError, found="2"):
+    with refused("runs.ambiguous", FileError, value="2"):
         find("2", tmp_path)
     with refused("runs.folder-empty", FileError):
         find("last", tmp_path / "nowhere")
@@ -82,7 +82,7 @@ def test_a_recovered_run_replaces_its_damaged_run_in_the_list(run, tmp_path):
         assert find_all(runs, tmp_path) == [first, recovered_file]
     assert find_all(str(tmp_path / "*-b.mcap"), tmp_path) == [cut]
     third = write_run(run, tmp_path / "0002-c.mcap")
-    with refused("runs.ambiguous", FileError, found="2", valid="0002-b-recovered, 0002-c"):
+    with refused("runs.ambiguous", FileError, value="2", valid="0002-b-recovered, 0002-c"):
         find("2", tmp_path)
     assert find_all("2-2", tmp_path) == [recovered_file, third]
 
@@ -219,7 +219,7 @@ def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
     assert 2 * np.arctan2(float(qz), float(qw)) == pytest.approx(run.truth.eta[0, 2])
     with refused("runs.file-in-the-way", FileError):
         export_tum(run, tmp_path / "x.tum")
-    with refused("runs.no-trajectory", UsageError, found="camera", has="estimate, reference, truth"):
+    with refused("runs.no-trajectory", UsageError, value="camera", has="estimate, reference, truth"):
         export_tum(run, tmp_path / "y.tum", "camera")
 
 

@@ -65,7 +65,7 @@ def refusal(tmp_path, data, name="log.csv"):
         (b"a,b\n" + ROWS + b"1,\0\n" + ROWS, ("table.zero-bytes-in-line", {"line": 6})),
         (b"a,b\n" + ROWS * 300 + bytes(3_000_000), ("table.zero-bytes-in-line", {"line": 1202})),
         (bytes(100_000), ("table.zero-bytes-in-line", {"line": 1})),
-        (b"a,b\n" + b'"\n' * 50_000 + b'x"y\n', ("table.uneven", {"line": 3, "found": 1, "expected": 2})),
+        (b"a,b\n" + b'"\n' * 50_000 + b'x"y\n', ("table.uneven", {"line": 3, "value": 1, "expected": 2})),
         (b"PK\x03\x04" + bytes(50), ("table.zip", {"file": "log.csv"})),
     ],
 )  # fmt: skip

@@ -168,7 +168,7 @@ def test_dates_are_accepted_as_times(lab):
     (missing_time,) = (d.reason for d in lab.run().findings if d.code == "no time")
     assert includes(missing_time, "recording.no-time", count=1)
     lab.board["t"][0] = "yesterday"
-    lab.refused("import.iso8601", column="t", found="yesterday")
+    lab.refused("import.iso8601", column="t", value="yesterday")
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ GYRO, SECONDS = "sensors.imu.z[2]", 'time_unit = "s"'
 
 def wrong(place, value, expected, **figures):
     """A value that the map does not permit, and the expected value."""
-    return "map.wrong", {"map": "lab.toml", "place": place, "found": value}, expected, figures
+    return "map.wrong", {"map": "lab.toml", "place": place, "value": value}, expected, figures
 
 
 def missing(place, expected, **figures):
@@ -274,7 +274,7 @@ def test_a_mistake_in_the_map_is_named_with_a_remedy(lab, old, new, reason):
 
 
 def test_an_unknown_map_is_refused_with_the_list_of_built_in_maps(tmp_path):
-    with refused("map.absent", FileError, found="cpm", missing="cpm"):
+    with refused("map.absent", FileError, value="cpm", missing="cpm"):
         load_map("cpm")
     (tmp_path / "x.toml").write_bytes(b"\xff\xfe")
     with refused("map.not-read", FileError):
@@ -318,5 +318,5 @@ def test_recordings_are_searched_in_the_folder_of_the_environment_variable(lab, 
 def test_a_unit_that_contradicts_its_column_name_is_refused(lab):
     lab.board["speed [km/h]"] = 3.6 * lab.board["speed"]
     lab.edit('column = "speed"', 'column = "speed [km/h]"')
-    lab.refused("import.unit-of-name", key="sensors.odometer.z[0]", found="m/s", in_unit="km/h")
+    lab.refused("import.unit-of-name", key="sensors.odometer.z[0]", value="m/s", in_unit="km/h")
     assert lab.edit('[km/h]", unit = "m/s"', '[km/h]", unit = "kmh"').codes() == ["no command yet"]

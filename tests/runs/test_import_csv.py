@@ -70,23 +70,23 @@ def rows(last, sep=","):
     [
         (b"", "table.empty", {}),
         ("\n# nothing\n", "table.no-data", {}),
-        ("1,2,3\n4,5,6\n", "table.no-header", {"found": "1, 2, 3"}),
+        ("1,2,3\n4,5,6\n", "table.no-header", {"value": "1, 2, 3"}),
         (
             HEAD + "0,0,0,0,0,0,0\n1,2\n2,0,0,0,0,0,0\n",
             "table.uneven",
-            {"line": 3, "found": 2, "expected": 7},
+            {"line": 3, "value": 2, "expected": 7},
         ),
         (HEAD + rows("0,5"), "table.commas-between-commas", {"line": 2}),
-        (HEAD + rows("fast"), "table.word", {"line": 2, "column": "speed", "found": "fast"}),
-        (HEAD + rows("1_000"), "table.not-number", {"column": "speed", "found": "1_000"}),
-        (HEAD + rows("١"), "table.not-number", {"column": "speed", "found": "١"}),
-        (HEAD + rows('"1,5"'), "table.comma-of-number", {"column": "speed", "found": "1,5"}),
-        (SEMI + "0;0;0;0;0;0;1,5\n1;0;0;0;0;0;2.5\n", "table.two-decimals", {"found": "1,5"}),
-        (SEMI + rows("1.234,5", ";"), "table.two-decimals", {"found": "1.234,5"}),
+        (HEAD + rows("fast"), "table.word", {"line": 2, "column": "speed", "value": "fast"}),
+        (HEAD + rows("1_000"), "table.not-number", {"column": "speed", "value": "1_000"}),
+        (HEAD + rows("١"), "table.not-number", {"column": "speed", "value": "١"}),
+        (HEAD + rows('"1,5"'), "table.comma-of-number", {"column": "speed", "value": "1,5"}),
+        (SEMI + "0;0;0;0;0;0;1,5\n1;0;0;0;0;0;2.5\n", "table.two-decimals", {"value": "1,5"}),
+        (SEMI + rows("1.234,5", ";"), "table.two-decimals", {"value": "1.234,5"}),
         (
             SEMI + rows("1,234", ";"),
             "table.comma",
-            {"found": "1,234", "without": "1234", "with_point": "1.234"},
+            {"value": "1,234", "without": "1234", "with_point": "1.234"},
         ),
         ("t;throttle,a\n0;1,2\n", "table.delimiter", {"delimiters": "commas or semicolons"}),
         (HEAD.replace("throttle", "speed") + rows("0"), "table.column-twice", {"column": "speed"}),
@@ -133,7 +133,7 @@ def test_reading_a_whole_column_gives_the_same_as_reading_each_cell(cells):
 
 
 def test_a_point_between_decimal_commas_is_not_guessed():
-    with refused("table.not-number", FileError, found="1.234"):
+    with refused("table.not-number", FileError, value="1.234"):
         LogTable("log.csv", {"v": ["0,5", "1.234"]}, np.arange(2), ",").numbers("v")
 
 
@@ -240,7 +240,7 @@ def test_the_proposed_map_entry_skips_a_row_of_units(lab, name):
     text = text.replace('path = "board.csv"', 'path = "board.csv"\nwhere = { }')
     map_file = lab.folder / "told.toml"
     map_file.write_text(text, encoding="utf-8")
-    with refused("table.word", FileError, column="t", found="s", key="t", line=2) as error_info:
+    with refused("table.word", FileError, column="t", value="s", key="t", line=2) as error_info:
         import_run(map_file)
     (line,) = re.findall(r"exclude the row with (where = .*)\.$", str(error_info.value))
     map_file.write_text(text.replace("where = { }", line), encoding="utf-8")

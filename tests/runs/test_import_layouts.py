@@ -139,7 +139,7 @@ def test_an_angle_that_exceeds_one_turn_is_not_unwrapped(board):
         (f'unit = "counts", {COUNTER}', ("map.missing", {})),
         (
             f'unit = "counts", counts_per_turn = 0.0, {COUNTER}',
-            ("map.wrong", {"found": "0.0"}),
+            ("map.wrong", {"value": "0.0"}),
         ),
         (
             f'unit = "rad", counts_per_turn = 600, {COUNTER}',

@@ -240,12 +240,12 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
         ({"t_ns": np.array([0.1, 0.2])}, ("run.times", {"dtype": "float64"})),
         (
             {"applied": np.zeros((3, 1))},
-            ("run.shape", {"name": "applied", "found": "(3, 1)", "expected": "(2, 1)"}),
+            ("run.shape", {"name": "applied", "value": "(3, 1)", "expected": "(2, 1)"}),
         ),
-        ({"applied": np.zeros(2)}, ("run.shape", {"name": "applied", "found": "(2,)", "expected": "(2, n)"})),
+        ({"applied": np.zeros(2)}, ("run.shape", {"name": "applied", "value": "(2,)", "expected": "(2, n)"})),
         (
             {"requested": np.zeros((2, 2))},
-            ("run.shape", {"name": "requested", "found": "(2, 2)", "expected": "(2, 1)"}),
+            ("run.shape", {"name": "requested", "value": "(2, 2)", "expected": "(2, 1)"}),
         ),
         (
             {"sensors": {"imu": Channel(ONE, TWO, np.zeros((2, 3)))}},

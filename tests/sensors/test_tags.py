@@ -102,5 +102,5 @@ def test_tag_noise_is_std_times_unit_normals_unless_a_covariance_is_given():
 
 def test_tags_pass_the_sensor_check_and_need_positions_in_rows():
     assert check_sensor(Tags(points_m=TWO)) == []
-    with refused("tags.points", ValueError, found="(2,)"):
+    with refused("tags.points", ValueError, value="(2,)"):
         Tags(points_m=np.zeros(2))

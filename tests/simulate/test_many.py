@@ -139,13 +139,13 @@ def test_the_chunk_size_limits_the_memory():
     [
         (
             {"model.mass_kg": np.zeros((3, 2))},
-            ("simulate.vary-shape", {"found": "(3, 2)", "expected": "(L,)"}),
+            ("simulate.vary-shape", {"value": "(3, 2)", "expected": "(L,)"}),
         ),
         ({"model.friction.linear": np.zeros(3)}, ("simulate.vary-shape", {"expected": "(L, 3)"})),
         ({"model.mass_kg": np.array([1.0, np.inf])}, ("simulate.vary-not-finite", {})),
         (
             {"model.mass_kg": np.ones(2), "model.inertia_kg_m2": np.ones(3)},
-            ("simulate.vary-count", {"found": 3, "expected": 2}),
+            ("simulate.vary-count", {"value": 3, "expected": 2}),
         ),
         ({"model.mas": np.ones(2)}, ("simulate.no-number", {"path": "model.mas"})),
         ({}, ("simulate.no-vehicles", {})),

@@ -120,9 +120,9 @@ def test_the_simulation_starts_at_the_given_state(vehicle):
     [
         (
             np.zeros((5, 2)),
-            ("simulate.signal-shape", {"found": "(5, 2)", "commands": 3, "names": "u_x, u_y, u_psi"}),
+            ("simulate.signal-shape", {"value": "(5, 2)", "commands": 3, "names": "u_x, u_y, u_psi"}),
         ),
-        (np.zeros((0, 3)), ("simulate.signal-shape", {"found": "(0, 3)", "commands": 3})),
+        (np.zeros((0, 3)), ("simulate.signal-shape", {"value": "(0, 3)", "commands": 3})),
         (np.array([[0.0, 0.0, np.nan]]), ("simulate.not-finite", {"name": "u_psi", "tick": 0})),
         (
             np.array([[0.0] * 3, [1.5, 0, 0]]),
@@ -136,5 +136,5 @@ def test_an_unsuitable_signal_is_refused_with_a_reason(vehicle, u, words):
 
 
 def test_a_start_that_is_not_a_pose_is_refused(vehicle):
-    with refused("simulate.pose", UsageError, name="eta0", found="[1.0, 2.0]"):
+    with refused("simulate.pose", UsageError, name="eta0", value="[1.0, 2.0]"):
         simulate(vehicle, U, eta0=[1, 2])

@@ -109,7 +109,7 @@ def test_a_configured_but_missing_compiler_is_reported_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
     search = compile.find_compiler()
     assert search.compiler is None
-    assert search.reason == fault("compiler.no-command", found="no-such-compiler --fast")
+    assert search.reason == fault("compiler.no-command", value="no-such-compiler --fast")
 
 
 def test_the_message_of_a_failing_compiler_is_quoted(monkeypatch, cache):

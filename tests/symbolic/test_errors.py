@@ -135,16 +135,16 @@ WRONG_STEPS = {
     "another shape": (
         lambda c, x: ((c[0], np.ones(2)), x),
         "trace.leaf-shape",
-        {"path": "carry[1]", "found": "(2,)", "expected": "(3,)"},
+        {"path": "carry[1]", "value": "(2,)", "expected": "(3,)"},
     ),
     "another kind of tree": (lambda c, x: ([c[0], c[1]], x), "tree.branch", {"expected": "(…, …)"}),
     "a longer tree": (lambda c, x: ((*c, 1.0), x), "tree.branch", {"expected": "(…, …)"}),
     "no tuple": (lambda c, x: [c, x], "trace.pair", {"kind": "list"}),
-    "nothing": (lambda c, x: ((None, c[1]), x), "trace.value", {"path": "carry[0]", "found": "None"}),
+    "nothing": (lambda c, x: ((None, c[1]), x), "trace.value", {"path": "carry[0]", "value": "None"}),
     "an array for a number": (
         lambda c, x: ((c[1], c[1]), x),
         "trace.leaf-shape",
-        {"path": "carry[0]", "found": "(3,)", "expected": "()"},
+        {"path": "carry[0]", "value": "(3,)", "expected": "()"},
     ),
 }
 
@@ -164,23 +164,23 @@ WRONG_CALLS = {
     "theta missing": (lambda k: k.run(X), ("engine.theta-missing", {"parameters": 1, "expected": "(p,)"})),
     "theta too long": (
         lambda k: k.run(X, [1.0, 2.0]),
-        ("engine.theta-shape", {"found": "(2,)", "expected": "(p,)", "parameters": 1}),
+        ("engine.theta-shape", {"value": "(2,)", "expected": "(p,)", "parameters": 1}),
     ),
     "theta of a batch": (
         lambda k: k.batch(X, [1.0]),
-        ("engine.theta-shape", {"found": "(1,)", "expected": "(L, p)", "parameters": 1}),
+        ("engine.theta-shape", {"value": "(1,)", "expected": "(L, p)", "parameters": 1}),
     ),
     "no time axis": (
         lambda k: k.run(1.0, [1.0]),
-        ("engine.ticks", {"path": "inputs", "found": "()", "expected": "()"}),
+        ("engine.ticks", {"path": "inputs", "value": "()", "expected": "()"}),
     ),
     "another input": (
         lambda k: k.run((X, X), [1.0]),
-        ("engine.ticks", {"path": "inputs", "found": "(2, 3)"}),
+        ("engine.ticks", {"path": "inputs", "value": "(2, 3)"}),
     ),
     "another carry": (
         lambda k: k.run(X, [1.0], carry=np.ones(2)),
-        ("tree.numbers", {"path": "carry", "found": "(2,)"}),
+        ("tree.numbers", {"path": "carry", "value": "(2,)"}),
     ),
     "text": (lambda k: k.run(np.array(["a"]), [1.0]), ("tree.numbers", {})),
     "batch sizes that differ": (
@@ -209,19 +209,19 @@ def test_an_unsupported_request_to_a_scan_is_refused(backend):
         plain.cost(X)
     with refused("engine.no-number", ValueError):
         scan(lambda c, x: (c, c), 0.0, None, backend=backend).run(None)
-    with refused("engine.theta-vector", ValueError, found="()"):
+    with refused("engine.theta-vector", ValueError, value="()"):
         scan(step, 0.0, 0.0, 1.0, backend=backend)
-    with refused("engine.backend", ValueError, found="fortran", valid="auto, c, python, numpy"):
+    with refused("engine.backend", ValueError, value="fortran", valid="auto, c, python, numpy"):
         scan(step, 0.0, 0.0, np.ones(1), backend="fortran")
 
 
 @pytest.mark.parametrize(
     ("path", "expected"),
     [
-        ("frition", ("path.no-such-name", {"path": "frition", "kind": "dict", "found": "frition"})),
-        ("friction[x]", ("path.index", {"found": "x"})),
+        ("frition", ("path.no-such-name", {"path": "frition", "kind": "dict", "value": "frition"})),
+        ("friction[x]", ("path.index", {"value": "x"})),
         ("friction..a", ("path.not-a-path", {})),
-        ("gains", ("path.shape", {"path": "gains", "expected": "(2,)", "found": "()"})),
+        ("gains", ("path.shape", {"path": "gains", "expected": "(2,)", "value": "()"})),
     ],
 )
 def test_an_invalid_parameter_path_is_refused_with_an_explanation(path, expected):

@@ -130,23 +130,23 @@ def test_all_numeric_types_are_accepted(backend):
 WRONG = {
     "too few": (
         ARGUMENTS[:3],
-        ("engine.arguments", {"found": 3, "expected": 4, "names": "belief, angle, box, pair"}),
+        ("engine.arguments", {"value": 3, "expected": 4, "names": "belief, angle, box, pair"}),
     ),
     "another size": (
         (ARGUMENTS[0]._replace(mean=np.ones(3)), *ARGUMENTS[1:]),
-        ("tree.numbers", {"path": "belief.mean", "found": "(3,)"}),
+        ("tree.numbers", {"path": "belief.mean", "value": "(3,)"}),
     ),
     "one number for many": (
         (ARGUMENTS[0]._replace(mean=1.0), *ARGUMENTS[1:]),
-        ("tree.numbers", {"path": "belief.mean", "found": "()"}),
+        ("tree.numbers", {"path": "belief.mean", "value": "()"}),
     ),
     "an array for a number": (
         (ARGUMENTS[0], np.ones(1), *ARGUMENTS[2:]),
-        ("tree.numbers", {"path": "angle", "found": "(1,)"}),
+        ("tree.numbers", {"path": "angle", "value": "(1,)"}),
     ),
     "nothing for a number": (
         (ARGUMENTS[0], None, *ARGUMENTS[2:]),
-        ("tree.numbers", {"path": "angle", "found": "()", "dtype": "object", "expected": "()"}),
+        ("tree.numbers", {"path": "angle", "value": "()", "dtype": "object", "expected": "()"}),
     ),
     "another key": (
         (ARGUMENTS[0]._replace(slots={"gps": ARGUMENTS[0].slots["imu"]}), *ARGUMENTS[1:]),
@@ -154,12 +154,12 @@ WRONG = {
     ),
     "something for nothing": (
         (ARGUMENTS[0]._replace(note="x"), *ARGUMENTS[1:]),
-        ("tree.value", {"path": "belief.note", "found": "'x'", "expected": "None"}),
+        ("tree.value", {"path": "belief.note", "value": "'x'", "expected": "None"}),
     ),
     "a longer tuple": ((*ARGUMENTS[:3], (1.0, 2.0, 3.0)), ("tree.branch", {"expected": "(…, …)"})),
     "another type": (
         (*ARGUMENTS[:2], 3.0, ARGUMENTS[3]),
-        ("tree.branch", {"path": "box", "found": "3.0", "expected": "Box(low, high)"}),
+        ("tree.branch", {"path": "box", "value": "3.0", "expected": "Box(low, high)"}),
     ),
 }
 

@@ -54,7 +54,7 @@ def test_case_study_1_has_the_numbers_of_the_paper():
 
 def test_the_implausible_inertia_of_the_paper_gives_a_notice():
     (notice,) = load("case-study-1").notices
-    assert (notice.code, notice.figures["found"]) == ("vehicle.inertia-unchecked", 810.44)
+    assert (notice.code, notice.figures["value"]) == ("vehicle.inertia-unchecked", 810.44)
     assert notice.figures["gyration_m"] == pytest.approx(23.5, abs=0.05)
     assert load("small").notices == load("car").notices == ()
 
@@ -93,7 +93,7 @@ def test_the_car_reaches_a_speed_and_turns_left_with_a_positive_servo():
 
 
 def test_an_unknown_vehicle_is_refused_with_the_garage_names():
-    with refused("vehicle.unknown", FileError, found="smal", missing="smal"):
+    with refused("vehicle.unknown", FileError, value="smal", missing="smal"):
         load("smal")
 
 

@@ -165,7 +165,7 @@ def test_a_user_block_that_replaces_a_block_accepts_its_keys_and_defaults(worksh
             "block.raised-while-read",
             {"place": "mine.py line 2", "error": "ZeroDivisionError: division by zero"},
         ),
-        ("Mine = 3\n", "block.not-class", {"file": "mine.py", "found": "Mine", "kind": "int"}),
+        ("Mine = 3\n", "block.not-class", {"file": "mine.py", "value": "Mine", "kind": "int"}),
         ("import nothing_of_this_name\n", "block.raised-while-read", {"place": "mine.py line 1"}),
         (
             MINE.replace(

@@ -96,13 +96,13 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
 @pytest.mark.parametrize(
     ("text", "code", "line", "figures"),
     [
-        ("mass_kg = 1\nmass_kg = 2", "toml.twice", 2, {"found": "'mass_kg = 2'"}),
-        ("[model]\nx = 1\n[model]\ny = 2", "toml.twice", 3, {"found": "'[model]'"}),
+        ("mass_kg = 1\nmass_kg = 2", "toml.twice", 2, {"value": "'mass_kg = 2'"}),
+        ("[model]\nx = 1\n[model]\ny = 2", "toml.twice", 3, {"value": "'[model]'"}),
         ("mass_kg = 0,61", "toml.decimal-comma", 1, {"with_point": "mass_kg = 0.61"}),
         ("name = small", "toml.no-quotes", 1, {}),
         ("limit = [0,5, 0,05]", "toml.decimal-commas", 1, {}),
         ("flag = True", "toml.no-quotes", 1, {}),
-        ("mass_kg = ", "toml.syntax", 1, {"found": "'mass_kg ='", "error": "invalid value"}),
+        ("mass_kg = ", "toml.syntax", 1, {"value": "'mass_kg ='", "error": "invalid value"}),
         ("mass_kg 0.61", "toml.syntax", 1, {}),
     ],
 )

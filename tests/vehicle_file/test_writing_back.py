@@ -156,7 +156,7 @@ def test_the_difference_of_two_files_lists_changed_values_and_their_significance
 
 
 def test_an_invalid_value_is_not_written():
-    with refused("vehicle.out-of-range", FileError, found="-1"):
+    with refused("vehicle.out-of-range", FileError, value="-1"):
         load("small").with_values({"model.mass_kg": -1.0})
 
 
@@ -164,14 +164,14 @@ def test_an_invalid_value_is_not_written():
     ("key", "code", "figures"),
     [
         ("model.friction.liner", "name.near", {"similar": "model.friction.linear"}),
-        ("mass", "vehicle.unknown-key", {"file": "small", "found": "mass"}),
+        ("mass", "vehicle.unknown-key", {"file": "small", "value": "mass"}),
         ("model.friction.linear[7]", "vehicle.no-entry", {"shape": "(3,)", "entry": "[7]"}),
     ],
 )
 def test_an_unknown_key_is_not_written(key, code, figures):
     with refused(code, UsageError, **figures):
         load("small").with_values({key: 1.0})
-    with refused("vehicle.unknown-key", UsageError, found="nothing"):
+    with refused("vehicle.unknown-key", UsageError, value="nothing"):
         load("small").with_values({}, provenance={"nothing": FITTED})
 
 
@@ -291,12 +291,12 @@ def history(extra):
     ("extra", "code", "figures"),
     [
         ('[provenance."model.friction.liner"]\nrun = ""', "name.near", {"similar": "model.friction.linear"}),
-        ('[provenance."model.fricton"]\nrun = ""', "vehicle.key-unknown", {"found": "model.fricton"}),
+        ('[provenance."model.fricton"]\nrun = ""', "vehicle.key-unknown", {"value": "model.fricton"}),
         ('[provenance]\n"model.mass_kg" = 3', "vehicle.provenance-not-table", {}),
         ('[provenance."model.mass_kg"]\nrn = ""', "name.near", {"similar": "run"}),
-        ('[provenance."model.mass_kg"]\nrun = 3', "vehicle.not-text", {"found": "3"}),
-        ('[provenance."model.mass_kg"]\ndate = "x"', "vehicle.not-date", {"found": "'x'"}),
-        ('[provenance."model.mass_kg"]\nsd = -1', "vehicle.not-sd", {"found": "-1"}),
+        ('[provenance."model.mass_kg"]\nrun = 3', "vehicle.not-text", {"value": "3"}),
+        ('[provenance."model.mass_kg"]\ndate = "x"', "vehicle.not-date", {"value": "'x'"}),
+        ('[provenance."model.mass_kg"]\nsd = -1', "vehicle.not-sd", {"value": "-1"}),
         ("[parameter_cov]\nnames = ['model.nothing']", "vehicle.cov-names", {}),
         (
             "[parameter_cov]\nnames = ['model.mass_kg']\nsd = [1]\ncorrelation = []",

@@ -11,29 +11,29 @@ EYE = np.eye(3)
 ERRORS = [
     (
         "field.range",
-        {"where": "Planar.mass_kg", "found": "-0.61", "low": 0.001, "in_unit": "kg", "meaning": "mass m"},
+        {"where": "Planar.mass_kg", "value": "-0.61", "low": 0.001, "in_unit": "kg", "meaning": "mass m"},
         lambda: Planar(-0.61, 1.0, EYE),
     ),
     (
         "field.not-finite",
-        {"where": "Planar.mass_kg", "found": "nan", "in_unit": "kg"},
+        {"where": "Planar.mass_kg", "value": "nan", "in_unit": "kg"},
         lambda: Planar(float("nan"), 1.0, EYE),
     ),
-    ("field.not-finite", {"where": "Planar.mass_kg", "found": "inf"}, lambda: Planar(float("inf"), 1.0, EYE)),
+    ("field.not-finite", {"where": "Planar.mass_kg", "value": "inf"}, lambda: Planar(float("inf"), 1.0, EYE)),
     (
         "field.one-number",
-        {"where": "Planar.mass_kg", "found": "'0.61'", "in_unit": "kg"},
+        {"where": "Planar.mass_kg", "value": "'0.61'", "in_unit": "kg"},
         lambda: Planar("0.61", 1.0, EYE),
     ),
-    ("field.one-number", {"where": "Planar.mass_kg", "found": "True"}, lambda: Planar(True, 1.0, EYE)),
+    ("field.one-number", {"where": "Planar.mass_kg", "value": "True"}, lambda: Planar(True, 1.0, EYE)),
     (
         "field.one-number",
-        {"where": "Planar.inertia_kg_m2", "found": "array([1., 2.])"},
+        {"where": "Planar.inertia_kg_m2", "value": "array([1., 2.])"},
         lambda: Planar(1.0, np.array([1.0, 2.0]), EYE),
     ),
     (
         "field.shape",
-        {"where": "Planar.actuator_matrix", "found": "(2, 2)", "expected": "(3, 3)"},
+        {"where": "Planar.actuator_matrix", "value": "(2, 2)", "expected": "(3, 3)"},
         lambda: Planar(1.0, 1.0, np.eye(2)),
     ),
     (
@@ -43,12 +43,12 @@ ERRORS = [
     ),
     (
         "field.range",
-        {"where": "Friction.linear", "found": "[1.0, -1.0, 0.0]", "low": 0.0},
+        {"where": "Friction.linear", "value": "[1.0, -1.0, 0.0]", "low": 0.0},
         lambda: Friction(linear=np.array([1.0, -1.0, 0.0])),
     ),
     (
         "field.not-finite",
-        {"where": "Friction.linear", "found": "[1.0, nan, 0.0]"},
+        {"where": "Friction.linear", "value": "[1.0, nan, 0.0]"},
         lambda: Friction(linear=np.array([1.0, np.nan, 0.0])),
     ),
     (
@@ -56,10 +56,10 @@ ERRORS = [
         {"where": "Friction.coulomb_speed", "low": 0.0001},
         lambda: Friction(coulomb_speed=np.zeros(3)),
     ),
-    ("field.range", {"where": "Car.wheelbase_m", "found": "0", "low": 0.001}, lambda: Car(0, 4.0, 0.3)),
+    ("field.range", {"where": "Car.wheelbase_m", "value": "0", "low": 0.001}, lambda: Car(0, 4.0, 0.3)),
     (
         "field.shape",
-        {"where": "Kinematic.velocity_matrix", "found": "(3,)", "expected": "(3, 3)"},
+        {"where": "Kinematic.velocity_matrix", "value": "(3,)", "expected": "(3, 3)"},
         lambda: Kinematic(np.ones(3)),
     ),
 ]
@@ -82,5 +82,5 @@ def test_every_parameter_has_a_unit_and_a_meaning(block):
 
 
 def test_an_unknown_parameter_role_is_refused_at_class_definition():
-    with refused("field.role", ValueError, found="'guessed'"):
+    with refused("field.role", ValueError, value="'guessed'"):
         parameter("m", "a length", role="guessed")

@@ -167,26 +167,26 @@ def test_a_step_never_changes_its_arguments():
 ERRORS = [
     (
         "drivetrain.battery",
-        {"found": "'full'", "valid": "steady, logged"},
+        {"value": "'full'", "valid": "steady, logged"},
         lambda: Drivetrain(battery="full"),
     ),
     (
         "drivetrain.mixing",
-        {"found": "'three_wheels'", "valid": "none, two_wheels"},
+        {"value": "'three_wheels'", "valid": "none, two_wheels"},
         lambda: Drivetrain(mixing="three_wheels"),
     ),
     ("drivetrain.commands", {"commands": 2}, lambda: Drivetrain(mixing="two_wheels", commands=2)),
     ("delay.no-slots", {"delay_s": 0.02, "slots": 2}, lambda: Drivetrain(delay_s=0.02)),
-    ("delay.slots", {"found": "-1"}, lambda: Drivetrain(delay_slots=-1)),
+    ("delay.slots", {"value": "-1"}, lambda: Drivetrain(delay_slots=-1)),
     (
         "drivetrain.shape",
-        {"name": "gain", "found": "(3,)", "channels": 2, "commands": 3},
+        {"name": "gain", "value": "(3,)", "channels": 2, "commands": 3},
         lambda: Drivetrain(mixing="two_wheels", gain=np.ones(3)),
     ),
     ("drivetrain.lag", {}, lambda: Drivetrain(has_lag=True)),
     (
         "field.range",
-        {"where": "Drivetrain.sag", "found": "1.5", "low": 0.0, "high": 0.9, "in_unit": "1"},
+        {"where": "Drivetrain.sag", "value": "1.5", "low": 0.0, "high": 0.9, "in_unit": "1"},
         lambda: Drivetrain(sag=1.5),
     ),
     (

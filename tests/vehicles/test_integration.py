@@ -141,5 +141,5 @@ def test_the_shortest_car_lag_is_stable_over_the_longest_step():
     car = Car(wheelbase_m=0.3, throttle_gain=4.0, steering_gain=0.3, linear_drag=2.0, yaw_lag_s=low)
     turn_rate = end(car, np.array([0.8, 0.9]), 320, duration_s=8.0)[5]
     assert turn_rate == pytest.approx(end(car, np.array([0.8, 0.9]), 8000, duration_s=8.0)[5], rel=1e-6)
-    with refused("field.range", ValueError, found="0.0072"):
+    with refused("field.range", ValueError, value="0.0072"):
         dataclasses.replace(car, yaw_lag_s=0.0072)

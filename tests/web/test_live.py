@@ -202,7 +202,7 @@ def test_missions_are_requested_only_by_name(tmp_path):
                 assert (await ana.next("no"))["to"] == "mission"
             assert len(link.requests("mission")) == 1
             link.on_word(
-                {"is": "no", "why": "no such route", "about": note("door.no-route", found="oval", valid=[])}
+                {"is": "no", "why": "no such route", "about": note("door.no-route", value="oval", valid=[])}
             )
             assert "oval" in (await ana.next("no"))["why"]
 

@@ -80,7 +80,7 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     for value in (np.nan, np.inf):
         t_ns += TICK_NS
         slots = type(silent_slots)(*(Slot(1.0, np.full(s.size, value)) for s in sensors))
-        context = note("when.after-measurement", found=str(value))
+        context = note("when.after-measurement", value=str(value))
         belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, slots), context)
     belief, _ = _checked_estimate(trial, belief, Tick(t_ns, u, silent_slots), REPEATED_TICK)
     t_ns += 15 * TICK_NS  # after a longer gap the firmware would have stopped the motors
@@ -91,7 +91,7 @@ def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnosti
     belief, estimate = trial.step(context, belief, tick)
     if not isinstance(estimate, Estimate):
         expected = "(belief, Estimate(t_ns, eta, nu, cov))"
-        trial.add_fault("check.returns", "step", found=type(estimate).__name__, expected=expected)
+        trial.add_fault("check.returns", "step", value=type(estimate).__name__, expected=expected)
         raise CheckAborted
     trial.check_stamp(estimate, tick.t_ns, "tick", context)
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), context)
@@ -168,7 +168,7 @@ def _circle_commands(trial: Trial, n: int, offset: np.ndarray, turn: float) -> n
         state, command = trial.step(context, state, reference, estimate)
         if not isinstance(command, Command):
             trial.add_fault(
-                "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
+                "check.returns", "step", value=type(command).__name__, expected="(state, Command(t_ns, u))"
             )
             raise CheckAborted
         trial.check_stamp(command, t_ns, "estimate", context)
@@ -224,14 +224,14 @@ def check_guide(block: object) -> list[Diagnostic]:
 def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Diagnostic) -> None:
     if not isinstance(reference, Reference):
         expected = "(state, Reference(t_ns, eta, nu, done))"
-        trial.add_fault("check.returns", "step", found=type(reference).__name__, expected=expected)
+        trial.add_fault("check.returns", "step", value=type(reference).__name__, expected=expected)
         raise CheckAborted
     trial.check_stamp(reference, t_ns, "estimate", context)
     eta = trial.expect("Reference.eta", reference.eta, (3,), context)
     trial.expect("Reference.nu", reference.nu, (3,), context)
     trial.check_wrapped("Reference.eta[2]", float(eta[2]), context)
     if float(reference.done) not in (0.0, 1.0):
-        trial.add_fault("check.done", "step", found=str(reference.done))
+        trial.add_fault("check.done", "step", value=str(reference.done))
 
 
 def check_supervisor(
@@ -320,7 +320,7 @@ def _supervised_command(
     state, command = trial.step(context, state, Command(t_ns, u), tick, estimate)
     if not isinstance(command, Command):
         trial.add_fault(
-            "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
+            "check.returns", "step", value=type(command).__name__, expected="(state, Command(t_ns, u))"
         )
         raise CheckAborted
     trial.check_stamp(command, t_ns, "command", context)
@@ -343,7 +343,7 @@ def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -
             )
             trial.add_fault(
                 "check.clock", "step", name=name, begin_ns=float(EPOCH_NS), tick=tick + 1,
-                found=_short_text(outputs_at_epoch[name][tick]), expected=_short_text(at_zero[tick]),
+                value=_short_text(outputs_at_epoch[name][tick]), expected=_short_text(at_zero[tick]),
             )  # fmt: skip
             return
 

@@ -71,7 +71,7 @@ def _check_drive(trial: Trial, n: int) -> None:
     effort = constant_effort(np.zeros(n))
     next_state = trial.checked_call("advance", WHILE_ROLLING, ETA, NU, effort, DT_S)
     if not (isinstance(next_state, tuple) and len(next_state) == 3):
-        trial.add_fault("check.returns", "advance", found=type(next_state).__name__, expected="(η, ν, ν̇)")
+        trial.add_fault("check.returns", "advance", value=type(next_state).__name__, expected="(η, ν, ν̇)")
         raise CheckAborted
     for name, value in zip(("η", "ν", "ν̇"), next_state, strict=True):
         trial.expect(name, value, (3,), WHILE_ROLLING, "advance")
@@ -87,7 +87,7 @@ def _check_drive(trial: Trial, n: int) -> None:
 def _check_motion(trial: Trial, motion: Motion, context: Diagnostic) -> None:
     if not isinstance(motion, Motion):
         expected = "(state, Motion(eta, nu, nu_dot, gravity))"
-        trial.add_fault("check.returns", "step", found=type(motion).__name__, expected=expected)
+        trial.add_fault("check.returns", "step", value=type(motion).__name__, expected=expected)
         raise CheckAborted
     for name, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,)), ("gravity", (2,))):
         trial.expect(f"Motion.{name}", getattr(motion, name), shape, context)
@@ -135,12 +135,12 @@ def _check_measurements(trial: Trial, block: Any) -> None:
         state, slot = trial.step(IN_CURVE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
         if not isinstance(slot, Slot):
             trial.add_fault(
-                "check.returns", "step", found=type(slot).__name__, expected="(state, Slot(has, z))"
+                "check.returns", "step", value=type(slot).__name__, expected="(state, Slot(has, z))"
             )
             raise CheckAborted
         z = trial.expect("Slot.z", slot.z, expected.shape, IN_CURVE)
         if slot.has not in (0.0, 1.0):
-            trial.add_fault("check.has", "step", found=str(slot.has))
+            trial.add_fault("check.has", "step", value=str(slot.has))
         if slot.has == 0.0 and np.any(z):
             trial.add_fault("check.has-not", "step")
         answers += int(slot.has > 0.0)

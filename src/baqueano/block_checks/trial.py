@@ -89,7 +89,7 @@ class Trial:
             if type(result) is tuple:
                 self.add_fault("check.values", "step", count=len(result), when=context)
             else:
-                self.add_fault("check.one-value", "step", found=type(result).__name__, when=context)
+                self.add_fault("check.one-value", "step", value=type(result).__name__, when=context)
             raise CheckAborted
         return result
 
@@ -106,17 +106,17 @@ class Trial:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
             self.add_fault(
-                "check.no-numbers", method_name, what=quantity, found=type(value).__name__, shape=str(shape)
+                "check.no-numbers", method_name, what=quantity, value=type(value).__name__, shape=str(shape)
             )
             raise CheckAborted from None
         if array.shape != shape:
             self.add_fault(
-                "check.shape", method_name, what=quantity, found=str(array.shape), shape=str(shape)
+                "check.shape", method_name, what=quantity, value=str(array.shape), shape=str(shape)
             )
             raise CheckAborted
         if not np.all(np.isfinite(array)):
             self.add_fault(
-                "check.not-finite", method_name, what=quantity, found=array_text(array), when=context
+                "check.not-finite", method_name, what=quantity, value=array_text(array), when=context
             )
             raise CheckAborted
         return array
@@ -125,7 +125,7 @@ class Trial:
         """Check that the output has the timestamp of its input."""
         stamp = getattr(output, "t_ns", None)
         if stamp is None or int(stamp) != t_ns:
-            self.add_fault("check.stamp", "step", found=stamp, of=quantity, t_ns=t_ns, when=context)
+            self.add_fault("check.stamp", "step", value=stamp, of=quantity, t_ns=t_ns, when=context)
 
     def check_wrapped(self, quantity: str, psi: float, context: Diagnostic) -> None:
         """Check that an angle in an output is within [−π, π]."""

@@ -63,7 +63,7 @@ def unknown_subcommand_error(verb: str, verbs: list[str], ctx: click.Context) ->
     suggestion = nearest(verb, verbs, MIN_SIMILARITY)
     fix = "" if "similar" in suggestion.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
-    return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=suggestion))
+    return UsageError(fault(code, fix, path=ctx.command_path, value=verb, near=suggestion))
 
 
 class SubcommandGroup(click.Group):
@@ -187,7 +187,7 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
 
             unset = f"unset {variable}"
             raise UsageError(
-                fault("cli.unknown-setting", unset, variable=variable, found=setting, valid=choices)
+                fault("cli.unknown-setting", unset, variable=variable, value=setting, valid=choices)
             )
 
 

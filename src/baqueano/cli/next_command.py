@@ -1,6 +1,6 @@
 """Suggest the command to type after an error: a command that helps, never the failed command unchanged.
 
-The suggestion depends on the code and the values of the error. A mistyped name (`found`, with the nearest name in
+The suggestion depends on the code and the values of the error. A mistyped name (`value`, with the nearest name in
 `near`, see names.py) is corrected in the command. A `missing` path is replaced by the nearest file, and a decimal comma
 by a point. Otherwise the suggestion is the error's `fix`. For an error without a `fix`, the suggestion depends on the
 error: --help after a usage error, the help on maps after a bad map, the list of runs after a bad run.
@@ -75,7 +75,7 @@ def _causes(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
 
 def _corrected_args(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with the mistyped word corrected; None if no known word is similar to this word."""
-    mistyped_word, suggestion_note = str(cause.figures.get("found", "")), cause.figures.get("near")
+    mistyped_word, suggestion_note = str(cause.figures.get("value", "")), cause.figures.get("near")
     suggestion = suggestion_note.figures.get("similar") if isinstance(suggestion_note, Diagnostic) else None
     for k, arg in enumerate(args):
         if (

@@ -28,7 +28,7 @@ class Number(click.ParamType):
             x = math.nan
         is_above_low = x > self.low if self.exclude_low else x >= self.low
         if not (is_above_low and x <= self.high and math.isfinite(x)):
-            raise UsageError(fault(self.code, option=_name(param), found=value, expected=self.range))
+            raise UsageError(fault(self.code, option=_name(param), value=value, expected=self.range))
         return x
 
 

@@ -264,7 +264,7 @@ def find_route(name: str) -> "Route":
             fault(
                 "cli.route-absent",
                 baqueano_command("teach", name, *_vehicle_argument()),
-                found=name,
+                value=name,
                 missing=path,
                 there=others,
             )

@@ -37,7 +37,7 @@ def align_trajectory(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "no
     "rigid" does not need a true heading. Raise UsageError for another name, and for "start" without a true heading.
     """
     if alignment not in ALIGNMENTS:
-        raise UsageError(fault("compare.alignment", found=alignment, valid=ALIGNMENTS))
+        raise UsageError(fault("compare.alignment", value=alignment, valid=ALIGNMENTS))
     is_finite = np.isfinite(eta) & np.isfinite(eta_true)
     is_valid = np.all(is_finite[:, :2], axis=1)
     if alignment == "none" or not np.any(is_valid):

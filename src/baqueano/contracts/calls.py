@@ -169,10 +169,10 @@ def _refuse_arguments(
                 owner = f"bq.{type(group.default).__name__}"
                 fix = f"{group.name}={owner}({unknown[0]}={options[unknown[0]]!r})"
                 raise Misuse(
-                    fault("call.option-of", fix, call=_call_name(example), found=unknown[0], owner=owner)
+                    fault("call.option-of", fix, call=_call_name(example), value=unknown[0], owner=owner)
                 )
         near = nearest(unknown[0], [name for name in parameters if name != "self"])
-        raise Misuse(fault("call.unknown", example, call=_call_name(example), found=unknown[0], near=near))
+        raise Misuse(fault("call.unknown", example, call=_call_name(example), value=unknown[0], near=near))
     positional = [p for p in parameters.values() if p.kind == p.POSITIONAL_OR_KEYWORD]
     missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
     if missing:
@@ -204,7 +204,7 @@ def _refuse_kind(
     if part is not None and any(kind.accepts(part) for kind in kinds[name]):
         fix = re.sub(rf"\b{name}\b", f"result.{name}", example)
     expected = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
-    raise Misuse(fault("call.kind", fix, call=call, name=label, found=value_text, expected=expected.name))
+    raise Misuse(fault("call.kind", fix, call=call, name=label, value=value_text, expected=expected.name))
 
 
 def _is_accepted(value: object, kinds: tuple[ArgumentKind, ...]) -> bool:

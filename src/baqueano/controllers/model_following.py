@@ -139,7 +139,7 @@ class ModelFollower:
                 fault(
                     "field.limit",
                     block=type(self).__name__,
-                    found=str(self.limit.shape),
+                    value=str(self.limit.shape),
                     commands=self.vehicle.commands,
                 )
             )

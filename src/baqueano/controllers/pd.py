@@ -75,7 +75,7 @@ class Pd:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.limit.shape not in ((2,), (3,)):
-            raise Invalid(fault("pd.limit", found=str(self.limit.shape)))
+            raise Invalid(fault("pd.limit", value=str(self.limit.shape)))
 
     def init(self) -> PdState:
         """Return the state before the first tick."""

@@ -135,9 +135,9 @@ def script_commands(script: Sequence[tuple[float, Sequence[float]]], n: int, rat
         try:
             duration_s, u = float(step[0]), np.array(step[1], dtype=float)
         except (TypeError, ValueError, IndexError) as error:
-            raise UsageError(fault("drive.step-pair", number=k + 1, found=repr(step))) from error
+            raise UsageError(fault("drive.step-pair", number=k + 1, value=repr(step))) from error
         if u.shape != (n,) or not (0.0 < duration_s < np.inf and np.all(np.isfinite(u))):
-            raise UsageError(fault("drive.step-numbers", number=k + 1, found=repr(step), commands=n))
+            raise UsageError(fault("drive.step-numbers", number=k + 1, value=repr(step), commands=n))
         rows.append(np.tile(u, (max(1, round(duration_s * rate_hz)), 1)))
     if not rows:
         raise UsageError(fault("drive.no-steps"))

@@ -63,10 +63,10 @@ class AdjustableController:
         except (TypeError, ValueError, OverflowError):
             new_value = np.array(np.nan)
         if new_value.shape != old_value.shape or not np.all(np.isfinite(new_value)):
-            raise Invalid(fault("door.not-a-number", name=path, found=repr(value)[:80]))
+            raise Invalid(fault("door.not-a-number", name=path, value=repr(value)[:80]))
         if old_value.dtype.kind == "i":
             if np.any(new_value != np.round(new_value)) or np.any(np.abs(new_value) > MAX_INTEGER):
-                raise Invalid(fault("door.not-an-integer", name=path, found=repr(value)[:80]))
+                raise Invalid(fault("door.not-an-integer", name=path, value=repr(value)[:80]))
             new_value = new_value.astype(old_value.dtype)
         number = new_value.item() if new_value.ndim == 0 else new_value
         try:
@@ -75,7 +75,7 @@ class AdjustableController:
             raise Invalid(error.diagnostic) from error
         except Exception as error:  # code of the user, which must not end the drive
             figures = {
-                "found": repr(value)[:80],
+                "value": repr(value)[:80],
                 "before": str(old_value.tolist()),
                 "error": error_text(error),
             }
@@ -137,7 +137,7 @@ class ChangeObserver(Observer):
         except (TypeError, ValueError, OverflowError):
             pace = float("nan")
         if not 0.0 <= pace <= 1.0:
-            raise Invalid(fault("door.guide-pace", found=repr(value)[:80]))
+            raise Invalid(fault("door.guide-pace", value=repr(value)[:80]))
         self._set_pace(WHO, pace)
         old_pace, self._pace = self._pace, pace
         return note("door.set", path=path, before=str(old_pace), now=str(pace))

@@ -268,7 +268,7 @@ class Door:
         elif verb in actions:
             actions[verb]()
         else:
-            raise Invalid(fault("door.unknown-word", found=repr(verb), valid=[*actions, *self._handlers]))
+            raise Invalid(fault("door.unknown-word", value=repr(verb), valid=[*actions, *self._handlers]))
 
     def _queue_mission(self, client: DoorClient, request: "JsonObject") -> None:
         """Queue a mission. Raise UsageError for another version of the protocol, SafetyStop if it is refused."""

@@ -204,7 +204,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
 def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> LapEnd:
     """Return the estimated end of a lap, near its best scale; parameters and errors as for `lap_closure`."""
     if not (0.0 < place_std_m < np.inf):
-        raise Invalid(fault("marks.place-std", found=place_std_m))
+        raise Invalid(fault("marks.place-std", value=place_std_m))
     name = _gyro_of(run, vehicle_file)
     sensor = getattr(vehicle_file.sensors, name)
     lap, from_ns, start = _marked_lap(run)
@@ -262,7 +262,7 @@ def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std
     if sensor.gyro_scale_std > 0.0:
         most = min(most, MAX_SIGMAS * float(np.hypot(sensor.gyro_scale_std, std)))
     if not abs(kappa) <= most:
-        figures = {"gyro": gyro, "found": sensor.gyro_scale * np.exp(kappa), "file": sensor.gyro_scale}
+        figures = {"gyro": gyro, "value": sensor.gyro_scale * np.exp(kappa), "file": sensor.gyro_scale}
         percent = {"percent": 100.0 * kappa, "most_percent": 100.0 * most}
         fix = baqueano_command("drive", "--update")
         raise AnswerNo(fault("marks.lap-other-scale", fix, "", name=run_name, **figures, **percent))

@@ -62,7 +62,7 @@ class Conditions:
             figures = {
                 "call": "drive",
                 "name": "truth",
-                "found": f'"{self.truth}"',
+                "value": f'"{self.truth}"',
                 "expected": "a vehicle file",
             }
             raise Misuse(fault("call.kind", f'truth=bq.load("{self.truth}")', **figures))
@@ -70,7 +70,7 @@ class Conditions:
         if self.duration_s is not None:
             _check_duration("duration_s", self.duration_s, "> 0")
         if self.start.shape not in ((3,), (6,)) or not np.all(np.isfinite(self.start)):
-            raise UsageError(fault("simulate.pose", name="eta", found=str(self.start.tolist())))
+            raise UsageError(fault("simulate.pose", name="eta", value=str(self.start.tolist())))
 
     @property
     def start(self) -> np.ndarray:
@@ -111,7 +111,7 @@ def _check_duration(name: str, duration_s: object, bound: str) -> None:
     """Raise UsageError for a duration that is not a finite number within the bound, "≥ 0" or "> 0"."""
     is_number = isinstance(duration_s, int | float | np.number)
     if not (is_number and 0.0 <= duration_s < np.inf) or (duration_s == 0.0 and bound == "> 0"):
-        raise UsageError(fault("drive.duration", name=name, found=repr(duration_s), range=bound))
+        raise UsageError(fault("drive.duration", name=name, value=repr(duration_s), range=bound))
 
 
 CONDITION_NAMES = tuple(field.name for field in fields(Conditions))
@@ -206,7 +206,7 @@ def drive(
     for name in conditions:
         if name not in CONDITION_NAMES:
             near = nearest(name, [*Blocks._fields[:3], "laps", "path", *CONDITION_NAMES])
-            raise UsageError(fault("sweep.setting", call=kind, found=name, near=near))
+            raise UsageError(fault("sweep.setting", call=kind, value=name, near=near))
     settings = Conditions(**conditions)
     world = settings.make_world(vehicle_file)
     own_texts, text_notes = user_block_metadata(blocks, vehicle_file)
@@ -392,5 +392,5 @@ def _check_command_count(vehicle_file: VehicleFile, world: World) -> None:
     own_commands, world_commands = vehicle_file.vehicle.commands, world.commands
     if own_commands != world_commands:
         raise UsageError(
-            fault("drive.other-vehicle", file=vehicle_file.name, found=own_commands, expected=world_commands)
+            fault("drive.other-vehicle", file=vehicle_file.name, value=own_commands, expected=world_commands)
         )

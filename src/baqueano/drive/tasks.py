@@ -76,7 +76,7 @@ def experiment(
     u = np.atleast_2d(np.array(u, dtype=float))
     if u.shape[1] != vehicle_file.vehicle.commands or not len(u) or not np.all(np.isfinite(u)):
         commands, names = vehicle_file.vehicle.commands, vehicle_file.command.names
-        raise UsageError(fault("drive.signal-shape", found=str(u.shape), commands=commands, names=names))
+        raise UsageError(fault("drive.signal-shape", value=str(u.shape), commands=commands, names=names))
     schedule, idle = Schedule.at_rate(u, vehicle_file.rate_hz), Idle(len(u) / vehicle_file.rate_hz)
     blocks = Blocks(vehicle_file.estimator(estimator), idle, schedule, vehicle_file.supervisor())
     return drive(blocks, vehicle_file, "experiment", **options)
@@ -252,7 +252,7 @@ def repeat(
     11.4 s, 0.6 m wide
     """
     if laps < 0 or (laps == 0 and not ENDS & options.keys()):
-        raise UsageError(fault("drive.laps", found=laps))
+        raise UsageError(fault("drive.laps", value=laps))
     care, options = Precautions.split_options(options)
     options = with_usual_rest({"eta": route.eta[0], "backend": "auto"} | options, vehicle_file.sensors)
     if care.check:

@@ -24,10 +24,10 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     """Return `matrix` as floats (size, size). Raise Invalid with the wrong entry and the nearest valid matrix."""
     P = np.array(matrix, dtype=float)
     if P.shape != (size, size):
-        raise Invalid(fault("cov.shape", name=name, found=str(P.shape), size=size))
+        raise Invalid(fault("cov.shape", name=name, value=str(P.shape), size=size))
     if not np.all(np.isfinite(P)):
         i, j = np.argwhere(~np.isfinite(P))[0]
-        raise Invalid(fault("cov.not-finite", name=name, i=i, j=j, found=P[i, j]))
+        raise Invalid(fault("cov.not-finite", name=name, i=i, j=j, value=P[i, j]))
     scale = np.max(np.abs(P), initial=0.0)
     asymmetry = np.abs(P - P.T)
     if np.max(asymmetry) > 1e-9 * scale:

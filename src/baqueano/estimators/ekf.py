@@ -133,7 +133,7 @@ class Ekf:
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
-            raise Invalid(fault("ekf.mode", found=self.mode, valid=MODES))
+            raise Invalid(fault("ekf.mode", value=self.mode, valid=MODES))
         check_use(self.sensors, self.use)
         if not (self.rate_hz > 0.0 and self.gate_sigma > 0.0 and self.disturbance_time_s > 0.0):
             raise Invalid(
@@ -149,7 +149,7 @@ class Ekf:
         )
         object.__setattr__(self, "initial_std", np.array(self.initial_std, dtype=float))
         if self.initial_std.shape != (9,) or not np.all(self.initial_std > 0.0):
-            raise Invalid(fault("ekf.initial-std", found=self.initial_std))
+            raise Invalid(fault("ekf.initial-std", value=self.initial_std))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""

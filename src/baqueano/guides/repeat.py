@@ -77,9 +77,9 @@ class Repeat:
         if not all(np.all(np.isfinite(x)) for x in (self.t_s, self.eta, self.nu)):
             raise Invalid(fault("route.not-finite"))
         if self.t_s[0] != 0.0 or not np.all(np.diff(self.t_s) > 0.0):
-            raise Invalid(fault("guide.times", found=str(self.t_s[:3].tolist())))
+            raise Invalid(fault("guide.times", value=str(self.t_s[:3].tolist())))
         if self.laps < 0:
-            raise Invalid(fault("route.laps", found=self.laps))
+            raise Invalid(fault("route.laps", value=self.laps))
         self.eta[:, 2] = np.unwrap(self.eta[:, 2])
 
     @classmethod

@@ -298,7 +298,7 @@ def _check(length_m: float, speed_m_s: float) -> None:
     """Raise Invalid for a length or a speed that is not a positive finite number."""
     for code, value in (("shape.length", length_m), ("route.speed", speed_m_s)):
         if not 0.0 < value < np.inf:
-            raise Invalid(fault(code, found=value))
+            raise Invalid(fault(code, value=value))
 
 
 def _points(length_m: float) -> int:
@@ -337,7 +337,7 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
             return slalom(2 * size_m, 0.3 * size_m, 3, speed_m_s)
         case "clothoid":
             return clothoid(2 * size_m, 0.5 * np.pi, speed_m_s)
-    raise Invalid(fault("shape.unknown", found=repr(name), valid=SHAPE_NAMES))
+    raise Invalid(fault("shape.unknown", value=repr(name), valid=SHAPE_NAMES))
 
 
 @document

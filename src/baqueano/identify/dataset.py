@@ -216,7 +216,7 @@ def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
         name, bracket, entry = channel.partition("[")
         if bracket and name not in use:
             if not entry.rstrip("]").isdigit():
-                raise UsageError(fault("use.unreadable", found=channel))
+                raise UsageError(fault("use.unreadable", value=channel))
             channels.setdefault(name, []).append(int(entry.rstrip("]")))
     return channels
 

@@ -79,7 +79,7 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         if self.cost not in COSTS:
-            raise UsageError(fault("cost.unknown", found=self.cost, valid=COSTS))
+            raise UsageError(fault("cost.unknown", value=self.cost, valid=COSTS))
         if self.cost == "innovations" and self.clocks:
             raise UsageError(fault("cost.free-clock", "--cost simulation", clocks=self.clocks))
         if self.segment_s is not None and not self.segment_s > 0.0:

@@ -58,7 +58,7 @@ def plot(
     drawings = drawings_of(result)
     name = type(result).__name__.lower()
     if kind and kind not in drawings:
-        raise UsageError(fault("front.plot-unknown", found=kind, result=name, near=nearest(kind, drawings)))
+        raise UsageError(fault("front.plot-unknown", value=kind, result=name, near=nearest(kind, drawings)))
     with draw_onto(target):
         for draw in [drawings[kind]] if kind else drawings.values():
             figure = draw()
@@ -67,7 +67,7 @@ def plot(
 
                 return at_width(figure, width)
     if kind:
-        raise UsageError(fault("front.no-data", result=name, found=kind, kinds=[*drawings]))
+        raise UsageError(fault("front.no-data", result=name, value=kind, kinds=[*drawings]))
     raise UsageError(fault("front.nothing-to-draw", result=name))
 
 

@@ -88,7 +88,7 @@ def with_error(value: float, std: float | None) -> tuple[str, str]:
 def suffix_of(path: Path) -> str:
     """Return ".csv" or ".tex". Raise UsageError for another file extension."""
     if path.suffix not in (".csv", ".tex"):
-        raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", found=path))
+        raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", value=path))
     return path.suffix
 
 

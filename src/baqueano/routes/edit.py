@@ -155,7 +155,7 @@ def scale(route: Route, factor: float) -> Route:
     Route(1441 poses, 31.4 s, 6.28 m, closed)
     """
     if not (np.isfinite(factor) and factor > 0.0):
-        raise UsageError(fault("route.factor", found=factor))
+        raise UsageError(fault("route.factor", value=factor))
     xy = route.eta[0, :2] + factor * (route.eta[:, :2] - route.eta[0, :2])
     eta = np.column_stack([xy, route.eta[:, 2]])
     return route._replace(t_s=factor * route.t_s, eta=eta, nu=route.nu * np.array([1.0, 1.0, 1.0 / factor]))

@@ -47,12 +47,12 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     """
     points = np.atleast_2d(np.array(xy, dtype=float))
     if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2:
-        raise UsageError(fault("route.points", found=str(np.shape(xy))))
+        raise UsageError(fault("route.points", value=str(np.shape(xy))))
     is_wrong = ~np.isfinite(points).all(axis=1)
     if is_wrong.any():
         raise UsageError(fault("route.point-not-finite", number=int(np.argmax(is_wrong)) + 1))
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
-        raise UsageError(fault("route.speed", found=speed_m_s))
+        raise UsageError(fault("route.speed", value=speed_m_s))
     corners = np.vstack([points, points[:1]]) if closed else points
     legs = np.hypot(*np.diff(corners, axis=0).T)
     for is_wrong, code in ((legs < STEP_M, "route.points-same"), (legs > MAX_LEG_M, "route.points-far")):

@@ -58,7 +58,7 @@ def at_speed(route: Route, speed_m_s: float) -> Route:
     Route(1441 poses, 7.9 s, 3.14 m, closed)
     """
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
-        raise UsageError(fault("route.speed", found=speed_m_s))
+        raise UsageError(fault("route.speed", value=speed_m_s))
     path = path_of(route)
     return route_along(path, np.full(len(path.s), float(speed_m_s)), direction(route), route.closed)
 
@@ -116,9 +116,9 @@ def fastest(
     """
     for name, value, high in (("share", share, 1.0), ("sideways_m_s2", sideways_m_s2, np.inf)):
         if not 0.0 < value <= high:
-            raise UsageError(fault("route.limit", name=name, found=value))
+            raise UsageError(fault("route.limit", name=name, value=value))
     if not speed_m_s > MIN_SPEED_M_S:
-        raise UsageError(fault("route.speed", found=speed_m_s))
+        raise UsageError(fault("route.speed", value=speed_m_s))
     path, forward_sign = _resample(path_of(route)), direction(route)
     capability = Capability(vehicle_file, backend)
     curvature = np.abs(path.kappa)

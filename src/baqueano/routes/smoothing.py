@@ -81,12 +81,12 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     """
     if not MIN_TOLERANCE_M <= tolerance_m <= MAX_TOLERANCE_M:
         raise UsageError(
-            fault("route.tolerance", found=tolerance_m, least_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M)
+            fault("route.tolerance", value=tolerance_m, least_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M)
         )
     forward_sign, indices = direction(route), moving_indices(route)
     speed = np.abs(route.nu[indices, 0])
     if not (median_speed := float(np.median(speed))) > 0.0:
-        raise UsageError(fault("route.speed", found=median_speed))
+        raise UsageError(fault("route.speed", value=median_speed))
     is_closed = route.closed or ends_meet(route)
     s = distances_along(route.eta[indices, :2])
     spectrum = _spectrum(route.eta[indices, :2], s, is_closed)

@@ -55,7 +55,7 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     ['t_s', 'applied.u1']
     """
     if decimal not in (".", ","):
-        raise UsageError(fault("runs.decimal", found=decimal))
+        raise UsageError(fault("runs.decimal", value=decimal))
     names, columns = zip(*_columns(run), strict=True)
     rows = np.column_stack(columns)
 
@@ -146,7 +146,7 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     log = getattr(run, which) if which in PATH_NAMES else None
     if log is None:
         available = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
-        raise UsageError(fault("runs.no-trajectory", run=run.name, found=which, has=available))
+        raise UsageError(fault("runs.no-trajectory", run=run.name, value=which, has=available))
     path = _checked_new_path(path)
     with write_then_appear(path) as file, io.TextIOWrapper(file, "utf-8", newline="\n") as stream:
         stream.write("# t_s x y z qx qy qz qw\n")

@@ -108,11 +108,11 @@ def find(name: str, folder: Path | str = "runs") -> Path:
         return matches[0]
     if matches:
         each = [run.stem for run in matches]
-        raise FileError(fault("runs.ambiguous", found=name, folder=folder, valid=each))
+        raise FileError(fault("runs.ambiguous", value=name, folder=folder, valid=each))
     if not runs:
-        raise FileError(fault("runs.folder-empty", baqueano_command("experiment"), found=name, folder=folder))
+        raise FileError(fault("runs.folder-empty", baqueano_command("experiment"), value=name, folder=folder))
     names = [run.stem for run in runs[-8:]]
-    raise FileError(fault("runs.unknown", _list_command(folder), found=name, folder=folder, valid=names))
+    raise FileError(fault("runs.unknown", _list_command(folder), value=name, folder=folder, valid=names))
 
 
 def _list_command(folder: Path | str) -> str:
@@ -147,7 +147,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         return [find(name, folder)]
     runs = _without_recovered_originals(runs)
     if not runs:
-        raise FileError(fault("runs.none-like", _list_command(folder), found=name, folder=folder))
+        raise FileError(fault("runs.none-like", _list_command(folder), value=name, folder=folder))
     return runs
 
 

@@ -160,7 +160,7 @@ def checked_times(t_ns: Value, name: str, must_increase: bool = False) -> np.nda
     """Return times as int64 (k,). Raise Invalid if they decrease or, with `must_increase`, do not increase."""
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
-        raise Invalid(fault("run.times", name=name, dtype=t.dtype, found=str(t.shape)))
+        raise Invalid(fault("run.times", name=name, dtype=t.dtype, value=str(t.shape)))
     t = np.ascontiguousarray(t, dtype=np.int64)
     steps = np.diff(t)
     is_wrong = steps <= 0 if must_increase else steps < 0
@@ -183,7 +183,7 @@ def checked_array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarr
     rows = np.ascontiguousarray(values, dtype=np.float64)
     if rows.shape != shape:
         shape_text = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
-        raise Invalid(fault("run.shape", name=name, found=str(rows.shape), expected=shape_text))
+        raise Invalid(fault("run.shape", name=name, value=str(rows.shape), expected=shape_text))
     return rows
 
 

@@ -135,7 +135,7 @@ def _read_route(path: Path) -> Route:
                 "route.times",
                 path=path,
                 line=line,
-                found=t_s[np.argmax(is_not_later) + int(is_not_later.any())],
+                value=t_s[np.argmax(is_not_later) + int(is_not_later.any())],
             )
         )
     return Route(t_s, values[:, :3], values[:, 3:], _is_closed(path))

@@ -149,7 +149,7 @@ class Imu:
 
     def __post_init__(self) -> None:
         if self.measurement_model not in MODELS:
-            raise Invalid(fault("imu.model", found=repr(self.measurement_model), valid=MODELS))
+            raise Invalid(fault("imu.model", value=repr(self.measurement_model), valid=MODELS))
         check_sensor_fields(self)
         if self.low_pass_hz < INF:
             object.__setattr__(self, "has_low_pass", True)

@@ -79,7 +79,7 @@ class Tags:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.points_m.ndim != 2 or self.points_m.shape[1] != 2:
-            raise Invalid(fault("tags.points", found=str(self.points_m.shape)))
+            raise Invalid(fault("tags.points", value=str(self.points_m.shape)))
 
     @property
     def cov(self) -> np.ndarray:

@@ -265,10 +265,10 @@ def parameter_sets(
         if array.shape[1:] != shape or array.ndim != len(shape) + 1:
             expected = "(L" + "".join(f", {n}" for n in shape) + ("," if not shape else "") + ")"
             raise UsageError(
-                fault("simulate.vary-shape", path=path, found=str(array.shape), expected=expected)
+                fault("simulate.vary-shape", path=path, value=str(array.shape), expected=expected)
             )
         if count is not None and len(array) != count:
-            raise UsageError(fault("simulate.vary-count", path=path, found=len(array), expected=count))
+            raise UsageError(fault("simulate.vary-count", path=path, value=len(array), expected=count))
         if not np.all(np.isfinite(array)):
             raise UsageError(fault("simulate.vary-not-finite", path=path))
         count = len(array)

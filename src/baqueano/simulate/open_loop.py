@@ -204,7 +204,7 @@ def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != len(names) or not len(u):
-        raise UsageError(fault("simulate.signal-shape", found=str(u.shape), commands=len(names), names=names))
+        raise UsageError(fault("simulate.signal-shape", value=str(u.shape), commands=len(names), names=names))
     if not np.all(np.isfinite(u)):
         k, i = np.argwhere(~np.isfinite(u))[0]
         raise UsageError(fault("simulate.not-finite", name=names[i], value=u[k, i], tick=k))
@@ -220,5 +220,5 @@ def _checked_pose(x: np.ndarray | None, name: str) -> np.ndarray | None:
         return None
     x = np.array(x, dtype=float)
     if x.shape != (3,) or not np.all(np.isfinite(x)):
-        raise UsageError(fault("simulate.pose", name=name, found=str(x.tolist())))
+        raise UsageError(fault("simulate.pose", name=name, value=str(x.tolist())))
     return x

@@ -164,10 +164,10 @@ class Driving:
                     )
                     out.append(
                         _(
-                            "{where}: {figure} {found:.1f} {unit}; expected at most {most:g} {unit}",
+                            "{where}: {figure} {value:.1f} {unit}; expected at most {most:g} {unit}",
                             where=case_text,
                             figure=limit.figure,
-                            found=value,
+                            value=value,
                             unit=limit.unit,
                             most=limit_value,
                         )

@@ -103,7 +103,7 @@ def sweep(
     }
     sweep_settings = _checked_settings(settings)
     if not isinstance(seeds, Iterable):
-        raise UsageError(fault("sweep.seeds", found=seeds))
+        raise UsageError(fault("sweep.seeds", value=seeds))
     runs = [subject for subject in subjects if isinstance(subject, Run)]
     if runs and len(runs) == len(subjects):
         jobs = _run_jobs(runs, blocks_by_role, vehicle, sweep_settings, _as_list(routes))
@@ -111,7 +111,7 @@ def sweep(
         jobs = _vehicle_jobs(subjects, blocks_by_role, _by_name(routes), list(seeds), sweep_settings)
     labels = list(dict.fromkeys(job.cell.label for job in jobs))
     if reference is not None and reference not in labels:
-        raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
+        raise UsageError(fault("sweep.reference", value=reference, near=nearest(reference, labels)))
     count = processor_count() if processes is None else processes
     drives = run_jobs(jobs, Resources(count, cluster, None if keep is None else Path(keep)), advance)
     if not drives:
@@ -131,15 +131,15 @@ def _checked_settings(settings: dict) -> SweepSettings:
     names = ("routes", "estimators", "controllers", "guides", "seeds", "reference", *SweepSettings._fields)
     for name in settings:
         if name not in SweepSettings._fields:
-            raise UsageError(fault("sweep.setting", call="sweep", found=name, near=nearest(name, names)))
+            raise UsageError(fault("sweep.setting", call="sweep", value=name, near=nearest(name, names)))
     conditions = SweepSettings(**settings)
     if conditions.alignment not in ALIGNMENTS:
-        raise UsageError(fault("compare.alignment", found=conditions.alignment, valid=ALIGNMENTS))
+        raise UsageError(fault("compare.alignment", value=conditions.alignment, valid=ALIGNMENTS))
     if not (conditions.laps >= 1 and conditions.over_s > 0.0):
         raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
     start = tuple(conditions.start)
     if len(start) != 3 or not np.all(np.isfinite(start)):
-        raise UsageError(fault("simulate.pose", name="start", found=str(list(start))))
+        raise UsageError(fault("simulate.pose", name="start", value=str(list(start))))
     return conditions._replace(start=tuple(map(float, start)))
 
 
@@ -165,9 +165,9 @@ def _vehicle_jobs(
     if unsupported_files := [
         vehicle_file for vehicle_file in files if not isinstance(vehicle_file, VehicleFile)
     ]:
-        raise UsageError(fault("sweep.mixed", found=type(unsupported_files[0]).__name__))
+        raise UsageError(fault("sweep.mixed", value=type(unsupported_files[0]).__name__))
     if unsupported_files := [route for route in routes.values() if not isinstance(route, Route)]:
-        raise UsageError(fault("sweep.route", found=type(unsupported_files[0]).__name__))
+        raise UsageError(fault("sweep.route", value=type(unsupported_files[0]).__name__))
     jobs, names = [], _labels([vehicle_file.label for vehicle_file in files])
     for cell, blocks in _cells(blocks_by_role, files[0]):
         for name, vehicle_file in zip(names, files, strict=True):

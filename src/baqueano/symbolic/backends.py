@@ -19,7 +19,7 @@ def resolve_backend(backend: str) -> str:
     if backend == "auto":
         backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
     if backend not in BACKEND_NAMES:
-        raise Invalid(fault("engine.backend", found=backend, valid=BACKEND_NAMES))
+        raise Invalid(fault("engine.backend", value=backend, valid=BACKEND_NAMES))
     return backend
 
 

@@ -109,7 +109,7 @@ class Function:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
             raise Misuse(
-                fault("engine.arguments", found=len(args), expected=len(self._shapes), names=self._names)
+                fault("engine.arguments", value=len(args), expected=len(self._shapes), names=self._names)
             )
         return self.call(*args)
 

@@ -57,7 +57,7 @@ def _index(text: str, path: str) -> tuple[int, ...]:
     try:
         return tuple(int(entry) for entry in text.split(","))
     except ValueError:
-        raise Invalid(fault("path.index", path=path, found=text)) from None
+        raise Invalid(fault("path.index", path=path, value=text)) from None
 
 
 def _child(tree: Tree, step: Tree, path: str) -> Tree:
@@ -67,7 +67,7 @@ def _child(tree: Tree, step: Tree, path: str) -> Tree:
     if step not in names:
         suggestion = nearest(step, map(str, names))
         raise NoSuchName(
-            fault("path.no-such-name", path=path, kind=type(tree).__name__, found=step, near=suggestion)
+            fault("path.no-such-name", path=path, kind=type(tree).__name__, value=step, near=suggestion)
         )
     return tree[step] if isinstance(tree, dict) else getattr(tree, step)
 
@@ -83,7 +83,7 @@ def _replace_at(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> 
     if not steps:
         if tree is not None and np.shape(tree) != np.shape(value):
             raise Invalid(
-                fault("path.shape", path=path, expected=str(np.shape(tree)), found=str(np.shape(value)))
+                fault("path.shape", path=path, expected=str(np.shape(tree)), value=str(np.shape(value)))
             )
         return value
     step = steps[0]

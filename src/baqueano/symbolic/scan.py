@@ -78,7 +78,7 @@ def scan(
     name = resolve_backend(backend)
     theta = None if theta is None else np.array(theta, dtype=float)
     if theta is not None and theta.ndim != 1:
-        raise Invalid(fault("engine.theta-vector", found=str(theta.shape)))
+        raise Invalid(fault("engine.theta-vector", value=str(theta.shape)))
     if name == "numpy":
         from baqueano.symbolic.plain import PlainScan
 
@@ -204,7 +204,7 @@ class Scan(ABC):
             raise Invalid(
                 fault(
                     "engine.theta-shape",
-                    found=str(theta.shape),
+                    value=str(theta.shape),
                     expected=expected,
                     parameters=self.parameters,
                 )

@@ -77,7 +77,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
     ('controller', 'USABLE')
     """
     if not isinstance(block, str | type) and getattr(block, "step", None) is None:
-        raise UsageError(fault("block.not-a-block", role="block", found=type(block).__name__))
+        raise UsageError(fault("block.not-a-block", role="block", value=type(block).__name__))
     checked_vehicle = load("small") if vehicle_file is None else vehicle_file
     block_or_class = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
     if role is None:
@@ -87,7 +87,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
             else role_of(block_or_class if isinstance(block_or_class, type) else type(block_or_class))
         )
     if role not in CHECKS:
-        raise UsageError(fault("cli.block-role", found=role, near=nearest(role, CHECKS)))
+        raise UsageError(fault("cli.block-role", value=role, near=nearest(role, CHECKS)))
     built_block = _build(role, block, checked_vehicle)
     surroundings = checked_vehicle.sensors, checked_vehicle.vehicle.commands
     diagnostics = block_checks.check(role, built_block, *surroundings)
@@ -119,7 +119,7 @@ def _role_with_kind(kind: str) -> str:
         raise UsageError(fault("cli.block-without-class", holds=classes_in(kind)))
     all_kinds = [k for role in BLOCK_TARGETS for k in kinds(role)]
     raise UsageError(
-        fault("cli.block-unknown", "baqueano blocks ls", found=kind, near=nearest(kind, all_kinds))
+        fault("cli.block-unknown", "baqueano blocks ls", value=kind, near=nearest(kind, all_kinds))
     )
 
 

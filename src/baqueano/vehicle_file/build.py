@@ -259,12 +259,12 @@ def _named_class(
     if name is None:
         close_keys = [k for k in table if "similar" in nearest(k, ["kind"]).figures]
         code = "vehicle.kind-mistyped" if close_keys else "vehicle.no-kind"
-        report.add_table_problem(path, code, valid=kinds(role), found=close_keys[:1])
+        report.add_table_problem(path, code, valid=kinds(role), value=close_keys[:1])
         return None
     if isinstance(name, type):
         return name
     if not isinstance(name, str):
-        report.add_problem((*path, "kind"), "vehicle.kind-not-text", found=repr(name), valid=kinds(role))
+        report.add_problem((*path, "kind"), "vehicle.kind-not-text", value=repr(name), valid=kinds(role))
         return None
     resolve_kind = resolve if is_typed else resolve_named
     try:

@@ -84,7 +84,7 @@ class EnvelopeMonitor:
         """
         envelope, n = self.envelope, self.envelope.command_count
         if n and u.shape[1] != n:
-            raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=n))
+            raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", value=u.shape[1], expected=n))
         for k, name in enumerate(envelope.names):
             sensor, _, entry = name.rstrip("]").partition("[")
             x = u[:, k] if k < n else sensors[sensor][:, int(entry)] if sensor in sensors else np.zeros(0)

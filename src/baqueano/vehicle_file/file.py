@@ -215,7 +215,7 @@ class VehicleFile:
         file_folder = Path(self.folder or ".").resolve()
         if not (file_folder / truth_name).resolve().is_relative_to(file_folder):
             raise FileError(
-                fault("vehicle.truth-elsewhere", file=self.label, found=truth_name, garage=garage.names())
+                fault("vehicle.truth-elsewhere", file=self.label, value=truth_name, garage=garage.names())
             )
         return self._filtering(load(file_folder / truth_name))
 

@@ -45,12 +45,12 @@ def path_of(source: str | Path) -> Path:
     if is_run_name:
         suggestion = nearest(str(source), names())
         raise FileError(
-            fault("vehicle.unknown", "baqueano new mylab", missing=path, found=source, near=suggestion)
+            fault("vehicle.unknown", "baqueano new mylab", missing=path, value=source, near=suggestion)
         )
     neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     raise FileError(
         fault(
-            "vehicle.absent", "baqueano new mylab", missing=path, found=path.name,
+            "vehicle.absent", "baqueano new mylab", missing=path, value=path.name,
             near=nearest(path.name, neighbours), garage=names(),
         )
     )  # fmt: skip

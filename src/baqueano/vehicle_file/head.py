@@ -170,7 +170,7 @@ def read_top(report: ReadReport, data: "JsonObject") -> TopLevelKeys:
         is_newer = isinstance(data["format"], int) and data["format"] > FORMAT_VERSION
         code, fix = ("newer-format", "pip install --upgrade baqueano") if is_newer else ("other-format", "")
         report.add_problem(
-            ("format",), f"vehicle.{code}", fix, found=repr(data["format"]), expected=FORMAT_VERSION
+            ("format",), f"vehicle.{code}", fix, value=repr(data["format"]), expected=FORMAT_VERSION
         )
         report.raise_problems()
     values = arguments(report, (), {k: keys[k] for k in TOP_LEVEL_KEYS}, data, other_keys=TABLE_NAMES)
@@ -208,12 +208,12 @@ def read_command(report: ReadReport, channels: Channels, vehicle: "DynamicVehicl
     if len(names) != n:
         model = type(vehicle).__name__
         report.add_problem(
-            ("command", "names"), "vehicle.command-names", found=len(names), model=model, expected=n
+            ("command", "names"), "vehicle.command-names", value=len(names), model=model, expected=n
         )
     if len(set(names)) != len(names):
-        report.add_problem(("command", "names"), "vehicle.command-name-twice", found=str(list(names)))
+        report.add_problem(("command", "names"), "vehicle.command-name-twice", value=str(list(names)))
     limit = channels.limit
     if limit.shape not in ((1,), (n,)):
-        report.add_problem(("command", "limit"), "vehicle.command-limits", found=len(limit), expected=n)
+        report.add_problem(("command", "limit"), "vehicle.command-limits", value=len(limit), expected=n)
     report.raise_problems()
     return CommandSpec(names, channels.unit, np.broadcast_to(limit, (n,)).copy())

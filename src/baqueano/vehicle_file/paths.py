@@ -97,7 +97,7 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
     if difflib.SequenceMatcher(None, last, suggestion).ratio() < MIN_SIMILARITY:
         table = f"{dotted.rpartition('.')[0]}."
         near = nearest("", [key for key in keys if key.startswith(table)] or keys)
-    return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=near))
+    return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, near=near))
 
 
 def _keys(

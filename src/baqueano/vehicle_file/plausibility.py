@@ -45,7 +45,7 @@ def check_body(report: ReadReport, vehicle: "DynamicVehicle", geometry: Geometry
         report.add_problem(
             ("model", "centre_of_mass_x_m"),
             "vehicle.centre-of-mass",
-            found=c,
+            value=c,
             radius_m=R,
             in_unit=_unit(c, R),
         )
@@ -61,7 +61,7 @@ def _check_measures(report: ReadReport, g: Geometry) -> None:
         report.add_problem(
             ("geometry", "track_m"),
             "vehicle.track",
-            found=g.track_m,
+            value=g.track_m,
             across_m=2 * R,
             in_unit=_unit(g.track_m, 2 * R),
         )
@@ -69,7 +69,7 @@ def _check_measures(report: ReadReport, g: Geometry) -> None:
         report.add_problem(
             ("geometry", "wheel_radius_m"),
             "vehicle.wheel",
-            found=g.wheel_radius_m,
+            value=g.wheel_radius_m,
             across_m=2 * R,
             in_unit=_unit(g.wheel_radius_m, R),
         )
@@ -80,14 +80,14 @@ def _check_mass(report: ReadReport, mass: float, R: float) -> None:
     if MIN_DENSITY_KG_M2 <= mass / area <= MAX_DENSITY_KG_M2:
         return
     code = "vehicle.too-heavy" if mass / area > MAX_DENSITY_KG_M2 else "vehicle.too-light"
-    report.add_problem(("model", "mass_kg"), code, found=mass, radius_m=R, density_kg_m2=mass / area)
+    report.add_problem(("model", "mass_kg"), code, value=mass, radius_m=R, density_kg_m2=mass / area)
 
 
 def _check_inertia(report: ReadReport, mass: float, inertia: float, geometry: Geometry) -> None:
     k = float(np.sqrt(inertia / mass))
     R, uniform_inertia = reach_m(geometry), solid_inertia(mass, geometry)
     path = ("model", "inertia_kg_m2")
-    figures: dict[str, Any] = {"found": inertia, "mass_kg": mass, "gyration_m": k}
+    figures: dict[str, Any] = {"value": inertia, "mass_kg": mass, "gyration_m": k}
     if R is None or uniform_inertia is None:
         largest_m = (mass / MIN_DENSITY_KG_M3) ** (1.0 / 3.0)
         if k > largest_m:
@@ -121,7 +121,7 @@ def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
         return False
     if isinstance(acceleration, np.ndarray) and acceleration.shape == (3,):
         return True
-    figures = {"vehicle": type(vehicle).__name__, "found": repr(acceleration)}
+    figures = {"vehicle": type(vehicle).__name__, "value": repr(acceleration)}
     report.add_problem(("model", "kind"), "vehicle.acceleration", **figures)
     return False
 
@@ -137,7 +137,7 @@ def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: C
             report.add_problem(
                 ("model", "drivetrain", name),
                 "vehicle.dead-zone",
-                found=format_array(zone),
+                value=format_array(zone),
                 end=format_array(end),
                 in_unit=channels.unit,
             )
@@ -150,7 +150,7 @@ def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) 
         path, _, entry = _fastest_path(vehicle, int(i)).partition("[")
         steps = format_array(np.asarray(value_at_path({"model": vehicle}, path)))
         report.add_problem(
-            tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=steps,
+            tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", value=steps,
             entry=entry[:-1], stops_ms=1e3 / fading_rates[i], rate_hz=rate_hz, step_ms=1e3 / row_rate, most=RK4_LIMIT,
             keys=["rate_hz", *_slowing_keys(vehicle, path, int(i))],
         )  # fmt: skip
@@ -214,7 +214,7 @@ def check_sensors(report: ReadReport, sensors: "SensorBlocks", geometry: Geometr
             report.add_problem(
                 ("sensors", name, "lever_arm_m"),
                 "vehicle.lever-arm",
-                found=format_array(arm),
+                value=format_array(arm),
                 far_m=distance,
                 radius_m=R,
                 in_unit=_unit(distance, R),

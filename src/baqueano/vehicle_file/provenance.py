@@ -105,7 +105,7 @@ def _provenance(report: ReadReport, data: "JsonObject", folder: str | None) -> d
 def _text(report: ReadReport, path: tuple[str, ...], table: "JsonObject", name: str) -> str:
     value = table.get(name, "")
     if not isinstance(value, str):
-        report.add_problem((*path, name), "vehicle.not-text", found=repr(value))
+        report.add_problem((*path, name), "vehicle.not-text", value=repr(value))
         return ""
     return value
 
@@ -113,7 +113,7 @@ def _text(report: ReadReport, path: tuple[str, ...], table: "JsonObject", name: 
 def _date(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Date | None:
     value = table.get("date")
     if value is not None and not isinstance(value, Date):
-        report.add_problem((*path, "date"), "vehicle.not-date", found=repr(value))
+        report.add_problem((*path, "date"), "vehicle.not-date", value=repr(value))
         return None
     return value
 
@@ -124,7 +124,7 @@ def _sd(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Any:
         return None
     array = number_array(value if isinstance(value, list) else [value])
     if array is None or np.any(np.isinf(array)) or np.any(array < 0.0):  # nan: not known
-        report.add_problem((*path, "sd"), "vehicle.not-sd", found=repr(value))
+        report.add_problem((*path, "sd"), "vehicle.not-sd", value=repr(value))
         return None
     return array if isinstance(value, list) else float(array[0])
 

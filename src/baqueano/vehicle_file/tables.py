@@ -131,7 +131,7 @@ def arguments(
 ) -> "JsonObject":
     """Return keyword arguments from a table. A value that does not fit is omitted, and added to `report`."""
     if not isinstance(table, dict):
-        report.add_problem(path, "vehicle.not-table", found=_text_of(table), table=".".join(path))
+        report.add_problem(path, "vehicle.not-table", value=_text_of(table), table=".".join(path))
         return {}
     values = {}
     for name, value in table.items():
@@ -161,7 +161,7 @@ def report_unknown_key(
     names = [*unit_of, *other_keys]
     near_unit = wrong_unit(name, value, unit_of)
     code = "vehicle.key-unknown" if len(path) > 1 else "vehicle.table-unknown"
-    report.add_problem(path, code, found=name, near=near_unit or nearest(name, names))
+    report.add_problem(path, code, value=name, near=near_unit or nearest(name, names))
 
 
 def missing_keys(keys: dict[str, Key], values: "JsonObject") -> list[str]:
@@ -205,7 +205,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
         if isinstance(value, bool) or not isinstance(value, int | float):
             is_quoted = isinstance(value, str) and _is_number(value)
             code = "vehicle.number-in-quotes" if is_quoted else "vehicle.not-number"
-            report.add_problem(path, code, found=_text_of(value), in_unit=p.unit, meaning=p.meaning)
+            report.add_problem(path, code, value=_text_of(value), in_unit=p.unit, meaning=p.meaning)
             return None
         array = np.array(_float_or_nan(value))
     else:
@@ -215,7 +215,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
             report.add_problem(
                 path,
                 "vehicle.not-numbers",
-                found=_text_of(value),
+                value=_text_of(value),
                 size=_size(p.shape),
                 in_unit=p.unit,
                 meaning=p.meaning,
@@ -224,7 +224,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
         if p.shape is not None and array.shape != p.shape:
             commas = array.size == 2 * int(np.prod(p.shape))
             report.add_problem(
-                path, "vehicle.size-with-commas" if commas else "vehicle.size", found=_size(array.shape),
+                path, "vehicle.size-with-commas" if commas else "vehicle.size", value=_size(array.shape),
                 size=_size(p.shape), in_unit=p.unit, meaning=p.meaning,
             )  # fmt: skip
             return None
@@ -242,7 +242,7 @@ def _is_in_range(report: ReadReport, path: KeyPath, key: Key, array: np.ndarray)
     is_not_finite = ~np.isfinite(array) & ~(np.isposinf(array) & may_be_infinite)
     if np.any(is_not_finite):
         report.add_problem(
-            path, "vehicle.not-finite", found=format_array(array), in_unit=p.unit, meaning=p.meaning
+            path, "vehicle.not-finite", value=format_array(array), in_unit=p.unit, meaning=p.meaning
         )
         return False
     is_outside = (array < p.low) | (array > p.high)
@@ -250,7 +250,7 @@ def _is_in_range(report: ReadReport, path: KeyPath, key: Key, array: np.ndarray)
         report.add_problem(
             path,
             "vehicle.out-of-range",
-            found=format_array(array),
+            value=format_array(array),
             expected=allowed_range(p),
             in_unit=p.unit,
             meaning=p.meaning,
@@ -284,7 +284,7 @@ def _read_plain_value(report: ReadReport, path: KeyPath, value_type: object, val
         return int(value)
     if origin in (str, bool, int) and type(value) is not origin:
         code = {str: "vehicle.not-text", bool: "vehicle.not-flag", int: "vehicle.not-whole"}[origin]
-        report.add_problem(path, code, found=_text_of(value))
+        report.add_problem(path, code, value=_text_of(value))
         return None
     if origin is float or (isinstance(value, float | int) and not isinstance(value, bool) and origin is Any):
         if (
@@ -292,17 +292,17 @@ def _read_plain_value(report: ReadReport, path: KeyPath, value_type: object, val
             or not isinstance(value, int | float)
             or not np.isfinite(_float_or_nan(value))
         ):
-            report.add_problem(path, "vehicle.not-one-finite", found=_text_of(value))
+            report.add_problem(path, "vehicle.not-one-finite", value=_text_of(value))
             return None
         return _float_or_nan(value) if origin is float or isinstance(value, float) else value
     if origin is tuple:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            report.add_problem(path, "vehicle.not-names", found=_text_of(value))
+            report.add_problem(path, "vehicle.not-names", value=_text_of(value))
             return None
         return tuple(value)
     array = number_array(value) if isinstance(value, list) else None
     if origin is np.ndarray and (array is None or not np.all(np.isfinite(array))):
-        report.add_problem(path, "vehicle.not-list", found=_text_of(value))
+        report.add_problem(path, "vehicle.not-list", value=_text_of(value))
         return None
     return value if array is None else array
 

@@ -25,16 +25,16 @@ def check_bounds(block: Tree) -> None:
 def _check_type(field_name: str, value: Value, p: Parameter) -> None:
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
         raise Invalid(
-            fault("field.one-number", where=field_name, found=repr(value), in_unit=p.unit, meaning=p.meaning)
+            fault("field.one-number", where=field_name, value=repr(value), in_unit=p.unit, meaning=p.meaning)
         )
     if p.shape != () and not isinstance(value, np.ndarray):
-        raise Invalid(fault("field.not-array", where=field_name, found=repr(value), meaning=p.meaning))
+        raise Invalid(fault("field.not-array", where=field_name, value=repr(value), meaning=p.meaning))
     if p.shape is not None and np.shape(value) != p.shape:
         raise Invalid(
             fault(
                 "field.shape",
                 where=field_name,
-                found=str(np.shape(value)),
+                value=str(np.shape(value)),
                 expected=str(p.shape),
                 in_unit=p.unit,
                 meaning=p.meaning,
@@ -48,7 +48,7 @@ def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
             fault(
                 "field.not-finite",
                 where=field_name,
-                found=str(value.tolist()),
+                value=str(value.tolist()),
                 in_unit=p.unit,
                 meaning=p.meaning,
             )
@@ -58,7 +58,7 @@ def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
             fault(
                 "field.range",
                 where=field_name,
-                found=str(value.tolist()),
+                value=str(value.tolist()),
                 low=p.low,
                 high=p.high,
                 in_unit=p.unit,

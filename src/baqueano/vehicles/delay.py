@@ -100,7 +100,7 @@ def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
 def check_delay(name: str, delay_s: float, delay_slots: int) -> None:
     """Raise Invalid for a delay above 0 without slots, or for a number of slots that is not an integer ≥ 0."""
     if not isinstance(delay_slots, int) or isinstance(delay_slots, bool) or delay_slots < 0:
-        raise Invalid(fault("delay.slots", name=name, found=repr(delay_slots)))
+        raise Invalid(fault("delay.slots", name=name, value=repr(delay_slots)))
     if delay_s > 0.0 and delay_slots == 0:
         raise Invalid(
             fault("delay.no-slots", name=name, delay_s=delay_s, slots=int(np.ceil(delay_s * 100.0)))

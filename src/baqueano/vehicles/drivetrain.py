@@ -164,9 +164,9 @@ class Drivetrain:
 
     def __post_init__(self) -> None:
         if self.mixing not in MIXINGS:
-            raise Invalid(fault("drivetrain.mixing", found=repr(self.mixing), valid=MIXINGS))
+            raise Invalid(fault("drivetrain.mixing", value=repr(self.mixing), valid=MIXINGS))
         if self.battery not in BATTERY_MODES:
-            raise Invalid(fault("drivetrain.battery", found=repr(self.battery), valid=BATTERY_MODES))
+            raise Invalid(fault("drivetrain.battery", value=repr(self.battery), valid=BATTERY_MODES))
         if self.mixing == "two_wheels" and self.commands != 3:
             raise Invalid(fault("drivetrain.commands", commands=self.commands))
         check_bounds(self)
@@ -188,7 +188,7 @@ class Drivetrain:
                     fault(
                         "drivetrain.shape",
                         name=name,
-                        found=str(shape),
+                        value=str(shape),
                         channels=k,
                         mixing=repr(self.mixing),
                         commands=self.commands,

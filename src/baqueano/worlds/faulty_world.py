@@ -208,7 +208,7 @@ class FaultyWorld(SimulatedWorld):
     def end_fault(self, number: int) -> None:
         """End the fault `number` with the next tick, from any thread. Raise UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
-            raise UsageError(fault("shake.no-number", found=number, most=len(self.faults)))
+            raise UsageError(fault("shake.no-number", value=number, most=len(self.faults)))
         self._requested_changes.append(number)
 
     def write(self, command: Command) -> None:

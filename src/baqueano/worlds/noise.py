@@ -21,7 +21,7 @@ def random_stream(seed: int, name: str) -> "np.random.Generator":
     import hashlib  # imported here because it loads OpenSSL, and a robot does not draw noise
 
     if not isinstance(seed, int | np.integer) or seed < 0:
-        raise UsageError(fault("drive.seed", found=repr(seed)))
+        raise UsageError(fault("drive.seed", value=repr(seed)))
     key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))
 

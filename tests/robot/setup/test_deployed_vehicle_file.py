@@ -134,7 +134,7 @@ def test_a_file_without_keys_for_an_existing_calibration_is_refused(programs, pi
     vehicle_toml.write_text(calibrated(SMALL).text)
     text = SMALL.text.replace("[sensors.imu]", "[sensors.gyro]")
     text = text.replace("[estimator]", '[estimator]\nuse = ["gyro"]')
-    with refused("setup.no-place-for-calibration", UsageError, host="r1", found="0.0123"):
+    with refused("setup.no-place-for-calibration", UsageError, host="r1", value="0.0123"):
         setup("r1", wheels, PI, vehicle=vehicle_file.parse(text, "mine"), root=str(pi))
     assert vehicle_toml.read_text() == calibrated(SMALL).text
 

@@ -318,9 +318,9 @@ def pose_of(text: str, code: str) -> tuple[float, float, float]:
     try:
         x, y, degrees = (float(value) for value in text.split(","))
     except ValueError as error:
-        raise UsageError(fault(code, found=text)) from error
+        raise UsageError(fault(code, value=text)) from error
     if not abs(x) + abs(y) + abs(degrees) < float("inf"):
-        raise UsageError(fault(code, found=text))
+        raise UsageError(fault(code, value=text))
     return x, y, degrees
 
 
@@ -390,7 +390,7 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
         table = read_table(path, {})
         names = next((xy for xy in XY if set(xy) <= set(table.columns)), None)
         if names is None:
-            raise FileError(fault("route.columns", path=path, found=", ".join(table.columns)))
+            raise FileError(fault("route.columns", path=path, value=", ".join(table.columns)))
         xy = np.column_stack([table.numbers(name) for name in names])
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
     is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M

@@ -111,7 +111,7 @@ def open_target(
         raise UsageError(fault("shake.robot", host=robot))
     suggestion = nearest(kind, LOCAL_TARGETS, MIN_SIMILARITY)
     if not {"@", "."} & set(robot) and suggestion.figures.get("similar", kind) != kind:
-        raise UsageError(fault("cli.robot-mistyped", found=kind, near=suggestion))
+        raise UsageError(fault("cli.robot-mistyped", value=kind, near=suggestion))
     if kind in LOCAL_TARGETS and ":" not in robot and vehicle_file.simulation.truth is not None:
         print_message(
             note("cli.simulated-truth", vehicle=vehicle_file.label, truth=vehicle_file.simulation.truth)

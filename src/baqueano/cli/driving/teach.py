@@ -165,7 +165,7 @@ def shape_or_route(name: str, speed_m_s: float, size_m: float, others: tuple[str
         return options.find_route(name)
     stored_names = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
     suggestion = nearest(name, [*SHAPES, *others, *stored_names])
-    raise UsageError(fault("cli.driver-unknown", found=name, near=suggestion))
+    raise UsageError(fault("cli.driver-unknown", value=name, near=suggestion))
 
 
 @dataclass(frozen=True)

@@ -290,7 +290,7 @@ def _with_tolerances(
             fractions[key] = float(fraction_text.rstrip("%")) * (0.01 if fraction_text.endswith("%") else 1.0)
         except ValueError as error:
             raise UsageError(
-                fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", found=tolerance)
+                fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", value=tolerance)
             ) from error
     return with_tolerance(vehicle_file, fractions)
 
@@ -396,5 +396,5 @@ def parse_bounds(argument: str) -> tuple[str, tuple[float, float]]:
     try:
         low, high = (float(x) for x in limits.split(","))
     except ValueError as error:
-        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", found=argument)) from error
+        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", value=argument)) from error
     return key, (low, high)

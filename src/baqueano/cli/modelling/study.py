@@ -82,7 +82,7 @@ def identification(
 
     if unknown_cases := [case for case in cases if case not in CASES]:
         raise UsageError(
-            fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
+            fault("cli.case-unknown", value=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
     with show_progress(note("cli.study-identification", seeds=seed_count), seed_count) as advance:
         result = identification(
@@ -218,7 +218,7 @@ def laps(
     known_words = sorted({word for case in all_cases() for word in case})
     if unknown_words := [word for filter_words in words for word in filter_words if word not in known_words]:
         raise UsageError(
-            fault("cli.case-unknown", found=unknown_words[0], near=nearest(unknown_words[0], known_words))
+            fault("cli.case-unknown", value=unknown_words[0], near=nearest(unknown_words[0], known_words))
         )
     cases = [
         case
@@ -343,7 +343,7 @@ def estimation(
 
     if unknown_cases := [case for case in cases if case not in CASES]:
         raise UsageError(
-            fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
+            fault("cli.case-unknown", value=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
     with show_steps() as begin:
         result = estimation(seed_count, backend, begin, cases or CASES, kinds, processor_count())

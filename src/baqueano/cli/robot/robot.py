@@ -117,7 +117,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
         odd_names = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
         raise FileError(
             fault(
-                "cli.runs-named-oddly", ssh_line(host), host=host, count=len(invalid_names), found=odd_names
+                "cli.runs-named-oddly", ssh_line(host), host=host, count=len(invalid_names), value=odd_names
             )
         )
 

@@ -90,7 +90,7 @@ class Mpc:
         check_bounds(self)
         if self.limit.shape != (self.vehicle.commands,):
             shape, commands = str(self.limit.shape), self.vehicle.commands
-            raise Invalid(fault("field.limit", block=type(self).__name__, found=shape, commands=commands))
+            raise Invalid(fault("field.limit", block=type(self).__name__, value=shape, commands=commands))
 
     def init(self) -> MpcState:
         """Return the plan of a vehicle at rest."""

@@ -118,13 +118,13 @@ class StoredRoutes:
     def path(self, name: str) -> Path:
         """Return the path of the route with this name. Raise FileError for a name with forbidden characters."""
         if not name or plain_label(name) != name:
-            raise FileError(fault("door.route-name", found=repr(name)))
+            raise FileError(fault("door.route-name", value=repr(name)))
         return self.folder / f"{name}.csv"
 
     def read(self, name: str) -> "Route":
         """Return the stored route with this name. Raise FileError if it does not exist."""
         if not (path := self.path(name)).is_file():
-            raise FileError(fault("door.no-route", found=repr(name), valid=[*self.names()]))
+            raise FileError(fault("door.no-route", value=repr(name), valid=[*self.names()]))
         return read_route(path)
 
     def names(self) -> list[str]:
@@ -209,5 +209,5 @@ def _checked_number(request: JsonObject, name: str, default: float) -> float:
     except (TypeError, ValueError):
         value = float("nan")
     if not np.isfinite(value):
-        raise UsageError(fault("door.not-a-number", name=name, found=repr(request.get(name))))
+        raise UsageError(fault("door.not-a-number", name=name, value=repr(request.get(name))))
     return value

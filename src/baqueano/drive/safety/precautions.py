@@ -60,7 +60,7 @@ class Precautions:
     def split_options(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
         """Split `options` into precautions and other options, and return both. Raise UsageError for a room as text."""
         if type(room := options.get("room")) in (str, tuple, list, int, float):
-            raise UsageError(fault("drive.room-object", found=repr(room)))
+            raise UsageError(fault("drive.room-object", value=repr(room)))
         field_names = {field.name for field in fields(cls)}
         own_options = {name: value for name, value in options.items() if name in field_names}
         return cls(**own_options), {name: value for name, value in options.items() if name not in field_names}

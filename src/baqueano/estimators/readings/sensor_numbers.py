@@ -66,7 +66,7 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], allow_channels: bool 
     names = getattr(sensors, "_fields", ())
     for entry in use:
         if (split_use(entry)[0] if allow_channels else entry) not in names:
-            raise Invalid(fault("field.use", found=entry, valid=names))
+            raise Invalid(fault("field.use", value=entry, valid=names))
 
 
 def has_measurement(sensor: Sensor, slot: Slot) -> Value:

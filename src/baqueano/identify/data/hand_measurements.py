@@ -147,7 +147,7 @@ def _run_index(name: str | None, line: str, runs: Sequence[Run]) -> int:
     if name not in names:
         if name is None:
             raise UsageError(fault("tape.of-no-run", line=line, valid=names))
-        raise UsageError(fault("tape.of-another-run", line=line, found=name, valid=names))
+        raise UsageError(fault("tape.of-another-run", line=line, value=name, valid=names))
     return names.index(name)
 
 

@@ -184,7 +184,7 @@ def excitation(
     ((1000, 3), [1.0, 0.0, 1.0])
     """
     if kind not in KINDS:
-        raise UsageError(fault("signal.unknown", found=kind, near=nearest(kind, [*KINDS, "designed"])))
+        raise UsageError(fault("signal.unknown", value=kind, near=nearest(kind, [*KINDS, "designed"])))
     moving_s = duration_s - 2.0 * rest_s
     if not (rest_s >= 0.0 and moving_s > 0.0):
         raise UsageError(fault("signal.all-rest", rest_s=rest_s, moving_s=moving_s, duration_s=duration_s))

@@ -98,12 +98,12 @@ def allan_deviation(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) 
     """
     y = np.asarray(y, dtype=float)
     if y.ndim != 1 or len(y) < MIN_ALLAN_SAMPLES or not np.all(np.isfinite(y)):
-        raise UsageError(fault("allan.numbers", least=MIN_ALLAN_SAMPLES, found=y.size))
+        raise UsageError(fault("allan.numbers", least=MIN_ALLAN_SAMPLES, value=y.size))
     if not rate_hz > 0.0:
         raise UsageError(fault("allan.rate", rate_hz=rate_hz))
     n = averaging_counts(len(y)) if n is None else np.atleast_1d(n).astype(int)
     if np.any(n < 1) or np.any(2 * n > len(y)):
-        raise UsageError(fault("allan.averages", samples=len(y), most=len(y) // 2, found=n.tolist()))
+        raise UsageError(fault("allan.averages", samples=len(y), most=len(y) // 2, value=n.tolist()))
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
     variance = np.empty(len(n))
     for k, count in enumerate(n.tolist()):

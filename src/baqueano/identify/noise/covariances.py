@@ -215,7 +215,7 @@ def measure_noise(
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
-        raise UsageError(fault("noise.unknown-source", found=source))
+        raise UsageError(fault("noise.unknown-source", value=source))
     notes: list[Diagnostic] = []
     in_motion, at_rest = _measurement(fit, runs, notes)
     units = {

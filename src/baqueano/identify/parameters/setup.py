@@ -294,7 +294,7 @@ def sigma_from_option(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.n
         by_sensor.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
     sigmas = np.concatenate(by_sensor)
     if not np.all(np.isfinite(sigmas) & (sigmas > 0.0)):
-        raise UsageError(fault("sigma.negative", found=sigmas.tolist()))
+        raise UsageError(fault("sigma.negative", value=sigmas.tolist()))
     return sigmas
 
 

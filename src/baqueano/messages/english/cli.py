@@ -2,8 +2,8 @@
 
 TEMPLATES: dict[str, str] = {
     "cli.words": "{words}",
-    "cli.number": "{option} {found} is not valid: expected a number {expected}.",
-    "cli.whole-number": "{option} {found} is not valid: expected a whole number {expected}.",
+    "cli.number": "{option} {value} is not valid: expected a number {expected}.",
+    "cli.whole-number": "{option} {value} is not valid: expected a whole number {expected}.",
     "cli.usage": "{words}. All options: {fix}",
     "cli.no-such-option": "{words}. All options: {fix}",
     "cli.interrupted": "stopped from the keyboard.",
@@ -21,10 +21,10 @@ TEMPLATES: dict[str, str] = {
     "cli.unforeseen": (
         "Unexpected error: {error} ({file}, line {line}). Run the same command with --debug and send us the output."
     ),
-    "cli.unknown-verb": "'{path} {found}' does not exist. {near}.",
-    "cli.no-such-verb": "'{path} {found}' does not exist. {near}. To see what each command does: {fix}",
-    "cli.unknown-setting": "The environment has {variable}={found}: expected one of {valid}. Type: {fix}",
-    "report.table-ending": "{found}: expected a name that ends in .csv or .tex. Type: {fix}",
+    "cli.unknown-verb": "'{path} {value}' does not exist. {near}.",
+    "cli.no-such-verb": "'{path} {value}' does not exist. {near}. To see what each command does: {fix}",
+    "cli.unknown-setting": "The environment has {variable}={value}: expected one of {valid}. Type: {fix}",
+    "report.table-ending": "{value}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
     "next.near-file": "Did you mean {similar}? Type: {fix}",
     "next.allow-blocks": "If you trust it, type: {fix}",
@@ -38,17 +38,17 @@ TEMPLATES: dict[str, str] = {
         "In {folder} there are {files} and {more} more. Give the path of one of these files instead."
     ),
     "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
-    "cli.block-role": "{arg[role]:{found}} does not exist. {near}.",
+    "cli.block-role": "{arg[role]:{value}} does not exist. {near}.",
     "cli.block-without-class": "Write a block as file.py:Class. {holds}.",
     "cli.block-unknown": (
-        'Block "{found}" does not exist. {near}. Write one of your own as file.py:Class. To list '
+        'Block "{value}" does not exist. {near}. Write one of your own as file.py:Class. To list '
         "the blocks: {fix}"
     ),
-    "cli.signal-unknown": "--signal {found} does not exist. {near}.",
-    "cli.robot-mistyped": "--robot {found} is not a vehicle's name (pilot@rover.local). {near}.",
-    "cli.driver-unknown": "{found} is not a shape or a stored route. {near}.",
+    "cli.signal-unknown": "--signal {value} does not exist. {near}.",
+    "cli.robot-mistyped": "--robot {value} is not a vehicle's name (pilot@rover.local). {near}.",
+    "cli.driver-unknown": "{value} is not a shape or a stored route. {near}.",
     "cli.not-followed": "The vehicle did not follow the {shape} at {speed_m_s:g} m/s: {cause}. Drive slower: {fix}",
-    "cli.case-unknown": "--case {found} does not exist. {near}.",
+    "cli.case-unknown": "--case {value} does not exist. {near}.",
     "cli.detectors-failed": "the detectors failed: {reasons}",
     "cli.route-refused": "Route {route} may not be driven, for the reasons above. Type: {fix}",
     "cli.cut-order": "The start --from {from_s:g} is not before the end --to {to_s:g}. Type: {fix}",
@@ -65,18 +65,18 @@ TEMPLATES: dict[str, str] = {
     "cli.two-tolerances": "--rms and --max are two tolerances: give only one.",
     "cli.start-without-room": "--start is a place in a room: give the room too, for example --room 2x3.",
     "cli.from-unreadable": (
-        'from "{found}": expected x, y and a heading in metres and degrees, relative to the start of the '
+        'from "{value}": expected x, y and a heading in metres and degrees, relative to the start of the '
         "route, such as -0.5,0.2,30."
     ),
     "cli.start-unreadable": (
-        'start "{found}": expected x, y and a heading in metres and degrees, relative to the middle of the '
+        'start "{value}": expected x, y and a heading in metres and degrees, relative to the middle of the '
         "room, such as 0.5,-0.2,90."
     ),
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
     "cli.routes": "The stored routes: {stored}",
     "cli.no-routes": "That folder does not contain routes yet",
     "cli.runs-named-oddly": (
-        "{host} has {count} runs with names that cannot be used: {found}. Expected a plain name "
+        "{host} has {count} runs with names that cannot be used: {value}. Expected a plain name "
         "such as lap.mcap. They were not copied. Rename them there: {fix}"
     ),
     "cli.data-unseen": "To see the data: {fix}",
@@ -131,8 +131,8 @@ TEMPLATES: dict[str, str] = {
         "--choose compares simulation errors, but a car with only an IMU needs a gyro-aided fit. Remove "
         "--choose. To free more parameters, type: {fix}"
     ),
-    "cli.bound": "--bound {found}: expected KEY=LOW,HIGH. Type: {fix}",
-    "cli.tolerance": "--tolerance {found}: expected KEY=PART. Type: {fix}",
+    "cli.bound": "--bound {value}: expected KEY=LOW,HIGH. Type: {fix}",
+    "cli.tolerance": "--tolerance {value}: expected KEY=PART. Type: {fix}",
     "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
     "cli.several-runs": "-o {out}: this command writes several runs. Give a folder for them. Type: {fix}",
     "cli.study-interrupted": "stopped from the keyboard: the table covers {done} of {requested:,}.",
@@ -142,7 +142,7 @@ TEMPLATES: dict[str, str] = {
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
     "cli.file-exists": "{out} exists already, and this command does not replace it. Type: {fix}",
     "cli.map-second": "The map comes first, and the recordings follow. Type: {fix}",
-    "cli.route-absent": "Route {found} does not exist: {missing} is not a file. {there}. To drive it once: {fix}",
+    "cli.route-absent": "Route {value} does not exist: {missing} is not a file. {there}. To drive it once: {fix}",
     "cli.route-not-text": (
         "{path} is not a route: it contains bytes that are not text. Expected a text file (CSV) with the columns t_s, "
         "x_m, y_m, psi_rad and velocities. To drive one: {fix}"

@@ -15,10 +15,10 @@ TEMPLATES: dict[str, str] = {
         "describe it in the file under [sensors.imu]."
     ),
     "allan.averages": (
-        "With {samples} samples, an average can contain 1 to {most} of them: {found} is out of range."
+        "With {samples} samples, an average can contain 1 to {most} of them: {value} is out of range."
     ),
     "allan.numbers": (
-        "an Allan deviation needs a list of at least {least} finite numbers; this list has {found}."
+        "an Allan deviation needs a list of at least {least} finite numbers; this list has {value}."
     ),
     "allan.rate": "rate_hz = {rate_hz:g}: expected the number of samples per second, above 0.",
     "at-rest.driven": (
@@ -44,7 +44,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "choose.no-command": "The runs do not have a command, so terms cannot be chosen.",
     "choose.no-term": (
-        'candidates = "{found}": a {kind} does not have this term. {near}, and paths such as model.…'
+        'candidates = "{value}": a {kind} does not have this term. {near}, and paths such as model.…'
     ),
     "choose.options": (
         "A choice of terms does not accept {options}. Choose first, then fit the chosen terms with these options."
@@ -68,7 +68,7 @@ TEMPLATES: dict[str, str] = {
         "{kind} does not have a velocity state that a floor could disturb, so simulation error and prediction error "
         "are the same. Type: {fix}"
     ),
-    "cost.unknown": "{arg[cost]:{found}}: expected one of {valid}.",
+    "cost.unknown": "{arg[cost]:{value}}: expected one of {valid}.",
     "design.limit": (
         "{vehicle}: [command] limit = [{limit}]: expected the largest magnitude of each command, finite, "
         "and at least one above 0."
@@ -105,7 +105,7 @@ TEMPLATES: dict[str, str] = {
     "noise.nothing-to-compare": (
         "Comparing noise needs at least one Q and R, and one run that was not used for them."
     ),
-    "noise.unknown-source": 'source = "{found}": expected "auto", "truth" or "innovations".',
+    "noise.unknown-source": 'source = "{value}": expected "auto", "truth" or "innovations".',
     "over-time.few-fits": (
         "{good} of {count} runs could be fitted, but two are needed. Fit the others one by one. Type: {fix}"
     ),
@@ -159,7 +159,7 @@ TEMPLATES: dict[str, str] = {
         "{arg[segment_s]} = {length_s:g}: a segment needs at least {rows} rows of the run, to estimate its start. "
         "Write at least {shortest_s:.2g}, or several seconds for a usual vehicle."
     ),
-    "sigma.negative": "sigma = [{found}]: expected standard deviations greater than 0.",
+    "sigma.negative": "sigma = [{value}]: expected standard deviations greater than 0.",
     "sigma.size": "sigma: expected {size} values for {sensor}, the standard deviations of its noise.",
     "signal.all-rest": (
         "rest_s = {rest_s:g} before and after leaves {moving_s:g} of {duration_s:g} s for the motion: "
@@ -181,7 +181,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row per tick.",
     "signal.short": "{what} = {span_s:g}: expected at least one tick, {least_s:g} s.",
-    "signal.unknown": 'Signal "{found}" is unknown. {near}. Designed needs a vehicle file and a room.',
+    "signal.unknown": 'Signal "{value}" is unknown. {near}. Designed needs a vehicle file and a room.',
     "start.not-free": (
         "{arg[start]} = {path}: this is not a free parameter, so it does not have a start value."
     ),
@@ -201,7 +201,7 @@ TEMPLATES: dict[str, str] = {
     "tape.unreadable": '{arg[measured]} "{line}": expected a time, a colon, and the measurement. Type: {fix}',
     "tape.of-no-run": '{arg[measured]} "{line}" does not name its run: expected one of {valid} before the time.',
     "tape.of-another-run": (
-        '{arg[measured]} "{line}" names run {found}: expected one of {valid} before the time.'
+        '{arg[measured]} "{line}" names run {value}: expected one of {valid} before the time.'
     ),
     "tolerance.keys": (
         "{arg[tolerance]} = {given}: expected fractions of 1 for {keys}, as in {{'gyro': 0.01}}."
@@ -283,5 +283,5 @@ TEMPLATES: dict[str, str] = {
         'the vehicle file: [sensors.{sensor}], and below it kind = "{kind}".'
     ),
     "use.unknown": "{arg[use]:{sensor}}: the vehicle file does not have this sensor; it has {valid}.",
-    "use.unreadable": '{arg[use]:{found}}: expected a sensor, or one of its channels, such as "imu[2]".',
+    "use.unreadable": '{arg[use]:{value}}: expected a sensor, or one of its channels, such as "imu[2]".',
 }

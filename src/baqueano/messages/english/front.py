@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "block.not-a-block": (
-        '{role}={found} is not a block. Expected the name of a block, "file.py:Class", or a '
+        '{role}={value} is not a block. Expected the name of a block, "file.py:Class", or a '
         "class or object with init() and step()."
     ),
     "block.of-other-role": (
@@ -12,9 +12,9 @@ TEMPLATES: dict[str, str] = {
     "call.missing": "{call}() needs more arguments: {names}. Type: {fix}",
     "call.positions": "{call}() accepts at most {most} arguments without names. Type: {fix}",
     "call.order": "The arguments of {call}() are in the wrong order. Type: {fix}",
-    "call.unknown": "{call}() does not accept {found}. {near}. Type: {fix}",
-    "call.kind": "{call}(): {name} = {found}; expected {expected:word}. Type: {fix}",
-    "call.option-of": "{call}() does not accept {found}, which is an option of {owner}. Add: {fix}",
+    "call.unknown": "{call}() does not accept {value}. {near}. Type: {fix}",
+    "call.kind": "{call}(): {name} = {value}; expected {expected:word}. Type: {fix}",
+    "call.option-of": "{call}() does not accept {value}, which is an option of {owner}. Add: {fix}",
     "front.elsewhere": "Type: {fix}",
     "front.more": "{lines} more lines: .table()",
     "front.fit": "Fit of {vehicle} to {runs}: {count} of {parameters} parameters have an estimate",
@@ -37,26 +37,26 @@ TEMPLATES: dict[str, str] = {
     "front.card-calibration": "Calibration of the sensors of {run}",
     "front.card-validation": "Test on held-out runs",
     "front.card-history": "{vehicle} over {runs} runs",
-    "front.plot-unknown": "A {result} does not have the plot {found}. {near}.",
-    "front.no-data": "This {result} does not contain the data for the plot {found}. Its plots are {kinds}.",
+    "front.plot-unknown": "A {result} does not have the plot {value}. {near}.",
+    "front.no-data": "This {result} does not contain the data for the plot {value}. Its plots are {kinds}.",
     "front.nothing-to-draw": "This {result} does not contain the data for a plot.",
-    "report.animation-ending": "{found}: expected a name that ends in .svg. Type: {fix}",
+    "report.animation-ending": "{value}: expected a name that ends in .svg. Type: {fix}",
     "report.nothing-moves": (
         "Run {name} contains neither an estimate nor a truth, so it cannot be animated. Type: {fix}"
     ),
     "front.no-page": (
         "A report needs a run, a fit, a comparison, a forecast, a sweep, sensors at rest, or parameters over "
-        "several runs. Found: {found}. For several runs, type: bq.report(bq.compare(runs))"
+        "several runs. Found: {value}. For several runs, type: bq.report(bq.compare(runs))"
     ),
-    "front.format-unknown": "Figures cannot be written as {found}. {near}.",
+    "front.format-unknown": "Figures cannot be written as {value}. {near}.",
     "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
     "front.several-panels": (
         "This plot has {panels} panels, but an axes contains only one. Give figure= instead of ax=."
     ),
-    "front.width-unknown": "The width {found} is not valid. Expected millimetres, or a name. {near}.",
-    "front.width-mm": "The width {found:g} mm is out of range. Expected 20 to 2000 mm.",
+    "front.width-unknown": "The width {value} is not valid. Expected millimetres, or a name. {near}.",
+    "front.width-mm": "The width {value:g} mm is out of range. Expected 20 to 2000 mm.",
     "drive.room-object": (
-        'room = {found}: expected a room. Write room_of(vehicle_file, "2x2"), with room_of from '
+        'room = {value}: expected a room. Write room_of(vehicle_file, "2x2"), with room_of from '
         "baqueano.identify.design.room."
     ),
     "drive.text-unknown": (

@@ -17,7 +17,7 @@ TEMPLATES: dict[str, str] = {
     "web.tune-garage": (
         "{vehicle} is in the garage, so it cannot be changed. Make your own vehicle file. Type: {fix}"
     ),
-    "web.no-kind": "{found} is not in the list of blocks of type {role}: {valid}.",
+    "web.no-kind": "{value} is not in the list of blocks of type {role}: {valid}.",
     "web.no-swap": "The {role} block stays as it is; only estimator, guide and controller can be swapped.",
     "web.swapped": "From the next mission on, {kind} is the {role}",
     "web.tuned": "The gains are now in {file}",

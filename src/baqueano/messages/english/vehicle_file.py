@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "vehicle.commands-differ": (
-        "the run was driven with {found} commands, but the fit uses {expected}: expected a run of the same "
+        "the run was driven with {value} commands, but the fit uses {expected}: expected a run of the same "
         "kind of vehicle. Type: {fix}"
     ),
     "vehicle.no-route": "{guide} repeats a route, but a route is missing: teach one, or name its file.",
@@ -34,21 +34,21 @@ TEMPLATES: dict[str, str] = {
         "Controller: step(state, reference, estimate). Supervisor: step(state, command, tick, estimate)."
     ),
     "block.no-step": "{place} {block} does not have step(): every block has init() and step(state, …).",
-    "block.not-class": '{file}: "{found}" is {kind}, expected a class with init() and step(state, …).',
+    "block.not-class": '{file}: "{value}" is {kind}, expected a class with init() and step(state, …).',
     "block.not-module": "{path}: Python cannot read this file as a module.",
     "block.not-python": "{file} line {line} is not valid Python: {error}: {text}",
     "vehicle.folder": "{path} is a folder. Expected a vehicle file, such as one of its files: {files}.",
     "vehicle.folder-empty": "{path} is a folder that does not contain a vehicle file. To create one: {fix}",
     "vehicle.unknown": (
-        'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To create one: '
+        'Vehicle "{value}" is not in the garage. {near}. A file of your own ends in .toml. To create one: '
         "{fix}"
     ),
     "vehicle.absent": ("{missing} does not exist. {near}. The garage has {garage}. To create one: {fix}"),
     "vehicle.truth-elsewhere": (
-        "{file} [simulation] truth = {found} points outside the folder of the file. Expected a file in "
+        "{file} [simulation] truth = {value} points outside the folder of the file. Expected a file in "
         "that folder, or one of the garage: {garage}."
     ),
-    "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
+    "vehicle.unknown-key": "{file} does not have key {value}. {near}.",
     "block.lacks-arguments": (
         "{block} needs {keys}. Give an object with its values, such as {fix}, or write them into [{role}] of {file}."
     ),
@@ -60,50 +60,50 @@ TEMPLATES: dict[str, str] = {
     "vehicle.no-format": (
         "{place}: this key is missing. The first line of a vehicle file is format = {expected}. Is this another file?"
     ),
-    "vehicle.newer-format": "{place} = {found}: this baqueano reads format {expected}. Update it: {fix}",
-    "vehicle.other-format": "{place} = {found}: this baqueano reads format {expected}. Write format = {expected}.",
+    "vehicle.newer-format": "{place} = {value}: this baqueano reads format {expected}. Update it: {fix}",
+    "vehicle.other-format": "{place} = {value}: this baqueano reads format {expected}. Write format = {expected}.",
     "vehicle.no-top-key": "{place} is missing: write {example} above the first table.",
     "vehicle.no-table": "{place} is missing: this table is required.",
     "vehicle.no-command-names": (
         '{place} is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.'
     ),
-    "vehicle.command-names": "{place} has {found} names, but model {model} has a command of {expected} entries.",
-    "vehicle.command-name-twice": "{place} = {found}: two entries have the same name.",
+    "vehicle.command-names": "{place} has {value} names, but model {model} has a command of {expected} entries.",
+    "vehicle.command-name-twice": "{place} = {value}: two entries have the same name.",
     "vehicle.command-limits": (
-        "{place} has {found} numbers, but the command has {expected} entries: write one number per entry."
+        "{place} has {value} numbers, but the command has {expected} entries: write one number per entry."
     ),
-    "vehicle.not-table": "{place} = {found}: expected a table. Write [{table}] on a line of its own.",
+    "vehicle.not-table": "{place} = {value}: expected a table. Write [{table}] on a line of its own.",
     "vehicle.derived-key": "{place} is computed from the other keys. Delete the line.",
     "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
     "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
     "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
     "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
     "vehicle.number-in-quotes": (
-        "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Remove the quotes."
+        "{place} = {value}: expected one number [{in_unit}], {meaning:word}. Remove the quotes."
     ),
-    "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning:word}.",
-    "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning:word}.",
-    "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning:word}.",
+    "vehicle.not-number": "{place} = {value}: expected one number [{in_unit}], {meaning:word}.",
+    "vehicle.not-numbers": "{place} = {value}: expected {size} [{in_unit}], {meaning:word}.",
+    "vehicle.size": "{place} has {value}: expected {size} [{in_unit}], {meaning:word}.",
     "vehicle.size-with-commas": (
-        "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Are these decimal commas? Write "
+        "{place} has {value}: expected {size} [{in_unit}], {meaning:word}. Are these decimal commas? Write "
         "points."
     ),
     "vehicle.one-number": "one number",
     "vehicle.any-numbers": "a list of numbers",
     "vehicle.numbers": "{count} numbers",
     "vehicle.rows": "{rows} rows of {columns} numbers",
-    "vehicle.not-finite": "{place} = {found}: expected finite numbers [{in_unit}], {meaning:word}.",
-    "vehicle.out-of-range": "{place} = {found}: expected {expected} [{in_unit}], {meaning:word}.",
+    "vehicle.not-finite": "{place} = {value}: expected finite numbers [{in_unit}], {meaning:word}.",
+    "vehicle.out-of-range": "{place} = {value}: expected {expected} [{in_unit}], {meaning:word}.",
     "vehicle.at-least": "at least {low:g}",
     "vehicle.at-most": "at most {high:g}",
     "vehicle.between": "{low:g} to {high:g}",
     "vehicle.not-covariance": "{place} is not a covariance: {error}",
-    "vehicle.not-text": '{place} = {found}: expected text in quotes, "…".',
-    "vehicle.not-flag": "{place} = {found}: expected true or false.",
-    "vehicle.not-whole": "{place} = {found}: expected a whole number.",
-    "vehicle.not-one-finite": "{place} = {found}: expected one finite number.",
-    "vehicle.not-names": '{place} = {found}: expected a list of names, ["…", "…"].',
-    "vehicle.not-list": "{place} = {found}: expected a list of finite numbers.",
+    "vehicle.not-text": '{place} = {value}: expected text in quotes, "…".',
+    "vehicle.not-flag": "{place} = {value}: expected true or false.",
+    "vehicle.not-whole": "{place} = {value}: expected a whole number.",
+    "vehicle.not-one-finite": "{place} = {value}: expected one finite number.",
+    "vehicle.not-names": '{place} = {value}: expected a list of names, ["…", "…"].',
+    "vehicle.not-list": "{place} = {value}: expected a list of finite numbers.",
     "vehicle.model-lacks": "{place} is incomplete: {model} needs {keys}.",
     "vehicle.model-lacks-inertia": (
         "{place} is incomplete: {model} needs {keys}. Or give radius_m in [geometry]; then ½ m R² is used."
@@ -112,7 +112,7 @@ TEMPLATES: dict[str, str] = {
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
     "vehicle.table-lacks": "{place} needs {keys}.",
     "vehicle.acceleration": (
-        "{place}: {vehicle}.nu_dot() returns {found}: expected an array (3,), forward, sideways and turning. Write "
+        "{place}: {vehicle}.nu_dot() returns {value}: expected an array (3,), forward, sideways and turning. Write "
         "np.array([a, 0.0, 0.0])"
     ),
     "vehicle.refused": "{block} does not accept {place}: {error}",
@@ -120,13 +120,13 @@ TEMPLATES: dict[str, str] = {
     "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",
     "vehicle.no-kind": '{place} needs kind = "…": one of {valid}, or "file.py:Class".',
     "vehicle.kind-mistyped": (
-        '{place} needs kind = "…": one of {valid}, or "file.py:Class". Is {found} meant to be kind?'
+        '{place} needs kind = "…": one of {valid}, or "file.py:Class". Is {value} meant to be kind?'
     ),
-    "vehicle.kind-not-text": "{place} = {found}: expected text in quotes, one of {valid}.",
+    "vehicle.kind-not-text": "{place} = {value}: expected text in quotes, one of {valid}.",
     "vehicle.kind": '{place} = "{kind}": {cause}.',
     "vehicle.provenance-not-table": "{place} is not a table: it must contain run, date, sd and verdict.",
-    "vehicle.not-date": "{place} = {found}: expected a date without quotes, as 2026-11-21.",
-    "vehicle.not-sd": "{place} = {found}: expected standard deviations, 0 or more; nan if unknown.",
+    "vehicle.not-date": "{place} = {value}: expected a date without quotes, as 2026-11-21.",
+    "vehicle.not-sd": "{place} = {value}: expected standard deviations, 0 or more; nan if unknown.",
     "vehicle.cov-not-table": "{place} is not a table: it must contain run, date, names, sd and correlation.",
     "vehicle.cov-names": (
         "{place} contains a parameter that is not in the file. Delete the table: the next fit writes it."
@@ -148,54 +148,54 @@ TEMPLATES: dict[str, str] = {
     "vehicle.in-unit": "Is it in {in_unit}? {value:.3g} {in_unit} is {value_m:.3g} m",
     "vehicle.in-metres": "Is it in m?",
     "vehicle.centre-of-mass": (
-        "{place} = {found:g} m is outside the platform, which ends at {radius_m:g} m. {in_unit}."
+        "{place} = {value:g} m is outside the platform, which ends at {radius_m:g} m. {in_unit}."
     ),
     "vehicle.two-shapes": (
         "{place} and length_m, width_m: a platform is round or rectangular. Keep one of the two shapes."
     ),
     "vehicle.track": (
-        "{place} = {found:g} m: this is wider than the platform, which measures {across_m:g} m across. "
+        "{place} = {value:g} m: this is wider than the platform, which measures {across_m:g} m across. "
         "{in_unit}."
     ),
     "vehicle.wheel": (
-        "{place} = {found:g} m: the wheel is larger than the platform, {across_m:g} m. {in_unit}."
+        "{place} = {value:g} m: the wheel is larger than the platform, {across_m:g} m. {in_unit}."
     ),
     "vehicle.too-heavy": (
-        "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
+        "{place} = {value:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
         "per m² of floor. That is more than half a metre of solid steel. Is the mass in kg, and are the measures of "
         "[geometry] in m?"
     ),
     "vehicle.too-light": (
-        "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
+        "{place} = {value:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
         "per m² of floor. That is less than a sheet of cardboard. Is the mass in kg, and are the measures of "
         "[geometry] in m?"
     ),
     "vehicle.disc": "radius_m = {radius_m:g}. A uniform disc has {uniform_kg_m2:.3g}",
     "vehicle.plate": "the platform ends at {radius_m:.3g} m. A uniform plate has {uniform_kg_m2:.3g}",
     "vehicle.inertia-unchecked": (
-        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, "
+        "{place} = {value:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, "
         "longer than the vehicle. It is accepted: with commands and an IMU it only scales the torques. To "
         "check it, give radius_m in [geometry]."
     ),
     "vehicle.inertia-too-large": (
-        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, but {measure}. "
+        "{place} = {value:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, but {measure}. "
         "Was it computed in g or cm, or as m/r²?"
     ),
     "vehicle.inertia-of-point": (
-        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, so "
+        "{place} = {value:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, so "
         "all mass is in a point, but {measure}. Was it computed in g or cm?"
     ),
     "vehicle.dead-zone": (
-        "{place} = {found}: a channel reaches at most {end} [{in_unit}], so a motor would never turn. Is "
+        "{place} = {value}: a channel reaches at most {end} [{in_unit}], so a motor would never turn. Is "
         "it in percent?"
     ),
     "vehicle.too-stiff": (
-        "{place} = {found}: this value stops the vehicle within {stops_ms:.3g} ms, but a step of "
+        "{place} = {value}: this value stops the vehicle within {stops_ms:.3g} ms, but a step of "
         "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {most:g} times "
         "faster than a step cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
     "vehicle.entry-too-stiff": (
-        "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a step of "
+        "{place} = {value}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a step of "
         "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {most:g} times "
         "faster than a step cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
@@ -204,14 +204,14 @@ TEMPLATES: dict[str, str] = {
         "friction in N and m?"
     ),
     "vehicle.lever-arm": (
-        "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
+        "{place} = {value}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
     ),
-    "block.role-unknown": 'Block type "{found}" does not exist. {near}.',
+    "block.role-unknown": 'Block type "{value}" does not exist. {near}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
     "block.classes": "{file} contains {classes}",
     "block.no-classes": "{file} does not define a class",
     "block.unknown": (
-        '{role:word} "{found}" does not exist. {near}. Write one of your own as "file.py:Class".'
+        '{role:word} "{value}" does not exist. {near}. Write one of your own as "file.py:Class".'
     ),
     "block.file-absent": "File {missing} does not exist. A block of the vehicle is defined in it. {near}.",
     "block.elsewhere": (
@@ -226,21 +226,21 @@ TEMPLATES: dict[str, str] = {
         "{kind} is named inside a run, and its path points outside this folder. Such code is never "
         "executed. Name a vehicle file of your own: --vehicle FILE."
     ),
-    "block.class-unknown": '{file} does not have a class "{found}". {near}.',
+    "block.class-unknown": '{file} does not have a class "{value}". {near}.',
     "block.raised-while-read": "{place} raised {error} while it was imported.",
     "block.raised-while-read-and-ends": (
         "{place} raised {error} while it was imported, which ends the program. Remove that line."
     ),
     "toml.decimal-comma": (
-        "{file} line {line}: {found} has a decimal comma. Write a decimal point: {with_point}"
+        "{file} line {line}: {value} has a decimal comma. Write a decimal point: {with_point}"
     ),
     "toml.decimal-commas": (
-        "{file} line {line}: {found} is not valid TOML: {error}. Are these decimal commas? Write points."
+        "{file} line {line}: {value} is not valid TOML: {error}. Are these decimal commas? Write points."
     ),
-    "toml.twice": "{file} line {line}: {found} is in the file twice. Keep one of the two.",
+    "toml.twice": "{file} line {line}: {value} is in the file twice. Keep one of the two.",
     "toml.no-quotes": (
-        '{file} line {line}: {found} is not valid TOML. Text is written in quotes, key = "value"; true and '
+        '{file} line {line}: {value} is not valid TOML. Text is written in quotes, key = "value"; true and '
         "false are in lower case."
     ),
-    "toml.syntax": "{file} line {line}: {found} is not valid TOML: {error:word}.",
+    "toml.syntax": "{file} line {line}: {value} is not valid TOML: {error:word}.",
 }

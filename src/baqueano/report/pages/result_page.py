@@ -91,7 +91,7 @@ def report(
 @singledispatch
 def page_of(result: Tabular, alignment: str = "none") -> Page:
     """Return the page about a result. Raise UsageError for a type of result without a page."""
-    raise UsageError(fault("front.no-page", found=type(result).__name__))
+    raise UsageError(fault("front.no-page", value=type(result).__name__))
 
 
 @page_of.register(Run)

@@ -266,7 +266,7 @@ class Mpu6050:
         if registers == expected and power == PLL_X and control & FIFO_ON == self._control_bits:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.record_event(now_ns, code, power=power, found=registers.hex(), expected=expected.hex())
+        self._watch.record_event(now_ns, code, power=power, value=registers.hex(), expected=expected.hex())
         self._restart(now_ns, quietly=True)
         self._start_reported = True
         return False
@@ -294,7 +294,7 @@ class Mpu6050:
         registers, expected = self.device.read(SMPLRT_DIV, len(self._registers())), bytes(self._registers())
         if registers != expected:
             raise RobotUnreachable(
-                fault("imu.settings-not-stored", found=registers.hex(), expected=expected.hex())
+                fault("imu.settings-not-stored", value=registers.hex(), expected=expected.hex())
             )
         yield 0
         self._clear_fifo()

@@ -93,7 +93,7 @@ def _with_calibration(
                     "setup.no-place-for-calibration",
                     host=host,
                     key=key,
-                    found=_short_text(leaves[key]),
+                    value=_short_text(leaves[key]),
                     path=VEHICLE,
                     ssh=ssh_line(host),
                 )

@@ -163,7 +163,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
         return settings._replace(**{field: _checked_number(name, text, text, Settings, field, unit)})
     wheel, equals, number_text = text.partition("=")
     if not equals or wheel not in (*WHEEL_DIRECTIONS, "all"):
-        raise UsageError(fault("settings.way", option=name, found=text, valid=WHEEL_DIRECTIONS))
+        raise UsageError(fault("settings.way", option=name, value=text, valid=WHEEL_DIRECTIONS))
     number = _checked_number(name, text, number_text, WheelCurve, CURVE_OPTIONS[name], 1000)
     ways = [
         way._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (way_name, "all") else way
@@ -174,7 +174,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
 
 def _checked_word(name: str, text: str, known_words: list[str]) -> str:
     if text.lower() not in known_words:
-        raise UsageError(fault("settings.word", option=name, found=text, valid=known_words))
+        raise UsageError(fault("settings.word", option=name, value=text, valid=known_words))
     return text.lower()
 
 
@@ -187,7 +187,7 @@ def _checked_number(name: str, text: str, number_text: str, layout: type, field:
         value = float("nan")
     if not low <= value * unit <= high:
         raise UsageError(
-            fault("settings.number", option=name, found=text, least=low / unit, most=high / unit)
+            fault("settings.number", option=name, value=text, least=low / unit, most=high / unit)
         )
     return round(value * unit)
 

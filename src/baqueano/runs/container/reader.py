@@ -114,7 +114,7 @@ def read_bytes(path: Path) -> bytes:
         fix = "" if format_name in ("zip", "bytes", "toml") else _draft_command(path)
         line = data[:40].decode(errors="replace").strip().partition("\n")[0]
         first = line if format_name == "text" else data[:8]
-        raise FileError(fault(f"runs.is-{format_name}", fix, path=path, found=repr(first)))
+        raise FileError(fault(f"runs.is-{format_name}", fix, path=path, value=repr(first)))
     return data
 
 
@@ -195,7 +195,7 @@ class _RunAssembly:
         if commands is None:
             return None
         if commands.z.shape[1] != applied.z.shape[1]:
-            sizes = {"found": commands.z.shape[1], "expected": applied.z.shape[1]}
+            sizes = {"value": commands.z.shape[1], "expected": applied.z.shape[1]}
             self.notes.append(_warning("run.other-size", topic=topic, **sizes))
             return None
         self.reserve_missing_rows(topic, len(applied.t_ns) - len(commands.t_ns), applied.z.shape[1])

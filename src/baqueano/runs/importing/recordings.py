@@ -269,7 +269,7 @@ def _check_header(entry: Entry) -> None:
             fault(
                 "import.unit-of-name",
                 key=entry.key,
-                found=entry.unit,
+                value=entry.unit,
                 column=entry.column,
                 in_unit=in_header[1] if in_header else "",
             )

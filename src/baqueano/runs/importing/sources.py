@@ -137,7 +137,7 @@ def _match_parts(
     common_values = [value for value in by_file[m.ticks] if all(value in p for p in by_file.values())]
     if not common_values:
         text = "; ".join(f"[files.{name}] {_values_of(m, name, p)}" for name, p in by_file.items())
-        raise FileError(fault("import.split-no-value", map=m.path.name, found=text))
+        raise FileError(fault("import.split-no-value", map=m.path.name, value=text))
     findings += _missing_values(m, by_file)
     labelled_parts = []
     for value in common_values:
@@ -146,7 +146,7 @@ def _match_parts(
             text = ", ".join(f"[files.{name}] {len(rows)}" for name, rows in pieces_of_value.items())
             split = m.files[m.ticks].split
             raise FileError(
-                fault("import.parts-differ", map=m.path.name, split=split, value=value, found=text)
+                fault("import.parts-differ", map=m.path.name, split=split, value=value, counts=text)
             )
         for combination in zip(*pieces_of_value.values(), strict=True):
             recording = dict(zip(pieces_of_value, combination, strict=True))
@@ -224,7 +224,7 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
         return [_with_default_paths(m, dict.fromkeys(open_names, path)) for path in all_paths]
     for name in by_name:
         if name not in m.files:
-            raise FileError(fault("import.file-unknown", map=m.path.name, found=name, valid=m.files))
+            raise FileError(fault("import.file-unknown", map=m.path.name, value=name, valid=m.files))
     patterns = {spec.path for name, spec in m.files.items() if name not in by_name and spec.path}
     magic_patterns = [pattern for pattern in patterns if glob.has_magic(pattern)]
     if not magic_patterns:

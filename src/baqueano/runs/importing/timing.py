@@ -124,7 +124,7 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
         return np.array([_ns_of(cell) for cell in cells], dtype=np.int64)
     except (ValueError, AttributeError):
         raise FileError(
-            fault("import.iso8601", table=table.label, column=spec.time, found=cells[0])
+            fault("import.iso8601", table=table.label, column=spec.time, value=cells[0])
         ) from None
 
 

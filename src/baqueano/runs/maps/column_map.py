@@ -67,7 +67,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
     except FileNotFoundError:
         names = sorted(p.stem for p in maps_folder().glob("*.toml"))
         suggestion = nearest(str(name_or_path), names)
-        raise FileError(fault("map.absent", missing=path, found=name_or_path, near=suggestion)) from None
+        raise FileError(fault("map.absent", missing=path, value=name_or_path, near=suggestion)) from None
     except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped_path.is_file():
             return load_map(shipped_path)
@@ -396,5 +396,5 @@ class _Parser:
         code = "map.missing" if value is None else "map.wrong"
         text_of_value = repr(value)[:200]
         return FileError(
-            fault(code, map=self.path.name, place=place_text, found=text_of_value, expected=expected)
+            fault(code, map=self.path.name, place=place_text, value=text_of_value, expected=expected)
         )

@@ -58,7 +58,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
             connections = [c for c in reader.connections if c.topic == topic]
             if not connections:
                 code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
-                raise FileError(fault(code, file=label, found=topic, valid=types.values()))
+                raise FileError(fault(code, file=label, value=topic, valid=types.values()))
             series = {column: array("q" if column in TIME_COLUMNS else "d") for column in {*columns, "bag"}}
             for connection, t_ns, raw in reader.messages(connections=connections):
                 message = reader.deserialize(raw, connection.msgtype)
@@ -136,7 +136,7 @@ def _number_in_message(message: object, path: str, label: str, topic: str) -> in
     except (TypeError, ValueError):
         type_name = type(value).__name__.replace("__", "/")
         raise FileError(
-            fault("bag.field-not-number", file=label, topic=topic, field=path, found=type_name)
+            fault("bag.field-not-number", file=label, topic=topic, field=path, value=type_name)
         ) from None
 
 

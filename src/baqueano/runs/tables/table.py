@@ -165,7 +165,7 @@ class LogTable(NamedTuple):
         code = "word" if re.search(r"[a-zA-Z°/%]", cell) else "not-number"
         code = "comma-of-number" if _COMMA.fullmatch(cell) else code
         return fault(
-            f"table.{code}", file=self.label, line=self.lines[row], column=column, key=key, found=cell
+            f"table.{code}", file=self.label, line=self.lines[row], column=column, key=key, value=cell
         )
 
 
@@ -264,7 +264,7 @@ def _columns(
         )
         line, problem = first_uneven
         raise FileError(
-            fault(code, file=lines.label, line=line, found=problem, expected=width, count=uneven_count)
+            fault(code, file=lines.label, line=line, value=problem, expected=width, count=uneven_count)
         )
     return columns, line_numbers, ()
 
@@ -306,7 +306,7 @@ def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
     if not options.get("header", True):
         return [str(i + 1) for i in range(len(first))]
     if numeric:
-        raise FileError(fault("table.no-header", file=label, found=first[:3]))
+        raise FileError(fault("table.no-header", file=label, value=first[:3]))
     return first
 
 
@@ -326,13 +326,13 @@ def _decimal(columns: "JsonObject", delimiter: str, label: str) -> str:
     if not comma and not both_marks:
         return "."
     if points or both_marks:
-        raise FileError(fault("table.two-decimals", file=label, found=both_marks or comma))
+        raise FileError(fault("table.two-decimals", file=label, value=both_marks or comma))
     if thousands:
         raise FileError(
             fault(
                 "table.comma",
                 file=label,
-                found=comma,
+                value=comma,
                 without=comma.replace(",", ""),
                 with_point=comma.replace(",", "."),
             )

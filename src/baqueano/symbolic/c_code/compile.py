@@ -92,7 +92,7 @@ def _find(requested: str, path: str) -> FoundCompiler:
         else:
             return FoundCompiler(compiler, merge_diagnostics(whys))
     if requested and not whys:
-        whys.append(fault("compiler.no-command", found=requested))
+        whys.append(fault("compiler.no-command", value=requested))
     return FoundCompiler(None, merge_diagnostics(whys) or fault("compiler.absent", "pip install ziglang"))
 
 

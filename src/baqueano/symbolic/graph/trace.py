@@ -180,7 +180,7 @@ def _matching_nodes(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[
     for leaf, value in zip(leaves(shape), entries, strict=True):
         if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
             raise TraceError(
-                fault("trace.value", whose=owner, found=repr(value), path=leaf.path, shape=str(leaf.shape))
+                fault("trace.value", whose=owner, value=repr(value), path=leaf.path, shape=str(leaf.shape))
             )
         array = as_array(value)
         if array.shape != leaf.shape:
@@ -189,7 +189,7 @@ def _matching_nodes(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[
                     "trace.leaf-shape",
                     whose=owner,
                     path=leaf.path,
-                    found=str(array.shape),
+                    value=str(array.shape),
                     expected=str(leaf.shape),
                 )
             )

@@ -107,14 +107,14 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
         if tree is not shape.value and not _are_equal(tree, shape.value):
             raise Invalid(
                 fault(
-                    "tree.value", path=shape.path, found=_short_text(tree), expected=_short_text(shape.value)
+                    "tree.value", path=shape.path, value=_short_text(tree), expected=_short_text(shape.value)
                 )
             )
         return []
     items = _items(tree)
     if items is None or type(tree) is not shape.kind or tuple(key for key, _ in items) != shape.keys:
         raise Invalid(
-            fault("tree.branch", path=shape.path, found=_short_text(tree), expected=_description(shape))
+            fault("tree.branch", path=shape.path, value=_short_text(tree), expected=_description(shape))
         )
     return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
 
@@ -150,7 +150,7 @@ def as_floats(leaf: Leaf, value: Tree, leading_shape: tuple[int, ...] = ()) -> n
             fault(
                 "tree.numbers",
                 path=leaf.path,
-                found=str(array.shape),
+                value=str(array.shape),
                 dtype=array.dtype,
                 expected=str(leading_shape + leaf.shape),
             )
@@ -269,7 +269,7 @@ def count_ticks(shape: Shape, inputs: Tree) -> int:
         ticks = np.shape(value)
         if len(ticks) == 1 + len(leaf.shape):
             return ticks[0]
-        raise Invalid(fault("engine.ticks", path=leaf.path, found=str(ticks), expected=str(leaf.shape)))
+        raise Invalid(fault("engine.ticks", path=leaf.path, value=str(ticks), expected=str(leaf.shape)))
     raise Invalid(fault("engine.no-number"))
 
 

@@ -120,7 +120,7 @@ def _syntax_error(cause: str, text: str, name: str) -> Diagnostic:
     line_number = int(match[1]) if match else len(lines)
     line = lines[line_number - 1].strip() if 0 < line_number <= len(lines) else ""
     problem = re.sub(r"\s*\(at .*\)$", "", cause)
-    figures: dict[str, Any] = {"file": name, "line": line_number, "found": repr(line[:80])}
+    figures: dict[str, Any] = {"file": name, "line": line_number, "value": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
         return fault("toml.decimal-comma", with_point=with_point, **figures)

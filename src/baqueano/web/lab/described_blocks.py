@@ -41,7 +41,7 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
     of_file = _kind_in_file(role, vehicle_file)
     alternatives = available_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
     if kind and kind not in alternatives and kind != of_file:
-        raise UsageError(fault("web.no-kind", role=role, found=repr(kind), valid=alternatives))
+        raise UsageError(fault("web.no-kind", role=role, value=repr(kind), valid=alternatives))
     block = block_of(role, kind or of_file, vehicle_file)
     cls = type(block)
     return {

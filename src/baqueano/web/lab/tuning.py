@@ -179,7 +179,7 @@ def _route(request: "JsonObject") -> "Route":
         return route
     route_files = _route_files(request)
     if name not in route_files:
-        raise FileError(fault("door.no-route", found=repr(name)[:80], valid=route_names(request)))
+        raise FileError(fault("door.no-route", value=repr(name)[:80], valid=route_names(request)))
     return read_route(route_files[name])
 
 

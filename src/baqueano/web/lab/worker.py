@@ -138,7 +138,7 @@ def _replay_with_estimator(run: "Run", estimator: str) -> "Run":
     vehicle_file = recorded_vehicle_file(run)
     kinds = available_kinds("estimator", vehicle_file)
     if estimator not in kinds:
-        raise UsageError(fault("web.no-kind", role="estimator", found=repr(estimator), valid=kinds))
+        raise UsageError(fault("web.no-kind", role="estimator", value=repr(estimator), valid=kinds))
     replayed = replay(run, vehicle_file, estimator=estimator, backend="auto")
     return replace(replayed, name=estimator, metadata=run.metadata | replayed.metadata | {"kind": "replay"})
 

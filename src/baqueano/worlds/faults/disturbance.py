@@ -73,7 +73,7 @@ class DisturbanceConverter:
         if fault_.kind in ("push", "tilt") and not self._moves:
             raise UsageError(fault("shake.no-inertia", kind=fault_.kind))
         if fault_.kind == "push" and not self._mass_kg:
-            raise UsageError(fault("shake.no-mass", found=f"{hypot(fault_.x, fault_.y):g} N s"))
+            raise UsageError(fault("shake.no-mass", value=f"{hypot(fault_.x, fault_.y):g} N s"))
         known_names: list[str] = []
         if fault_.kind in SENSOR_KINDS:
             known_names = list(self.names)
@@ -83,10 +83,10 @@ class DisturbanceConverter:
             ]
         if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.of not in known_names:
             raise UsageError(
-                fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], valid=known_names)
+                fault("shake.of", kind=fault_.kind, value=repr(fault_.of)[:40], valid=known_names)
             )
         if fault_.kind == "slip" and self._motors < 2 and fault_.of != "all":
-            raise UsageError(fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], valid="all"))
+            raise UsageError(fault("shake.of", kind=fault_.kind, value=repr(fault_.of)[:40], valid="all"))
         return fault_
 
     def first_tick(self, fault: Fault) -> int:

@@ -84,18 +84,18 @@ class Fault:
 
     def __post_init__(self) -> None:
         if self.kind not in FIELD_RANGES:
-            raise UsageError(fault("shake.kind", found=str(self.kind), valid=FIELD_RANGES))
+            raise UsageError(fault("shake.kind", value=str(self.kind), valid=FIELD_RANGES))
         time_ranges = {"at_s": (0.0, 1e6)} | ({} if self.for_s is None else {"for_s": (0.0, 1e6)})
         for name, (low, high) in (time_ranges | FIELD_RANGES[self.kind]).items():
             value = getattr(self, name)
             is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
             if not (is_number and low <= value <= high):
                 limits = {"kind": self.kind, "name": name, "low": low, "high": high}
-                raise UsageError(fault("shake.number", found=repr(value)[:40], **limits))
+                raise UsageError(fault("shake.number", value=repr(value)[:40], **limits))
         if self.kind in WHEEL_KINDS and self.of not in WHEELS:
-            raise UsageError(fault("shake.of", kind=self.kind, found=repr(self.of)[:40], valid=WHEELS))
+            raise UsageError(fault("shake.of", kind=self.kind, value=repr(self.of)[:40], valid=WHEELS))
         if self.frame not in ("body", "map"):
-            raise UsageError(fault("shake.of", kind="frame", found=repr(self.frame)[:40], valid="body, map"))
+            raise UsageError(fault("shake.of", kind="frame", value=repr(self.frame)[:40], valid="body, map"))
 
     @property
     def end_s(self) -> float:
@@ -145,7 +145,7 @@ class Fault:
             or "kind" not in description
             or not set(description) <= set(names)
         ):
-            raise UsageError(fault("shake.fields", found=repr(description)[:120], valid=names))
+            raise UsageError(fault("shake.fields", value=repr(description)[:120], valid=names))
         values: JsonObject = dict(description)
         for name, value in description.items():
             if isinstance(value, int) and not isinstance(value, bool):

@@ -9,7 +9,7 @@ TEMPLATES: dict[str, str] = {
     "when.rolling": "while rolling freely",
     "when.circle": "on a simulated circle",
     "when.silent": "while all sensors are silent",
-    "when.after-measurement": "after a measurement of {found}",
+    "when.after-measurement": "after a measurement of {value}",
     "when.repeated": "at a repeated tick",
     "when.gap": "after a gap of 0.3 s",
     "when.within": "within 3 s",
@@ -40,17 +40,17 @@ TEMPLATES: dict[str, str] = {
         "and the block's parameters."
     ),
     "check.changes-itself": "{place}: {subject} changes the block itself ({when}). Keep memory in the state.",
-    "check.returns": "{place}: {subject} returns {found}: expected {expected}.",
+    "check.returns": "{place}: {subject} returns {value}: expected {expected}.",
     "check.values": (
         "{place}: {subject} returns {count} values ({when}): expected two values, (state, output)."
     ),
     "check.one-value": (
-        "{place}: {subject} returns only {found} ({when}): expected two values, (state, output)."
+        "{place}: {subject} returns only {value} ({when}): expected two values, (state, output)."
     ),
-    "check.no-numbers": "{place}: {subject} gives {what} = {found}: expected numbers of shape {shape}.",
-    "check.shape": "{place}: {subject} gives {what} with shape {found}: expected {shape}.",
-    "check.not-finite": "{place}: {subject} gives {what} = {found} ({when}): expected finite numbers.",
-    "check.stamp": "{place}: {subject} stamps its output with {found} instead of {of}.t_ns = {t_ns} ({when}).",
+    "check.no-numbers": "{place}: {subject} gives {what} = {value}: expected numbers of shape {shape}.",
+    "check.shape": "{place}: {subject} gives {what} with shape {value}: expected {shape}.",
+    "check.not-finite": "{place}: {subject} gives {what} = {value} ({when}): expected finite numbers.",
+    "check.stamp": "{place}: {subject} stamps its output with {value} instead of {of}.t_ns = {t_ns} ({when}).",
     "check.not-wrapped": (
         "{place}: {subject} gives {what} = {psi_rad:.4g} rad ({when}): expected an angle in [-π, π]: "
         "use geometry.wrap."
@@ -68,7 +68,7 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} has a cov with 0 on its diagonal, so an estimator would divide by 0. Give it a "
         "variance above 0."
     ),
-    "check.has": "{place}: {subject} gives has = {found}: expected 1.0 when a measurement arrived, else 0.0.",
+    "check.has": "{place}: {subject} gives has = {value}: expected 1.0 when a measurement arrived, else 0.0.",
     "check.has-not": "{place}: {subject} gives a measurement with has = 0: then its z must be zeros.",
     "check.rate": (
         "{place}: {subject} gives {answers} measurements in {lasted_s:g} s: rate_hz = "
@@ -86,14 +86,14 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} gives another command when the whole map is moved and turned. Use "
         "geometry.pose_error, the error in the frame of the vehicle."
     ),
-    "check.done": "{place}: {subject} gives done = {found}: expected 1.0 at the end of the route, else 0.0.",
+    "check.done": "{place}: {subject} gives done = {value}: expected 1.0 at the end of the route, else 0.0.",
     "check.lets-through": "{place}: {subject} outputs {u} after a NaN in {what}: expected zeros.",
     "check.drives-again": (
         "{place}: {subject} lets the vehicle drive again by itself after a NaN in {what}: a stop is final."
     ),
     "check.beyond-limit": "{place}: {subject} outputs {u}, which exceeds its limit {limit}.",
     "check.clock": (
-        "{place}: {subject} depends on the start of the clock. At tick {tick} its {name} is {found} with a "
+        "{place}: {subject} depends on the start of the clock. At tick {tick} its {name} is {value} with a "
         "clock that starts at {begin_ns:.2g} ns (since 1970), and {expected} with one from 0. Count time "
         "from the first tick: keep t_ns in the state, -1 before the first tick."
     ),

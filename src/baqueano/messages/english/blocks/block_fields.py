@@ -2,26 +2,26 @@
 
 TEMPLATES: dict[str, str] = {
     "field.limit": (
-        "{block}.limit has shape {found}: expected ({commands},), one number per command of the vehicle."
+        "{block}.limit has shape {value}: expected ({commands},), one number per command of the vehicle."
     ),
     "pd.limit": (
-        "Pd.limit has shape {found}: expected (3,) for (u_x, u_y, u_psi), or (2,) for (throttle, servo): one "
+        "Pd.limit has shape {value}: expected (3,) for (u_x, u_y, u_psi), or (2,) for (throttle, servo): one "
         "number per command of the vehicle."
     ),
-    "cov.shape": "{name} has shape {found}, expected ({size}, {size}).",
-    "cov.not-finite": "{name}[{i}][{j}] = {found}: expected a finite number.",
+    "cov.shape": "{name} has shape {value}, expected ({size}, {size}).",
+    "cov.not-finite": "{name}[{i}][{j}] = {value}: expected a finite number.",
     "cov.not-symmetric": "{name} is not symmetric: [{i}][{j}] = {one:g} but [{j}][{i}] = {other:g}. {offer}",
     "cov.eigenvalue": (
         "{name} has the eigenvalue {smallest:.3g}; the eigenvalues of a covariance are 0 or more. "
         "[{i}][{j}] = {entry:g} is too large for the diagonal entries {first:g} and {second:g}. {offer}"
     ),
-    "ekf.mode": 'mode = "{found}": expected one of {valid}.',
+    "ekf.mode": 'mode = "{value}": expected one of {valid}.',
     "ekf.positive": (
         "rate_hz = {rate_hz}, gate_sigma = {gate_sigma}, disturbance_time_s = {disturbance_time_s}: each "
         "must be greater than 0. To accept every measurement, set gate_sigma = inf."
     ),
-    "ekf.initial-std": "initial_std = {found}: expected 9 numbers greater than 0, for (η, ν, ν̇).",
-    "field.use": 'use = "{found}": the vehicle does not have this sensor; it has {valid}.',
+    "ekf.initial-std": "initial_std = {value}: expected 9 numbers greater than 0, for (η, ν, ν̇).",
+    "field.use": 'use = "{value}": the vehicle does not have this sensor; it has {valid}.',
     "follower.no-law": (
         "{block} does not have a control law: write its method velocity_law(self, memory, now). It returns the memory "
         "and the velocity (v, ω). An example: docs/controllers.md"
@@ -38,14 +38,14 @@ TEMPLATES: dict[str, str] = {
         "of at least 2."
     ),
     "route.not-finite": "the route has a number that is not finite: teach it again, or cut that part out.",
-    "guide.times": "the route's times must start at 0 and increase; they start {found} s.",
-    "route.laps": "laps = {found}: expected 0 (for ever) or more.",
+    "guide.times": "the route's times must start at 0 and increase; they start {value} s.",
+    "route.laps": "laps = {value}: expected 0 (for ever) or more.",
     "route.laps-kept": (
         "{kind}.laps = {before} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or do "
         "not give laps."
     ),
-    "shape.length": "length {found:g} m: expected a positive number.",
-    "shape.unknown": "shape {found} does not exist; the shapes are {valid}",
+    "shape.length": "length {value:g} m: expected a positive number.",
+    "shape.unknown": "shape {value} does not exist; the shapes are {valid}",
     "shape.corners": (
         "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m. The "
         "radius must be above 0 and below {most_m:g} m."
@@ -53,21 +53,21 @@ TEMPLATES: dict[str, str] = {
     "shape.amplitude": (
         "SinuousCircle.amplitude_m = {amplitude_m} m: expected less than radius_m = {radius_m} m."
     ),
-    "imu.model": "Imu.measurement_model = {found}: expected one of {valid}.",
+    "imu.model": "Imu.measurement_model = {value}: expected one of {valid}.",
     "tags.points": (
-        "Tags.points_m has shape {found}: expected (n, 2), a row (x, y) for each tag, such as [[0.0, 0.0], [1.2, "
+        "Tags.points_m has shape {value}: expected (n, 2), a row (x, y) for each tag, such as [[0.0, 0.0], [1.2, "
         "0.8]]."
     ),
-    "field.one-number": "{where} = {found}: expected one number [{in_unit}], {meaning:word}.",
-    "field.not-array": "{where} = {found}: expected a NumPy array, {meaning:word}; write np.array([...]).",
-    "field.shape": "{where} has shape {found}: expected {expected} [{in_unit}], {meaning:word}.",
-    "field.not-finite": "{where} = {found}: expected finite numbers [{in_unit}], {meaning:word}.",
-    "field.range": "{where} = {found}: expected values from {low:g} to {high:g} [{in_unit}], {meaning:word}.",
+    "field.one-number": "{where} = {value}: expected one number [{in_unit}], {meaning:word}.",
+    "field.not-array": "{where} = {value}: expected a NumPy array, {meaning:word}; write np.array([...]).",
+    "field.shape": "{where} has shape {value}: expected {expected} [{in_unit}], {meaning:word}.",
+    "field.not-finite": "{where} = {value}: expected finite numbers [{in_unit}], {meaning:word}.",
+    "field.range": "{where} = {value}: expected values from {low:g} to {high:g} [{in_unit}], {meaning:word}.",
     "car.commands": (
         "Car has {commands} commands (throttle, servo), but its drivetrain has {of_drivetrain}: give "
         "Drivetrain(commands=2)."
     ),
-    "delay.slots": "{name}.delay_slots = {found}: expected a whole number, 0 or more.",
+    "delay.slots": "{name}.delay_slots = {value}: expected a whole number, 0 or more.",
     "delay.no-slots": (
         "{name}.delay_s = {delay_s:g} s but delay_slots = 0, so past values are not stored. Give "
         "delay_slots = delay_s · rate_hz rounded up, {slots} at 100 Hz."
@@ -76,14 +76,14 @@ TEMPLATES: dict[str, str] = {
         "Drivetrain.lag_s = {lag_s:.3g} s is too small for the computation. Give 0 for motors without lag, "
         "or their time constant, usually 0.01 to 0.2 s."
     ),
-    "drivetrain.mixing": "Drivetrain.mixing = {found}: expected one of {valid}.",
-    "drivetrain.battery": "Drivetrain.battery = {found}: expected one of {valid}.",
+    "drivetrain.mixing": "Drivetrain.mixing = {value}: expected one of {valid}.",
+    "drivetrain.battery": "Drivetrain.battery = {value}: expected one of {valid}.",
     "drivetrain.commands": (
         "Drivetrain.commands = {commands}: two_wheels mixes three commands, (u_x, u_y, u_psi)."
     ),
     "drivetrain.lag": "Drivetrain.lag_s = 0 with has_lag = True: expected a time constant above 0 s.",
     "drivetrain.shape": (
-        "Drivetrain.{name} has shape {found}: expected ({channels},), one value per channel of mixing = {mixing} "
+        "Drivetrain.{name} has shape {value}: expected ({channels},), one value per channel of mixing = {mixing} "
         "with {commands} commands, or (1,) for all."
     ),
     "friction.track": (
@@ -108,5 +108,5 @@ TEMPLATES: dict[str, str] = {
         "corridor extends {beyond_m:.2f} m beyond the wall. Give a larger room, or start further from the "
         "wall."
     ),
-    "field.role": "role = {found}: expected one of {valid}.",
+    "field.role": "role = {value}: expected one of {valid}.",
 }

@@ -13,7 +13,7 @@ TEMPLATES: dict[str, str] = {
     S.BLOCK_RAISED: "{block} raised {error}",
     S.BLOCK_RAISED_IN_INIT: "{block} raised {error} in init()",
     "block.finite": "finite numbers",
-    S.BLOCK_RETURNED: "{block} returned {found}, expected {expected}",
+    S.BLOCK_RETURNED: "{block} returned {value}, expected {expected}",
     S.INTERRUPTED: "ended by the user",
     S.DRIVER: "stopped by the driver",
     S.PAD_UNPLUGGED: "the game pad was unplugged",
@@ -41,7 +41,7 @@ TEMPLATES: dict[str, str] = {
     "drive.not-compiled": "{role} {block} runs without compilation: {error}",
     "drive.not-watched": "the monitor cannot check the sensors: {error}",
     "drive.other-vehicle": (
-        "{file} has {found} commands but the vehicle of the world accepts {expected}: they are not the "
+        "{file} has {value} commands but the vehicle of the world accepts {expected}: they are not the "
         "same kind of vehicle."
     ),
     "drive.own-origin": (

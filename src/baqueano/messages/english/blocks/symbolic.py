@@ -41,10 +41,10 @@ TEMPLATES: dict[str, str] = {
         "{place}\n    &, |, ^ and ~ need truth values here, such as x > 0, and this is a number: write n % 2 for its "
         "last bit, x > 0 for a condition"
     ),
-    "engine.backend": 'backend = "{found}": expected one of {valid}',
+    "engine.backend": 'backend = "{value}": expected one of {valid}',
     "compiler.trouble": "{command}: {error}",
     "compiler.refuses": "{command} cannot compile the code: {error}",
-    "engine.arguments": "{found} arguments, expected {expected}: {names}",
+    "engine.arguments": "{value} arguments, expected {expected}: {names}",
     "engine.not-compiled": "nothing is compiled yet",
     "trace.another-trace": (
         "{place}\n    this value belongs to another trace: the function stored it in a cache, a global "
@@ -55,27 +55,27 @@ TEMPLATES: dict[str, str] = {
         "the block. Time and noise must be inputs"
     ),
     "trace.pair": "{function} must return (carry, output); it returned {kind}",
-    "trace.value": "{whose} returned {found} for {path}, expected shape {shape}",
-    "trace.leaf-shape": "{whose} returned {path} with shape {found}, expected {expected}",
-    "tree.value": "{path} is {found}, expected {expected} as in the example",
-    "tree.branch": "{path} is {found}, expected {expected} as in the example",
-    "tree.numbers": "{path} has shape {found} of {dtype}, expected numbers, {expected}",
+    "trace.value": "{whose} returned {value} for {path}, expected shape {shape}",
+    "trace.leaf-shape": "{whose} returned {path} with shape {value}, expected {expected}",
+    "tree.value": "{path} is {value}, expected {expected} as in the example",
+    "tree.branch": "{path} is {value}, expected {expected} as in the example",
+    "tree.numbers": "{path} has shape {value} of {dtype}, expected numbers, {expected}",
     "engine.batch-sizes": (
         "the batch sizes of theta, carry and inputs are {sizes}, and inputs have {ticks} ticks. Expected "
         "one batch size and one number of ticks"
     ),
     "tree.another": "the structure at {path} differs from the example",
     "path.not-a-path": '"{path}" is not a path: write names with dots and indices in brackets, "a.b[0,2]"',
-    "path.index": '"{path}": an index is one or more whole numbers, not [{found}]',
-    "path.shape": '"{path}" has shape {expected}, not {found}',
+    "path.index": '"{path}": an index is one or more whole numbers, not [{value}]',
+    "path.shape": '"{path}" has shape {expected}, not {value}',
     "engine.no-ticks": "the inputs have 0 ticks: the back end numpy needs at least one",
     "engine.cost": "a cost is one number per tick; this step returns {numbers}",
-    "engine.theta-vector": "theta has shape {found}, expected (p,)",
+    "engine.theta-vector": "theta has shape {value}, expected (p,)",
     "engine.no-theta": "This scan was made without theta: pass an example as scan(..., theta=…).",
     "engine.theta-missing": "theta is missing: expected {parameters} parameters, {expected}",
-    "engine.theta-shape": "theta has shape {found}, expected {expected} with p = {parameters}",
+    "engine.theta-shape": "theta has shape {value}, expected {expected} with p = {parameters}",
     "engine.no-parameters": "Derivatives need parameters: pass an example as scan(..., theta=…).",
-    "engine.ticks": "{path} has shape {found}, expected (N, …) with {expected} after N",
+    "engine.ticks": "{path} has shape {value}, expected (N, …) with {expected} after N",
     "engine.no-number": "the inputs do not contain a number, so the number of ticks is unknown: add one, such as t_ns",
     "trace.argument-changed": (
         "{place}\n    the function changes an argument in place. Make a new array, x = x + …, or "
@@ -89,8 +89,8 @@ TEMPLATES: dict[str, str] = {
     "trace.numpy": "{place}\n    {kind}: {error}",
     "trace.another-carry": "{whose} returned a carry that differs from its input: {cause}",
     "tree.dtype": "{path} is an array of {dtype}: expected numbers",
-    "path.no-such-name": '"{path}": {kind} does not have {found}. {near}',
+    "path.no-such-name": '"{path}": {kind} does not have {value}. {near}',
     "compiler.absent": "a C compiler was not found: install gcc or clang, or type: {fix}",
-    "compiler.no-command": "BAQUEANO_CC = '{found}': this command does not exist",
+    "compiler.no-command": "BAQUEANO_CC = '{value}': this command does not exist",
     "compiler.given-up": "Python is used instead of C, and this is slower: {cause}",
 }

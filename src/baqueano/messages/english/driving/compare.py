@@ -16,7 +16,7 @@ TEMPLATES: dict[str, str] = {
         "the estimator {estimator:word} does not give a covariance of the pose, so its "
         "uncertainty cannot be predicted. Type: {fix}"
     ),
-    "compare.alignment": 'alignment = "{found}": expected one of {valid}.',
+    "compare.alignment": 'alignment = "{value}": expected one of {valid}.',
     "compare.no-first-heading": (
         'alignment = "start" needs the first heading, but the truth contains only positions. Align by all '
         "positions. Type: {fix}"

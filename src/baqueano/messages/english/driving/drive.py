@@ -14,15 +14,15 @@ TEMPLATES: dict[str, str] = {
     "keys.no-terminal": (
         "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, use ssh -t."
     ),
-    "drive.duration": "{name} = {found}: expected a finite number of seconds {range}.",
+    "drive.duration": "{name} = {value}: expected a finite number of seconds {range}.",
     "drive.laps": (
-        "laps = {found}: expected 1 or more. With laps=0 the route is repeated without end, so add the time at which "
+        "laps = {value}: expected 1 or more. With laps=0 the route is repeated without end, so add the time at which "
         "the drive ends, such as duration_s=60.0."
     ),
-    "drive.seed": "seed = {found}: expected a whole number, 0 or more.",
+    "drive.seed": "seed = {value}: expected a whole number, 0 or more.",
     "marks.too-few": "{name} has {marks} marks: at rest on the mark, press m before and after a lap.",
     "marks.no-gyro": "{name} or its vehicle file does not have a gyro, so this run cannot calibrate one.",
-    "marks.place-std": "place_std_m = {found:g}: expected a finite number of metres above 0.",
+    "marks.place-std": "place_std_m = {value:g}: expected a finite number of metres above 0.",
     "marks.no-lap": (
         "{name} has {ticks} ticks between its first and its last mark. At rest on the mark, press m before and after a "
         "lap."
@@ -42,7 +42,7 @@ TEMPLATES: dict[str, str] = {
         "another lap, and end it on the mark with the same heading: {fix}"
     ),
     "marks.lap-other-scale": (
-        "{name}: this lap gives the gyro of {gyro} the scale {found:.3f}; the vehicle file states {file:.3f}. The "
+        "{name}: this lap gives the gyro of {gyro} the scale {value:.3f}; the vehicle file states {file:.3f}. The "
         "difference is {percent:+.1f} %, and at most {most_percent:.1f} % was expected from both standard deviations. "
         "Either the lap did not return to its start, or the scale in the file is wrong. Turn the vehicle twice between "
         "two marks, which gives the scale without the file: {fix}"
@@ -88,15 +88,15 @@ TEMPLATES: dict[str, str] = {
         "To measure it, type: {fix}"
     ),
     "drive.signal-shape": (
-        "the signal has shape {found}: expected finite numbers (N, {commands}), one column for each of {names}."
+        "the signal has shape {value}: expected finite numbers (N, {commands}), one column for each of {names}."
     ),
     "drive.driver-type": (
         "a driver of type {kind}: expected a Route, such as baqueano.guides.shapes.circle(1.0, 0.25), a guide, a list "
         "of (seconds, command), or a function that returns a command."
     ),
-    "drive.step-pair": "step {number} of the drive is {found}: expected (seconds, command).",
+    "drive.step-pair": "step {number} of the drive is {value}: expected (seconds, command).",
     "drive.step-numbers": (
-        "step {number} of the drive is {found}: expected a time above 0 s and {commands} finite numbers."
+        "step {number} of the drive is {value}: expected a time above 0 s and {commands} finite numbers."
     ),
     "drive.no-steps": "the list of steps is empty: give at least one (seconds, command).",
     "drive.says-failed": "diagnostic() of the {role} failed: {error}. It is not called again in this drive.",

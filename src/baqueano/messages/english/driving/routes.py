@@ -9,7 +9,7 @@ TEMPLATES: dict[str, str] = {
         "the route changes between forward and backward {count} times, first at {at_m:.2f} m. Cut it there, and work "
         "on each part: {fix}"
     ),
-    "route.tolerance": "tolerance {found:g} m: expected {least_m:g} to {largest_m:g} m.",
+    "route.tolerance": "tolerance {value:g} m: expected {least_m:g} to {largest_m:g} m.",
     "route.cut": (
         "the part from {from_m:g} to {to_m:g} m does not lie on the route: expected 0 ≤ from < to ≤ {length_m:.2f} m."
     ),
@@ -17,10 +17,10 @@ TEMPLATES: dict[str, str] = {
         "the first route ends at {first_m_s:.2f} m/s, the second begins at {second_m_s:.2f} m/s. One is "
         "driven forward, the other backward. Reverse one of them: {fix}"
     ),
-    "route.factor": "factor {found:g}: expected a positive number; 2 makes a route twice as large.",
-    "route.speed": "speed {found:g} m/s: expected a positive number.",
-    "route.limit": "{name} = {found:g}: expected a positive number; a fraction is at most 1.",
-    "route.points": "points have the shape {found}: expected at least two rows of x and y in metres, (m, 2).",
+    "route.factor": "factor {value:g}: expected a positive number; 2 makes a route twice as large.",
+    "route.speed": "speed {value:g} m/s: expected a positive number.",
+    "route.limit": "{name} = {value:g}: expected a positive number; a fraction is at most 1.",
+    "route.points": "points have the shape {value}: expected at least two rows of x and y in metres, (m, 2).",
     "route.point-not-finite": (
         "point {number} contains a value that is not a number. Give x and y in metres, or remove the point."
     ),
@@ -65,7 +65,7 @@ TEMPLATES: dict[str, str] = {
         "give a larger room or another start: {fix}"
     ),
     "route.columns": (
-        "{path} has the columns {found}: expected x and y in metres, as x_m and y_m, or x and y. Rename them in its "
+        "{path} has the columns {value}: expected x and y in metres, as x_m and y_m, or x and y. Rename them in its "
         "first line."
     ),
 }

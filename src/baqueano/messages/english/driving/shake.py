@@ -17,22 +17,22 @@ TEMPLATES: dict[str, str] = {
     "shake.sag": "battery sags to {percent:.0f} % of its voltage",
     "shake.lose": "the line loses {percent:.0f} % of its frames",
     "shake.over": "over after {for_s:.1f} s: {what}",
-    "shake.kind": "The fault {found} does not exist: expected one of {valid}.",
-    "shake.number": "{kind}: {name} = {found}: expected a number from {low:g} to {high:g}.",
-    "shake.of": "{kind} of {found}: expected one of {valid}.",
-    "shake.fields": "{found} does not have kind, or has an unknown field: expected some of {valid}.",
+    "shake.kind": "The fault {value} does not exist: expected one of {valid}.",
+    "shake.number": "{kind}: {name} = {value}: expected a number from {low:g} to {high:g}.",
+    "shake.of": "{kind} of {value}: expected one of {valid}.",
+    "shake.fields": "{value} does not have kind, or has an unknown field: expected some of {valid}.",
     "shake.words": (
-        '{found} does not describe a fault. Expected a time and a kind, such as "12 s: push 0.3 N s left" '
+        '{value} does not describe a fault. Expected a time and a kind, such as "12 s: push 0.3 N s left" '
         'or "3-6 s: cut imu". The kinds, each with an example: {valid}.'
     ),
-    "shake.form": '{found} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
+    "shake.form": '{value} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
     "shake.no-inertia": "This vehicle is kinematic: its velocity is its command, so a {kind} cannot move it.",
     "shake.no-mass": (
-        "The vehicle file does not have mass_kg, so the effect of a push of {found} is unknown. "
+        "The vehicle file does not have mass_kg, so the effect of a push of {value} is unknown. "
         "Tilt the floor instead."
     ),
     "shake.too-many": "A drive has at most {most} faults. Begin another drive.",
-    "shake.no-number": "Fault number {found} does not exist: this drive had {most} so far.",
+    "shake.no-number": "Fault number {value} does not exist: this drive had {most} so far.",
     "shake.of-another-world": (
         "Faults occur only in a simulation, but this drive has its own world, {world}. Remove `world` "
         "or `shake`."

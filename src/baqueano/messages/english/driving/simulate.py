@@ -6,8 +6,8 @@ TEMPLATES: dict[str, str] = {
         "cannot be tuned or simulated in one kernel. Run it tick by tick: {fix}"
     ),
     "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
-    "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
-    "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, but another value is for {expected}.',
+    "simulate.vary-shape": 'vary["{path}"] has shape {value}: expected {expected}, a row per vehicle.',
+    "simulate.vary-count": 'vary["{path}"] is for {value} vehicles, but another value is for {expected}.',
     "simulate.vary-not-finite": 'vary["{path}"] contains a number that is not finite.',
     "simulate.no-vehicles": (
         "The number of vehicles is 0: give vary = {{path: values}} with a row per vehicle, or vehicles."
@@ -18,14 +18,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
     "simulate.signal-shape": (
-        "the command signal has shape {found}: expected (N, {commands}), one row per tick with {names}."
+        "the command signal has shape {value}: expected (N, {commands}), one row per tick with {names}."
     ),
     "simulate.not-finite": "{name} = {value} at tick {tick}: expected a finite number.",
     "simulate.beyond-limit": (
         "{name} = {value:g} at tick {tick}: the vehicle file allows up to {limit:g} ([command] limit). Scale the "
         "signal, or write np.clip(u, -limit, limit)."
     ),
-    "simulate.pose": "{name} = {found}: expected three finite numbers.",
+    "simulate.pose": "{name} = {value}: expected three finite numbers.",
     "simulate.no-number": (
         '"{path}" is not a number of this vehicle: {cause}. Name it as in the vehicle file, for '
         'example "model.friction.linear".'

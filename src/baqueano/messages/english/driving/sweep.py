@@ -17,9 +17,9 @@ TEMPLATES: dict[str, str] = {
         "of 10 s, or of 4 correlation times if that is longer. With fewer than 5 blocks, no decision is "
         "possible."
     ),
-    "sweep.reference": "No cell is called {found}. {near}.",
-    "sweep.setting": "{call}() does not accept {found}. {near}.",
-    "sweep.seeds": "seeds = {found}: expected several whole numbers, such as range(10).",
+    "sweep.reference": "No cell is called {value}. {near}.",
+    "sweep.setting": "{call}() does not accept {value}. {near}.",
+    "sweep.seeds": "seeds = {value}: expected several whole numbers, such as range(10).",
     "sweep.numbers": (
         "The sweep received {laps} laps and a span of {over_s:g} s. Expected 1 lap or more, and more than "
         "0 s."
@@ -28,8 +28,8 @@ TEMPLATES: dict[str, str] = {
         "The sweep is empty: {vehicles} vehicles, {routes} routes, {seeds} seeds. Expected one or more of "
         "each."
     ),
-    "sweep.mixed": "A sweep accepts vehicles or runs, not both. The list of vehicles contains a {found}.",
-    "sweep.route": "A sweep drives routes, such as guides.shapes.eight(1.0, 0.25). Found: {found}.",
+    "sweep.mixed": "A sweep accepts vehicles or runs, not both. The list of vehicles contains a {value}.",
+    "sweep.route": "A sweep drives routes, such as guides.shapes.eight(1.0, 0.25). Found: {value}.",
     "sweep.of-runs": (
         "A recorded run is replayed, so its {what} cannot vary. Give vehicles instead of runs, or only "
         "estimators."

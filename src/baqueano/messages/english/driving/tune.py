@@ -35,7 +35,7 @@ TEMPLATES: dict[str, str] = {
         'baqueano.parameter: k: float = parameter("unit of u per m", "command per along-track error", low=0.0, '
         "high=20.0, default=3.0)"
     ),
-    "tune.no-such-gain": "{kind} does not have the gain {found}: it has {valid}.",
+    "tune.no-such-gain": "{kind} does not have the gain {value}: it has {valid}.",
     "tune.bounds": (
         'bounds["{name}"] = ({low:g}, {high:g}): expected two finite numbers, the smaller one first.'
     ),

@@ -40,7 +40,7 @@ TEMPLATES: dict[str, str] = {
     "run.and": "{first}; {then}",
     "run.repeated-ticks": "{count} repeated ticks were excluded",
     "run.other-size": (
-        "{topic} has {found} values, but /command/applied has {expected}: the topic was excluded"
+        "{topic} has {value} values, but /command/applied has {expected}: the topic was excluded"
     ),
     "run.unread-events": "events that could not be read: {count} ({cause})",
     "run.vehicle-file-lost": "the vehicle file of the run is lost",
@@ -101,7 +101,7 @@ TEMPLATES: dict[str, str] = {
         "neither lever_arm_m nor heading_rad, because the heading is unknown. A fit can estimate "
         "the position of the mark: --use truth --free +sensors.truth.lever_arm_m"
     ),
-    "run.times": "{name} of a run is a list of integer nanoseconds; found {dtype} of shape {found}.",
+    "run.times": "{name} of a run is a list of integer nanoseconds; found {dtype} of shape {value}.",
     "run.times-not-increasing": (
         "{name} of a run must increase: entry {entry} is {t_ns} ns, the next one {next_ns} ns. Remove repeated and "
         "backward times first."
@@ -110,7 +110,7 @@ TEMPLATES: dict[str, str] = {
         "{name} of a run must not decrease: entry {entry} is {t_ns} ns, the next one {next_ns} ns. Remove backward "
         "times first."
     ),
-    "run.shape": "{name} of a run has shape {found}, expected {expected}: one row per time.",
+    "run.shape": "{name} of a run has shape {value}, expected {expected}: one row per time.",
     "run.arrivals": "{where} has {times} measurement times and {arrivals} arrival times.",
     "expect.three-names": "three names, such as u_x, u_y, u_psi",
     "expect.names": "{count} names, one per entry of u",

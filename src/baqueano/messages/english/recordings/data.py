@@ -118,7 +118,7 @@ TEMPLATES: dict[str, str] = {
         "file was a guess, save this fit and repeat it"
     ),
     "file.swapped": (
-        "the command {subject} should give {expected} motion and gives {found} motion. Are columns of commands or axes "
+        "the command {subject} should give {expected} motion and gives {value} motion. Are columns of commands or axes "
         "of a sensor swapped?"
     ),
     "file.lever-arm": (

@@ -36,14 +36,14 @@ TEMPLATES: dict[str, str] = {
         "own start; shift them."
     ),
     "runs.not-written": "{path}: the run could not be written ({error}).",
-    "runs.decimal": 'decimal = {found!r}: write decimal "." or ","',
-    "runs.no-trajectory": "run {run} does not have trajectory {found!r}; it has: {has}.",
+    "runs.decimal": 'decimal = {value!r}: write decimal "." or ","',
+    "runs.no-trajectory": "run {run} does not have trajectory {value!r}; it has: {has}.",
     "runs.file-in-the-way": "{path} exists already. Give another name, or remove it.",
-    "runs.folder-empty": "Run {found!r} does not exist: folder {folder} does not contain runs yet. To make one: {fix}",
-    "runs.unknown": "No run in {folder} matches {found!r}. The newest there: {valid}. To list all: {fix}",
-    "runs.ambiguous": "{found!r} matches more than one run of {folder}: {valid}. Type one of these names.",
+    "runs.folder-empty": "Run {value!r} does not exist: folder {folder} does not contain runs yet. To make one: {fix}",
+    "runs.unknown": "No run in {folder} matches {value!r}. The newest there: {valid}. To list all: {fix}",
+    "runs.ambiguous": "{value!r} matches more than one run of {folder}: {valid}. Type one of these names.",
     "runs.none-like": (
-        "No run in {folder} matches {found!r}. Give numbers (3-28), every second number (3-28:2), a name "
+        "No run in {folder} matches {value!r}. Give numbers (3-28), every second number (3-28:2), a name "
         "with *, or a folder. To list the runs: {fix}"
     ),
     "runs.no-folder": "Folder {folder} does not exist. To make runs: {fix}",
@@ -53,7 +53,7 @@ TEMPLATES: dict[str, str] = {
         "the command line: {fix}"
     ),
     "import.unit-of-name": (
-        '{key} unit = "{found}", but its column\'s name indicates {column!r}; write unit = "{in_unit}"'
+        '{key} unit = "{value}", but its column\'s name indicates {column!r}; write unit = "{in_unit}"'
     ),
     "import.no-row": "[{key}] does not have a complete row of numbers in {table}. Are its columns right?",
     "import.no-command": (
@@ -79,7 +79,7 @@ TEMPLATES: dict[str, str] = {
         "distinguishes the runs, or split_gap_s"
     ),
     "import.split-no-value": (
-        "{map}: the files with split do not share a value: {found}. Give as split a column with the same values in "
+        "{map}: the files with split do not share a value: {value}. Give as split a column with the same values in "
         "each file. Or write split_gap_s = … instead, which matches parts in order"
     ),
     "import.stars": (
@@ -91,7 +91,7 @@ TEMPLATES: dict[str, str] = {
     "import.no-rows": "{table} has names of columns but no rows. Is it the right file?",
     "import.where-empty": "{table}: where = {where} excludes all rows. Are the column and the value right?",
     "import.no-time": "{table}: none of the rows has a time in {column!r}. Is it the right column?",
-    "import.file-unknown": "{map} does not have [files.{found}]; it has {valid}.",
+    "import.file-unknown": "{map} does not have [files.{value}]; it has {valid}.",
     "import.no-bag": "{path} is not a bag, but {map} [files.{file}] names topic {topic!r}.",
     "import.before-zero": (
         "{table}: its first time is {t_s:.3f} s, before the zero of the clock. Write at the top of {map}: start_ns = "
@@ -105,7 +105,7 @@ TEMPLATES: dict[str, str] = {
         "a vehicle's recording. Write in [files.{file}] of {map}: {cure}"
     ),
     "import.iso8601": (
-        "{table}: column {column!r} has times like {found!r}; an iso8601 time is written as "
+        "{table}: column {column!r} has times like {value!r}; an iso8601 time is written as "
         "2024-01-22T11:39:01.250"
     ),
     "map.empty": (
@@ -132,28 +132,28 @@ TEMPLATES: dict[str, str] = {
         "its first line."
     ),
     "route.no-header": (
-        "{file}: the first line contains numbers, not names ({found} …). Write a line with the names of the columns "
+        "{file}: the first line contains numbers, not names ({value} …). Write a line with the names of the columns "
         "above it: {names}"
     ),
     "route.comma": (
-        "{file}: {found!r} can mean {without} or {with_point}. Write its numbers with a decimal point, without "
+        "{file}: {value!r} can mean {without} or {with_point}. Write its numbers with a decimal point, without "
         "separators of thousands."
     ),
     "route.comma-of-number": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. Write it with a decimal point."
+        "{file} line {line}, column {column!r}: {value!r} is not a number. Write it with a decimal point."
     ),
     "route.cell": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. Correct the cell, or delete the line."
+        "{file} line {line}, column {column!r}: {value!r} is not a number. Correct the cell, or delete the line."
     ),
     "route.no-column": (
         "{file} does not have column {column!r}. It has: {valid}. A route needs the columns {names}. Rename them in "
         "its first line."
     ),
     "route.uneven": (
-        "{file} line {line} has {found} cells, but the header has {expected} ({count} such lines). Correct the line. "
+        "{file} line {line} has {value} cells, but the header has {expected} ({count} such lines). Correct the line. "
         "If its numbers have decimal commas, separate the columns by semicolons."
     ),
-    "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {found:g}.",
+    "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {value:g}.",
     "route.way": (
         "{path} line {line}: {ds_m:g} m from the previous row at {v_m_s:g} m/s. Expected s_m that does not "
         "decrease, v_m_s other than 0 where it increases, and wait_s of 0 or more."
@@ -163,7 +163,7 @@ TEMPLATES: dict[str, str] = {
         "{file} cannot be read as a bag: {error}. If this is a truncated ROS 1 bag, type: rosbag reindex FILE"
     ),
     "bag.field-not-number": (
-        "{file} {topic}: expected a number in field {field!r}, found {found}. Choose one of its parts."
+        "{file} {topic}: expected a number in field {field!r}, found {value}. Choose one of its parts."
     ),
     "bag.chunk": (
         "{file} has a chunk of {size} that unpacks to more than {largest}. If you trust it, write it anew "
@@ -199,15 +199,15 @@ TEMPLATES: dict[str, str] = {
     "table.no-data": "{file} does not contain a line with data. Is it the right file?",
     "table.columns": "{file} has {count} columns; at most {most} are read. Is its delimiter right?",
     "table.no-header": (
-        "{file}: the first line contains numbers, not names ({found} …). Write in its [files.…] table: header = false, "
+        "{file}: the first line contains numbers, not names ({value} …). Write in its [files.…] table: header = false, "
         'and call the columns "1", "2", "3" …'
     ),
     "table.two-decimals": (
-        "{file} has numbers with a decimal point and numbers with a comma ({found!r}). Save it with one "
+        "{file} has numbers with a decimal point and numbers with a comma ({value!r}). Save it with one "
         "kind, without separators of thousands."
     ),
     "table.comma": (
-        "{file}: {found!r} can mean {without} or {with_point}. If this is a decimal comma, write in its "
+        "{file}: {value!r} can mean {without} or {with_point}. If this is a decimal comma, write in its "
         '[files.…] table: decimal = ","'
     ),
     "table.column-twice": "{file} has several columns named {column!r}; give each of them a different name.",
@@ -220,19 +220,19 @@ TEMPLATES: dict[str, str] = {
     "runs.is-zip": "{path} is a zip file (or a spreadsheet). Decompress it, or save it as CSV.",
     "runs.is-gzip": "{path} is compressed with gzip. If it is a CSV: {fix}",
     "runs.is-ulog": "{path} is a PX4 log. Export it as CSV, then: {fix}",
-    "runs.is-bytes": "{path} is not a run, which is an MCAP file: it begins with the bytes {found}.",
+    "runs.is-bytes": "{path} is not a run, which is an MCAP file: it begins with the bytes {value}.",
     "runs.is-toml": (
         "{path} is a TOML file, not a run. A vehicle file is given with --vehicle {path}, and a run by its number."
     ),
     "runs.is-text": (
-        "{path} is not a run, which is an MCAP file: it begins with the text {found}. If it is a CSV file: {fix}"
+        "{path} is not a run, which is an MCAP file: it begins with the text {value}. If it is a CSV file: {fix}"
     ),
     "import.too-short": (
         "{table} gives {rows} rows for the ticks of a run; at least {least} are needed. Number of parts "
         "that are too short: {parts}."
     ),
     "import.parts-differ": (
-        "{map}: files with split must have the same number of parts; found {found} where {split} = "
+        "{map}: files with split must have the same number of parts; found {counts} where {split} = "
         "{value}. They cannot be matched. In each file, give as split a column that distinguishes the "
         "runs, or exclude the other rows with where = {{…}}"
     ),
@@ -265,7 +265,7 @@ TEMPLATES: dict[str, str] = {
     "import.time-unit": 'time_unit = "{in_unit}"',
     "import.time": "the correct time and time_unit",
     "map.absent": (
-        'Map "{found}" does not exist. {near}. These maps are part of baqueano. For your own map, give a '
+        'Map "{value}" does not exist. {near}. These maps are part of baqueano. For your own map, give a '
         ".toml file."
     ),
     "map.recording": (
@@ -278,10 +278,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "map.unknown-key": "{map} {place}: unknown key. {near}.",
     "map.missing": "{map} {place} is missing; write {expected}.",
-    "map.wrong": "{map} {place} = {found}; write {expected}.",
+    "map.wrong": "{map} {place} = {value}; write {expected}.",
     "bag.topic-unsaid": '{file}: topic is missing; write topic = "…" in its [files.…] table, one of: {valid}.',
     "bag.no-topic": (
-        '{file} does not have topic {found!r}; write topic = "…" in its [files.…] table, one of: {valid}.'
+        '{file} does not have topic {value!r}; write topic = "…" in its [files.…] table, one of: {valid}.'
     ),
     "bag.fields": "there are {fields}",
     "bag.values": "there are {count} values",
@@ -302,16 +302,16 @@ TEMPLATES: dict[str, str] = {
         "file has: {valid}. Write one of these in the map, or give another file."
     ),
     "table.comma-of-number": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. If this is a decimal comma, "
+        "{file} line {line}, column {column!r}: {value!r} is not a number. If this is a decimal comma, "
         'write in its [files.…] table: decimal = ","'
     ),
     "table.word": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. Remove units and words from the "
-        'cells, or exclude the row with where = {{ {key} = {{ not = "{found}" }} }}.'
+        "{file} line {line}, column {column!r}: {value!r} is not a number. Remove units and words from the "
+        'cells, or exclude the row with where = {{ {key} = {{ not = "{value}" }} }}.'
     ),
     "table.not-number": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. Correct the cell, or exclude "
-        'the row with where = {{ {key} = {{ not = "{found}" }} }}.'
+        "{file} line {line}, column {column!r}: {value!r} is not a number. Correct the cell, or exclude "
+        'the row with where = {{ {key} = {{ not = "{value}" }} }}.'
     ),
     "table.long-cell": (
         "{file} line {line} has a cell of more than {most} characters. Is a quote open there? Correct that line."
@@ -320,11 +320,11 @@ TEMPLATES: dict[str, str] = {
         "{file} line {line} is not valid CSV: {error}. Is a quote open there? Correct that line."
     ),
     "table.uneven": (
-        "{file} line {line} has {found} cells, but the header has {expected} ({count} such lines). Correct "
+        "{file} line {line} has {value} cells, but the header has {expected} ({count} such lines). Correct "
         "the file, or give its delimiter in the [files.…] table."
     ),
     "table.commas-between-commas": (
-        "{file} line {line} has {found} cells, the header has {expected} ({count} such lines). Perhaps "
+        "{file} line {line} has {value} cells, the header has {expected} ({count} such lines). Perhaps "
         "commas separate both decimals and columns: save the file with semicolons, or give its delimiter "
         "in the [files.…] table."
     ),

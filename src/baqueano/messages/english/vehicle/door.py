@@ -56,7 +56,7 @@ TEMPLATES: dict[str, str] = {
         "at the vehicle, then type: baqueano robot status {host}"
     ),
     "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
-    "door.unknown-word": "{found} is not valid: expected one of {valid}",
+    "door.unknown-word": "{value} is not valid: expected one of {valid}",
     "door.no-run": "run {run} does not exist",
     "door.full": "All {most} places at this vehicle are occupied. Close a page or a program that watches it.",
     "door.too-long": (
@@ -70,16 +70,16 @@ TEMPLATES: dict[str, str] = {
     ),
     "door.swapped": "{kind} is used as {role}, in place of the block of the vehicle file",
     "door.set": "{path} is now {now}; it was {before}",
-    "door.pace": "pace {found:g}: expected a factor from {slowest:g} to {fastest:g}",
-    "door.guide-pace": "guide.pace = {found}: expected a number from 0 (the vehicle waits) to 1",
+    "door.pace": "pace {value:g}: expected a factor from {slowest:g} to {fastest:g}",
+    "door.guide-pace": "guide.pace = {value}: expected a number from 0 (the vehicle waits) to 1",
     "door.route-name": (
-        "{found} cannot be the name of a route. Use letters, digits and hyphens, such as lab-1."
+        "{value} cannot be the name of a route. Use letters, digits and hyphens, such as lab-1."
     ),
-    "door.no-route": "route {found} does not exist; the stored routes are {valid}. Teach it first.",
-    "door.not-a-number": "{name} = {found}: expected a number",
-    "door.not-an-integer": "{name} = {found}: expected an integer",
+    "door.no-route": "route {value} does not exist; the stored routes are {valid}. Teach it first.",
+    "door.not-a-number": "{name} = {value}: expected a number",
+    "door.not-an-integer": "{name} = {value}: expected an integer",
     "door.gain-refused": (
-        "{name} = {found}: the controller does not accept this value, so the vehicle drives on with {before}: {error}"
+        "{name} = {value}: the controller does not accept this value, so the vehicle drives on with {before}: {error}"
     ),
     "door.runs-already": "{path}: a service is already running on this vehicle. Type: {fix}",
     "ssh.host": (

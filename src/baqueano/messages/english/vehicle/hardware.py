@@ -11,7 +11,7 @@ TEMPLATES: dict[str, str] = {
         "make demo there, and .venv/bin/baqueano"
     ),
     "emulated.no-packages": "--robot emulated: the emulator needs Debian packages. Type: {fix}",
-    "bus.pinctrl-said": "pinctrl get {pins} answered {found}: expected one line per pin.",
+    "bus.pinctrl-said": "pinctrl get {pins} answered {value}: expected one line per pin.",
     "bus.pinctrl-refused": "pinctrl set {pin} {options} answered: {reply}",
     "bus.not-given-back": "GPIO 2 and 3 could not be set back to I2C mode{because}. Type: {fix}",
     "bus.too-late": "{command} did not finish within {all_s:g} s. Type: {fix}",
@@ -102,7 +102,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "setup.file-not-read": "{host}: {path} could not be read, for the reason above. Type: {fix}",
     "setup.no-place-for-calibration": (
-        "{host}: {key} = {found} was calibrated there, but your vehicle file does not have the table of "
+        "{host}: {key} = {value} was calibrated there, but your vehicle file does not have the table of "
         "that key. Add the table. Or, to delete the calibration: {ssh} rm {path}"
     ),
     "setup.no-answer": (
@@ -172,11 +172,11 @@ TEMPLATES: dict[str, str] = {
         'there are {count} serial lines: {lines}. Name one in the vehicle file: [robot] port = "{first}"'
     ),
     "settings.way": (
-        "--{option} {found}: expected a wheel and direction with a number, such as left-forwards=0.9; "
+        "--{option} {value}: expected a wheel and direction with a number, such as left-forwards=0.9; "
         "wheels and directions are {valid} and all."
     ),
-    "settings.word": "--{option} {found}: expected one of {valid}.",
-    "settings.number": "--{option} {found}: expected a number from {least:g} to {most:g}.",
+    "settings.word": "--{option} {value}: expected one of {valid}.",
+    "settings.number": "--{option} {value}: expected a number from {least:g} to {most:g}.",
     "settings.motor-runs": (
         "a motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing "
         "was stored. Stop the vehicle, and type the same line again."

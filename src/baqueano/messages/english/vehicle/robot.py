@@ -79,15 +79,15 @@ TEMPLATES: dict[str, str] = {
     "imu.started": "The IMU runs again.",
     "imu.restart": "The IMU is restarted.",
     "imu.lost-supply": (
-        "The IMU lost its supply for a moment (PWR_MGMT_1 0x{power:02X}, settings {found}, "
+        "The IMU lost its supply for a moment (PWR_MGMT_1 0x{power:02X}, settings {value}, "
         "expected {expected}). It is restarted."
     ),
     "imu.lost-settings": (
-        "The IMU lost its settings (PWR_MGMT_1 0x{power:02X}, settings {found}, expected "
+        "The IMU lost its settings (PWR_MGMT_1 0x{power:02X}, settings {value}, expected "
         "{expected}). It is restarted."
     ),
     "imu.settings-not-stored": (
-        "The IMU did not store its settings: it answers {found}, expected {expected}. Disconnect its supply for a "
+        "The IMU did not store its settings: it answers {value}, expected {expected}. Disconnect its supply for a "
         "second."
     ),
     "imu.bus-cannot-be-asked": f"{{path}} is stuck low, so no device can answer. {{cause}}. {IMU_RESET_ADVICE}",
