@@ -253,7 +253,7 @@ def test_parts_separated_only_by_a_pause_are_matched_in_order(desk):
     log = desk.file("log.csv", [1, 1], restart=False)
     imports = import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1], restart=False)})
     assert list(speeds(imports)) == ["log-1", "log-2"]
-    with refused("import.parts-differ", FileError, value="[files.log] 2, [files.odo] 3"):
+    with refused("import.parts-differ", FileError, counts="[files.log] 2, [files.odo] 3"):
         import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1, 1], restart=False)})
     desk_map = desk.map(SPLIT, *TWO, ('split = "trial"\n[ticks]', "split_gap_s = 5.0\n[ticks]"))
     runs_by_name = import_runs(desk_map, {"log": desk.file("log.csv", [3, 4], restart=False), "odo": log})
