@@ -90,8 +90,8 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
 def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnostic) -> tuple[Tree, Estimate]:
     belief, estimate = trial.step(context, belief, tick)
     if not isinstance(estimate, Estimate):
-        expected = "(belief, Estimate(t_ns, eta, nu, cov))"
-        trial.add_fault("check.returns", "step", value=type(estimate).__name__, expected=expected)
+        expected_result = "(belief, Estimate(t_ns, eta, nu, cov))"
+        trial.add_fault("check.returns", "step", value=type(estimate).__name__, expected=expected_result)
         raise CheckAborted
     trial.check_stamp(estimate, tick.t_ns, "tick", context)
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), context)
@@ -223,8 +223,8 @@ def check_guide(block: object) -> list[Diagnostic]:
 
 def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Diagnostic) -> None:
     if not isinstance(reference, Reference):
-        expected = "(state, Reference(t_ns, eta, nu, done))"
-        trial.add_fault("check.returns", "step", value=type(reference).__name__, expected=expected)
+        expected_result = "(state, Reference(t_ns, eta, nu, done))"
+        trial.add_fault("check.returns", "step", value=type(reference).__name__, expected=expected_result)
         raise CheckAborted
     trial.check_stamp(reference, t_ns, "estimate", context)
     eta = trial.expect("Reference.eta", reference.eta, (3,), context)

@@ -86,8 +86,8 @@ def _check_drive(trial: Trial, n: int) -> None:
 
 def _check_motion(trial: Trial, motion: Motion, context: Diagnostic) -> None:
     if not isinstance(motion, Motion):
-        expected = "(state, Motion(eta, nu, nu_dot, gravity))"
-        trial.add_fault("check.returns", "step", value=type(motion).__name__, expected=expected)
+        expected_result = "(state, Motion(eta, nu, nu_dot, gravity))"
+        trial.add_fault("check.returns", "step", value=type(motion).__name__, expected=expected_result)
         raise CheckAborted
     for name, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,)), ("gravity", (2,))):
         trial.expect(f"Motion.{name}", getattr(motion, name), shape, context)
@@ -129,7 +129,7 @@ def _check_measurements(trial: Trial, block: Any) -> None:
     Q = trial.expect_covariance("cov", block.cov, m, AT_START, "h")
     if np.any(np.diag(Q) <= 0.0):
         trial.add_fault("check.no-noise")
-    expected = trial.expect("h", trial.checked_call("h", IN_CURVE, circle_motion(0)), (m,), IN_CURVE, "h")
+    sensor_h = trial.expect("h", trial.checked_call("h", IN_CURVE, circle_motion(0)), (m,), IN_CURVE, "h")
     state, answers = trial.checked_call("init", AT_START), 0
     for k in range(TICK_COUNT):
         state, slot = trial.step(IN_CURVE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
@@ -138,7 +138,7 @@ def _check_measurements(trial: Trial, block: Any) -> None:
                 "check.returns", "step", value=type(slot).__name__, expected="(state, Slot(has, z))"
             )
             raise CheckAborted
-        z = trial.expect("Slot.z", slot.z, expected.shape, IN_CURVE)
+        z = trial.expect("Slot.z", slot.z, sensor_h.shape, IN_CURVE)
         if slot.has not in (0.0, 1.0):
             trial.add_fault("check.has", "step", value=str(slot.has))
         if slot.has == 0.0 and np.any(z):
@@ -152,11 +152,16 @@ def _check_rate(trial: Trial, block: Any, answer_count: int) -> None:
         return  # this sensor measures when something happens
     delay_s = float(getattr(block, "delay_s", 0.0))
     in_sight = np.mean([bool(detects(block, circle_motion(k))) for k in range(TICK_COUNT)])
-    expected = min(1.0 / DT_S, float(block.rate_hz)) * max(TICK_COUNT * DT_S - delay_s, 0.0) * in_sight
-    if abs(answer_count - expected) > 2.0 + 0.05 * expected:
+    expected_count = min(1.0 / DT_S, float(block.rate_hz)) * max(TICK_COUNT * DT_S - delay_s, 0.0) * in_sight
+    if abs(answer_count - expected_count) > 2.0 + 0.05 * expected_count:
         lasted_s, rate_hz = TICK_COUNT * DT_S, block.rate_hz
         trial.add_fault(
-            "check.rate", "step", answers=answer_count, lasted_s=lasted_s, rate_hz=rate_hz, expected=expected
+            "check.rate",
+            "step",
+            answers=answer_count,
+            lasted_s=lasted_s,
+            rate_hz=rate_hz,
+            expected=expected_count,
         )
 
 

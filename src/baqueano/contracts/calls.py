@@ -103,9 +103,10 @@ def checked_call(example: str) -> Callable[[F], F]:
             return owner
         signature = inspect.signature(function)
         kinds = {
-            name: allowed
+            name: kinds_of_argument
             for name, parameter in signature.parameters.items()
-            if parameter.kind != parameter.VAR_KEYWORD and (allowed := _kinds_of(parameter.annotation))
+            if parameter.kind != parameter.VAR_KEYWORD
+            and (kinds_of_argument := _kinds_of(parameter.annotation))
         }
 
         @wraps(function)
@@ -203,8 +204,10 @@ def _refuse_kind(
     part = getattr(value, name, None)  # such as the route of the result of `teach`
     if part is not None and any(kind.accepts(part) for kind in kinds[name]):
         fix = re.sub(rf"\b{name}\b", f"result.{name}", example)
-    expected = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
-    raise Misuse(fault("call.kind", fix, call=call, name=label, value=value_text, expected=expected.name))
+    expected_kind = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
+    raise Misuse(
+        fault("call.kind", fix, call=call, name=label, value=value_text, expected=expected_kind.name)
+    )
 
 
 def _is_accepted(value: object, kinds: tuple[ArgumentKind, ...]) -> bool:

@@ -275,9 +275,9 @@ class Door:
         if (version := request.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
-        name, attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
+        name, is_attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
-        self.operator.queue_mission(client, mission, attended, name)
+        self.operator.queue_mission(client, mission, is_attended, name)
 
     def _set_gain(self, client: DoorClient, request: "JsonObject") -> None:
         self.operator.set_gain(client, str(request["path"]), request["value"])

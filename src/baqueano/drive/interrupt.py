@@ -13,17 +13,17 @@ def interruptible_ticks(tick_times_ns: Iterable[int]) -> Iterator[Iterable[int]]
 
     The effect of Ctrl-C is not changed if `is_default_handler` returns False.
     """
-    interrupted = False
+    is_interrupted = False
 
     def request_end(number: int, frame: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
+        nonlocal is_interrupted
+        is_interrupted = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def ticks() -> Iterator[int]:
         for t_ns in tick_times_ns:
             yield t_ns
-            if interrupted:
+            if is_interrupted:
                 raise KeyboardInterrupt
 
     if not is_default_handler():

@@ -391,10 +391,10 @@ def route_of(run: Run, closed: bool | None = False) -> Route:
     eta[:, 2] = np.unwrap(eta[:, 2])
     route = Route(t_s[rows], eta, log.nu[first : last + 1][rows], False)
     gap_m, gap_rad = end_gap(route)
-    returned = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
-    if closed and not returned:
+    is_at_start = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
+    if closed and not is_at_start:
         gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
         raise AnswerNo(fault("route.open", name=run.name, **gap, close_m=CLOSE_M, close_deg=close))
     length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
-    is_loop = returned and length_m > MIN_LOOP_M if closed is None else closed
+    is_loop = is_at_start and length_m > MIN_LOOP_M if closed is None else closed
     return run_through(closed_up(route)) if is_loop else route

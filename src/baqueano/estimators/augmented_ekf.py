@@ -175,8 +175,10 @@ class AugmentedEkf:
         """Return the belief and the estimate after a row, and the change of the errors of the state."""
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
-        predicted = predict_row(self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row)
-        x = Gaussian(predicted.mean, predicted.cov)
+        prediction = predict_row(
+            self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row
+        )
+        x = Gaussian(prediction.mean, prediction.cov)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # for a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
@@ -211,12 +213,12 @@ class AugmentedEkf:
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
         nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
-        reported = innovations[3:6] if len(innovations.latest) else ()
+        latest_innovation = innovations[3:6] if len(innovations.latest) else ()
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
-        G = np.where(row.is_new, D[:, None] * predicted.G, np.eye(len(D)))
+        G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)
         errors = row_errors_of(innovations.update, G, E, J, row.is_new)
-        return next_belief, Estimate(tick.t_ns, eta_nu[:3], eta_nu[3:], cov, *reported), errors
+        return next_belief, Estimate(tick.t_ns, eta_nu[:3], eta_nu[3:], cov, *latest_innovation), errors
 
     def _pose_and_velocity(self, x: np.ndarray) -> np.ndarray:
         """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""

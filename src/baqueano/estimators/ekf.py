@@ -195,12 +195,14 @@ class Ekf:
     def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean (9,) and the covariance (9, 9) one row later.  (1, 8, 9)"""
         previous = Gaussian(belief.mean, belief.cov)
-        predicted = predict(
+        prediction = predict(
             previous, lambda x: self.move(x, belief.effort, effort, row.moved_s), np.zeros((9, 9))
         )
         R = self.process_noise_cov * (row.dt_s * self.rate_hz)
-        unmoved = unmoved_cov(row, predicted.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))  # (8)
-        return predicted.mean, limit_covariance(predicted.cov + block_diagonal([unmoved, R]))  # (9)
+        rest_cov = unmoved_cov(
+            row, prediction.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R])
+        )  # (8)
+        return prediction.mean, limit_covariance(prediction.cov + block_diagonal([rest_cov, R]))  # (9)
 
     def move(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
         """Return g(u, μ) (9,), the mean after a tick; `previous` (n,) is the effort before it.  (4, 5, 6)"""

@@ -145,8 +145,8 @@ def smooth_backward(forward: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
     for k in reversed(range(len(mean))):
         P = forward.cov[k]
         mean[k] = boxplus(mean[k], np.sum(P * adjoint[group], axis=1))
-        shared = np.einsum("ia,ijab->ijb", P, information[group[:, None], group[None, :]])
-        cov[k] = mirror_upper(P - np.einsum("ijb,jb->ij", shared, P))
+        shared_term = np.einsum("ia,ijab->ijb", P, information[group[:, None], group[None, :]])
+        cov[k] = mirror_upper(P - np.einsum("ijb,jb->ij", shared_term, P))
         for c in reversed(np.flatnonzero(errors.information[k])):
             H, K, E, i = errors.H[k, c], errors.gain[k, c], groups[:, k, c], errors.information[k, c]
             gains = np.where(E[:, None] > 0.0, K, errors.estimated[k, c] * K)

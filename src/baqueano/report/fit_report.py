@@ -258,12 +258,12 @@ def draw_most_motion(channels: list[Any]) -> tuple[Any, str]:
     The text is "20 s from 14 s, with most motion", or "all 20 s" for a short run.
     """
     t_s = channels[0].t_s
-    measured, predicted = (
+    measured_values, predicted_values = (
         np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
     )
-    rows = figures.most_motion(t_s, measured, MAX_SPAN_S)
+    rows = figures.most_motion(t_s, measured_values, MAX_SPAN_S)
     t = t_s[rows]
-    drawing = figures.channels(t, measured[rows], predicted[rows], [label(c) for c in channels])
+    drawing = figures.channels(t, measured_values[rows], predicted_values[rows], [label(c) for c in channels])
     if len(t) == len(t_s):
         return drawing, _("all {span_s:.0f} s", span_s=t[-1] - t[0])
     return drawing, _(

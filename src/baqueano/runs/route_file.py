@@ -166,8 +166,8 @@ def _route_by_distance(table: LogTable, path: Path) -> Route:
     nu[waiting_rows] = 0.0
     leaves = t_s[waiting_rows] + wait_s[waiting_rows]
     t_s, eta, nu = (
-        np.insert(rows, waiting_rows + 1, inserted, axis=0)
-        for rows, inserted in ((t_s, leaves), (eta, eta[waiting_rows]), (nu, nu[waiting_rows]))
+        np.insert(rows, waiting_rows + 1, inserted_rows, axis=0)
+        for rows, inserted_rows in ((t_s, leaves), (eta, eta[waiting_rows]), (nu, nu[waiting_rows]))
     )
     is_kept = np.append(True, np.diff(t_s) > 0.0)  # of two equal poses one is kept
     if np.count_nonzero(is_kept) < 2:

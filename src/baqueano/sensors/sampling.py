@@ -129,11 +129,11 @@ def delayed_signal(sensor: Tree, signal: Tree, h: np.ndarray, dt_s: Value) -> tu
     if not signal.past_values.shape[0]:
         return signal, h
     steps_s = with_newest(signal.steps_s, dt_s)
-    delayed = delayed_value(
+    past_signal = delayed_value(
         h, signal.past_values, steps_s, sensor.delay_s, lambda z, h: difference(sensor, z, h)
     )
     past_values = with_newest(signal.past_values, h)
-    return signal._replace(past_values=past_values, steps_s=steps_s), delayed
+    return signal._replace(past_values=past_values, steps_s=steps_s), past_signal
 
 
 def sample(

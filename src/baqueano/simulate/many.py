@@ -263,9 +263,9 @@ def parameter_sets(
         shape = value_at(system, path).shape
         array = np.array(values, dtype=float)
         if array.shape[1:] != shape or array.ndim != len(shape) + 1:
-            expected = "(L" + "".join(f", {n}" for n in shape) + ("," if not shape else "") + ")"
+            expected_shape = "(L" + "".join(f", {n}" for n in shape) + ("," if not shape else "") + ")"
             raise UsageError(
-                fault("simulate.vary-shape", path=path, value=str(array.shape), expected=expected)
+                fault("simulate.vary-shape", path=path, value=str(array.shape), expected=expected_shape)
             )
         if count is not None and len(array) != count:
             raise UsageError(fault("simulate.vary-count", path=path, value=len(array), expected=count))

@@ -106,10 +106,14 @@ class RunEvaluation:
 
     def row(self) -> "JsonObject":
         """Return a flat row in SI units."""
-        rmse, explained, figures = self.predicted.rmse, self.predicted.explained_variance, self.figures
+        rmse, explained_variance, figures = (
+            self.predicted.rmse,
+            self.predicted.explained_variance,
+            self.figures,
+        )
         row = {"fitted_on": self.fit_run, "judged_on": self.test_run, "held_out": self.is_held_out}
-        row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(explained[0])}
-        row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained[1])}
+        row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(explained_variance[0])}
+        row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained_variance[1])}
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
         row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
         row |= {"driven_m": self.distance_m, "duration_s": self.replayed.duration_s, "lost": self.is_lost}
@@ -146,11 +150,17 @@ class CrossValidation:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
-        out, applied = [], {judgement.test_run: judgement.replayed.applied for judgement in self.evaluations}
-        for judgement in self.evaluations if len(applied) > 1 else ():
+        out, applied_commands = (
+            [],
+            {judgement.test_run: judgement.replayed.applied for judgement in self.evaluations},
+        )
+        for judgement in self.evaluations if len(applied_commands) > 1 else ():
             names = self.fits[judgement.fit_run].vehicle_file.command.names
             for name, fit_commands, commands in zip(
-                names, applied[judgement.fit_run].T, applied[judgement.test_run].T, strict=True
+                names,
+                applied_commands[judgement.fit_run].T,
+                applied_commands[judgement.test_run].T,
+                strict=True,
             ):
                 low, high, min_command, max_command = (
                     np.min(fit_commands),
@@ -314,8 +324,8 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     rows = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
     model = np.asarray(scan(step, start, np.zeros(1 + vehicle.commands), backend=backend).run(rows)[1])
     readings = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
-    measured = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
-    return RunPrediction(record.t_s, measured, model)
+    measured_values = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
+    return RunPrediction(record.t_s, measured_values, model)
 
 
 def _first_measurement(record: FitRecord, sensor: str, entry: int) -> float:

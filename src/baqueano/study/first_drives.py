@@ -89,12 +89,12 @@ class FirstDrives:
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence if a body touched a wall, and one if a wiring was diagnosed wrongly."""
         touches = sum(row.touched for row in self.wiring_rows)
-        misnamed = sum(row.drives - row.named for row in self.wiring_rows)
+        wrong_names = sum(row.drives - row.named for row in self.wiring_rows)
         return (
             *([_("in {touched} drives the body touched a wall", touched=touches)] if touches else []),
             *(
-                [_("after {unnamed} drives the wiring was identified wrongly", unnamed=misnamed)]
-                if misnamed
+                [_("after {unnamed} drives the wiring was identified wrongly", unnamed=wrong_names)]
+                if wrong_names
                 else []
             ),
         )
@@ -181,13 +181,13 @@ def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
     truth, room = drive.run.truth, room_of(vehicle_file, ROOM_SIZE)
     assert truth is not None
     margin = float(np.min(room.free_half_width_m - np.abs(truth.eta[:, :2])))
-    expected = {
+    expected_codes = {
         "well": [],
         "left inverted": ["wiring.backwards-left"],
         "right inverted": ["wiring.backwards-right"],
         "swapped": ["wiring.swapped"],
     }[wiring]
-    is_named = [message.code for message in drive.wiring] == expected
+    is_named = [message.code for message in drive.wiring] == expected_codes
     error_m = float("nan")
     if wiring == "well":
         ratio = np.array([drive.forward_gain, drive.turn_gain]) / gain_ratios(robot, vehicle_file)

@@ -60,10 +60,10 @@ def sections_of(judgement: RunEvaluation) -> list[Section]:
         fit_run=judgement.fit_run,
         test_run=judgement.test_run,
     )
-    t_s, measured, model = judgement.predicted
+    t_s, measured_values, model = judgement.predicted
     is_shown = t_s <= t_s[0] + SHOWN_S
     drawing = figures.channels(
-        t_s[is_shown], measured[is_shown], model[is_shown], [_(name) for name in CHANNELS]
+        t_s[is_shown], measured_values[is_shown], model[is_shown], [_(name) for name in CHANNELS]
     )
     drawings = draw(
         drawing, _("The first {shown_s:.0f} s. The model uses only the commands.", shown_s=SHOWN_S)

@@ -114,16 +114,18 @@ class Function:
         return self.call(*args)
 
     def _compile(self, backend: str, examples: tuple[Tree, ...]) -> Runner:
-        compiled, no_parameters = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
-        row, result = np.zeros((1, compiled.inputs)), np.zeros((1, compiled.outputs))
+        compiled_parts, no_parameters = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
+        row, result = np.zeros((1, compiled_parts.inputs)), np.zeros((1, compiled_parts.outputs))
 
         def bind(runner: Runner) -> Callable[[], object]:
             return runner.call("bind", 1, no_parameters, no_parameters, row, result, no_parameters)
 
-        general = cache(lambda: bind(compiled.general()))
-        run = bind(compiled.with_zero_states)
-        self.call = tree_function(self._shapes, row[0], run, lambda: general()(), result[0], compiled.shape)
-        return compiled.with_zero_states
+        general = cache(lambda: bind(compiled_parts.general()))
+        run = bind(compiled_parts.with_zero_states)
+        self.call = tree_function(
+            self._shapes, row[0], run, lambda: general()(), result[0], compiled_parts.shape
+        )
+        return compiled_parts.with_zero_states
 
 
 class _CompiledParts(NamedTuple):
@@ -145,14 +147,14 @@ def _compile_parts(
 ) -> _CompiledParts:
     """Return the compiled parts from the cache, or compile them. So a second drive with equal blocks starts at once."""
     key = _key(f, shapes, examples, backend)
-    compiled = _cache.get(key) or _compile_new(f, shapes, examples, backend)
+    compiled_parts = _cache.get(key) or _compile_new(f, shapes, examples, backend)
     if key is not None:
         with _lock:
             _cache.pop(key, None)
-            _cache[key] = compiled
+            _cache[key] = compiled_parts
             while len(_cache) > MAX_CACHED:
                 del _cache[next(iter(_cache))]
-    return compiled
+    return compiled_parts
 
 
 def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:

@@ -192,20 +192,20 @@ class Scan(ABC):
         """
 
     def _theta(self, theta: Tree, is_batch: bool = False) -> np.ndarray:
-        expected = "(L, p)" if is_batch else "(p,)"
+        expected_shape = "(L, p)" if is_batch else "(p,)"
         if self.parameters is None:
             if theta is not None:
                 raise Invalid(fault("engine.no-theta"))
             return np.zeros(0)
         if theta is None:
-            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=expected))
+            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=expected_shape))
         theta = np.ascontiguousarray(theta, dtype=float)
         if theta.ndim != 1 + is_batch or theta.shape[-1] != self.parameters:
             raise Invalid(
                 fault(
                     "engine.theta-shape",
                     value=str(theta.shape),
-                    expected=expected,
+                    expected=expected_shape,
                     parameters=self.parameters,
                 )
             )
@@ -369,9 +369,9 @@ class TracedScan(Scan):
 
     def _check(self, keep_all: bool, flat_start: np.ndarray) -> Tree:
         pair = self._runner(keep_all, given_start=True)
-        mirrored, mirror = pair[0].mirrored, pair[0].mirror
-        is_symmetric = not len(mirrored) or np.array_equal(
-            flat_start[..., mirrored], flat_start[..., mirror], equal_nan=True
+        mirrored_entries, mirror = pair[0].mirrored, pair[0].mirror
+        is_symmetric = not len(mirrored_entries) or np.array_equal(
+            flat_start[..., mirrored_entries], flat_start[..., mirror], equal_nan=True
         )
         if not is_symmetric:  # a matrix of the start
             pair = self._runner(keep_all, given_start=True, is_symmetric=False)

@@ -149,8 +149,8 @@ class Objective:
             case.shown.run(inputs, theta)[1]
             for case in self.cases for inputs in case.inputs for theta in thetas
         ]  # fmt: skip
-        d, psi, saturated = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
-        return DriveErrors(rms(d), float(np.max(d)), rms(psi), float(np.mean(saturated)))
+        d, psi, at_limit = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
+        return DriveErrors(rms(d), float(np.max(d)), rms(psi), float(np.mean(at_limit)))
 
     def nominal(self) -> "Objective":
         """Return the same drives with only the vehicle of the file."""

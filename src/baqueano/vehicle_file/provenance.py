@@ -136,10 +136,10 @@ def _parameter_cov(report: ReadReport, data: "JsonObject", folder: str | None) -
     if not isinstance(table, dict):
         report.add_problem(path, "vehicle.cov-not-table")
         return None
-    expected = ("run", "date", "names", "sd", "correlation")
+    expected_keys = ("run", "date", "names", "sd", "correlation")
     for name in table:
-        if name not in expected:
-            report_unknown_key(report, (*path, name), table[name], dict.fromkeys(expected, ""))
+        if name not in expected_keys:
+            report_unknown_key(report, (*path, name), table[name], dict.fromkeys(expected_keys, ""))
     names = table.get("names", [])
     if not isinstance(names, list) or not all(
         isinstance(n, str) and key_exists(data, n, folder) for n in names

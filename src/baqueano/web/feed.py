@@ -82,10 +82,10 @@ class Feed:
             number = self.number
             head = HEAD_LAYOUT.pack(number, sum(rows for _, rows, _ in frames), frames[0][0])
             yield (head, *(data for _, _, data in frames))
-            missed = min((self.number - number) % FRAME_NUMBER_COUNT, len(self._ring))
-            if missed >= longest:
+            missed_frames = min((self.number - number) % FRAME_NUMBER_COUNT, len(self._ring))
+            if missed_frames >= longest:
                 return
-            longest, frames = missed, list(self._ring)[len(self._ring) - missed :]
+            longest, frames = missed_frames, list(self._ring)[len(self._ring) - missed_frames :]
 
     def value(self, name: str) -> float:
         """Return the newest value of a column, or NaN if the column does not exist or is empty."""

@@ -110,9 +110,9 @@ def static_files(folder: Path) -> dict[str, Content]:
         kind = CONTENT_TYPES.get(path.suffix)
         if kind and path.is_file() and not path.is_symlink():
             content = path.read_bytes()
-            compressed = gzip.compress(content, mtime=0) if kind.endswith("utf-8") else b""
+            gzip_bytes = gzip.compress(content, mtime=0) if kind.endswith("utf-8") else b""
             table[f"/static/{path.relative_to(folder).as_posix()}"] = Content(
-                kind, content, gzip_bytes=compressed
+                kind, content, gzip_bytes=gzip_bytes
             )
     if "/static/index.html" in table:
         table["/"] = table["/static/index.html"]

@@ -386,8 +386,8 @@ class Live:
             and message != cause
         ]  # fmt: skip
         waits = self._vehicle.get("gains", {}).get(PACE) == 0.0
-        paused = {"paused": waits} if self._state.get("mission") == "repeat" else {}  # of a robot
-        return state_message(paused | self._state, self.feed, self._route, odd[-3:])
+        pause_state = {"paused": waits} if self._state.get("mission") == "repeat" else {}  # of a robot
+        return state_message(pause_state | self._state, self.feed, self._route, odd[-3:])
 
     def _send_lease(self) -> None:
         self._last_lease = self.lease.holder, len(self._browsers())

@@ -146,8 +146,8 @@ def stop_on_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
     previous_handlers = {}
 
     def stop_by_signal(number: int, frame: FrameType | None) -> None:
-        terminated = number == signal.SIGTERM
-        stop(because(StopReason.PROGRAM_ENDED if terminated else StopReason.TERMINAL_CLOSED))
+        is_terminated = number == signal.SIGTERM
+        stop(because(StopReason.PROGRAM_ENDED if is_terminated else StopReason.TERMINAL_CLOSED))
 
     for name in ("SIGHUP", "SIGTERM"):
         if hasattr(signal, name):

@@ -186,9 +186,9 @@ class LessonResult:
 
     def table(self) -> str:
         """Return the row as a sentence."""
-        closed = _("closed") if self.route.closed else _("open")
+        shape_word = _("closed") if self.route.closed else _("open")
         poses, duration_s = len(self.route.t_s), float(self.route.t_s[-1])
         return _(
             "route: {route} ({poses} poses, {duration_s:.1f} s, {closed})",
-            route=self.path, poses=poses, duration_s=duration_s, closed=closed,
+            route=self.path, poses=poses, duration_s=duration_s, closed=shape_word,
         )  # fmt: skip

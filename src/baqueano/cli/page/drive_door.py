@@ -128,17 +128,17 @@ class DriveDoor:
     def remote_options(self, remote: "Remote") -> "JsonObject":
         """Return the options of `Remote.perform` for the drive of a robot. With them the page shows the drive."""
         self._robot, remote.on_message = remote, self._relay
-        watching, stopped = False, False
+        watching, is_stopped = False, False
 
         def words() -> list[JsonObject]:
-            nonlocal watching, stopped
+            nonlocal watching, is_stopped
             replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": PAGE_RATE_HZ}]
             replies += [{"do": "mark"}] * self.operator.pop_mark_count()
             if self.operator.is_end_requested:
                 raise KeyboardInterrupt
             stop_reason = self.operator.stop_reason(self.by_hand)
-            if stop_reason is not None and not stopped:
-                stopped = True
+            if stop_reason is not None and not is_stopped:
+                is_stopped = True
                 replies.append({"do": "stop", "why": stop_reason})
             watching = True
             return replies

@@ -41,11 +41,13 @@ class FaultRequests:
         self._by_hand = False
         self._next_mission: tuple[object, JsonObject, bool] | None = None
 
-    def begin(self, plan: "MissionPlan", world: "FaultyWorld", mission_json: str, attended: bool) -> Observer:
+    def begin(
+        self, plan: "MissionPlan", world: "FaultyWorld", mission_json: str, is_attended: bool
+    ) -> Observer:
         """Store a drive that begins, and return the observer that keeps its record of faults."""
         mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
         self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
-        self._world, self._last = world, (mission, attended, world)
+        self._world, self._last = world, (mission, is_attended, world)
         return _LedgerObserver(self, plan, world)
 
     def end(self) -> None:
@@ -72,14 +74,14 @@ class FaultRequests:
             raise UsageError(fault("shake.no-mission"))
         if self._by_hand:
             raise UsageError(fault("shake.by-hand"))
-        mission, attended, world = self._last
+        mission, is_attended, world = self._last
         omitted_numbers = {int(n) for n in request["without"]} if request.get("without") is not None else None
         faults = [
             fault_.to_json() for number, fault_ in enumerate(world.faults, 1)
             if omitted_numbers is not None and number not in omitted_numbers
         ]  # fmt: skip
         hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
-        self._next_mission = client, mission | hurry | {"shake": faults}, attended
+        self._next_mission = client, mission | hurry | {"shake": faults}, is_attended
         if self._operator.is_busy:
             self._operator.request_end(client)
         else:
@@ -89,11 +91,11 @@ class FaultRequests:
         """Queue the mission to repeat, if one is requested; call this when no mission is under way."""
         if self._next_mission is None:
             return
-        (client, mission, attended), self._next_mission = self._next_mission, None
+        (client, mission, is_attended), self._next_mission = self._next_mission, None
         if not self._operator.is_holder(client) and self._operator.is_busy:
             return
         try:
-            self._operator.queue_mission(client, json.dumps(mission), attended, "again")
+            self._operator.queue_mission(client, json.dumps(mission), is_attended, "again")
         except SafetyStop as error:
             self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
 

@@ -155,12 +155,12 @@ def _plan_by_name(
             stored_name = str(request.get("name") or "lesson")
             routes.path(stored_name)  # an invalid name is refused before the vehicle moves
             if (shape_name := request.get("shape")) is None:
-                closed = request.get("closed")
+                is_closed = request.get("closed")
                 return MissionPlan(
                     Mission("teach"),
                     vehicle_file,
                     route_name=stored_name,
-                    closed=None if closed is None else bool(closed),
+                    closed=None if is_closed is None else bool(is_closed),
                     seed=seed,
                 )
             route = shape(

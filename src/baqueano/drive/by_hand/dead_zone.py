@@ -32,8 +32,8 @@ def dead_zone_violation(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDe
         return None
     w = drivetrain.mix(u)
     zone = np.where(w > 0.0, drivetrain.dead_zone_forward, drivetrain.dead_zone_backward)
-    commanded = w != 0.0
-    if not np.any(commanded) or np.any(np.abs(w)[commanded] > zone[commanded]):  # (1)
+    is_commanded = w != 0.0
+    if not np.any(is_commanded) or np.any(np.abs(w)[is_commanded] > zone[is_commanded]):  # (1)
         return None
-    nearest = np.flatnonzero(commanded)[np.argmin((zone - np.abs(w))[commanded])]
+    nearest = np.flatnonzero(is_commanded)[np.argmin((zone - np.abs(w))[is_commanded])]
     return BelowDeadZone(float(np.abs(w)[nearest]), float(zone[nearest]))

@@ -53,10 +53,10 @@ def predict_row(
     constant = np.diag(np.concatenate([np.zeros(BIAS_INDEX - SCALE_INDEX), *walks]))
 
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
-        unmoved = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
+        rest_cov = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
             [process_noise_cov(estimator, mean[2], row, G[4, 4]), constant]
-        ) + block_diagonal([unmoved, np.zeros((n - 3, n - 3))])
+        ) + block_diagonal([rest_cov, np.zeros((n - 3, n - 3))])
 
     motion = predict(
         x, lambda mean: advance_mean(estimator, mean, mean_disturbance, effort, row.moved_s, x.cov[2, 2]), R

@@ -260,13 +260,15 @@ class Mpu6050:
 
     def _has_settings(self, now_ns: int) -> bool:
         """Return True if the chip still has its settings; otherwise report the loss and restart the chip."""
-        expected = bytes(self._registers())
-        registers = self.device.read(SMPLRT_DIV, len(expected))
+        expected_bytes = bytes(self._registers())
+        registers = self.device.read(SMPLRT_DIV, len(expected_bytes))
         control, power = self.device.read(USER_CTRL, 2)
-        if registers == expected and power == PLL_X and control & FIFO_ON == self._control_bits:
+        if registers == expected_bytes and power == PLL_X and control & FIFO_ON == self._control_bits:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.record_event(now_ns, code, power=power, value=registers.hex(), expected=expected.hex())
+        self._watch.record_event(
+            now_ns, code, power=power, value=registers.hex(), expected=expected_bytes.hex()
+        )
         self._restart(now_ns, quietly=True)
         self._start_reported = True
         return False
@@ -291,10 +293,13 @@ class Mpu6050:
         yield 0
         write(FIFO_EN, ALL_SENSORS)
         yield START_MS
-        registers, expected = self.device.read(SMPLRT_DIV, len(self._registers())), bytes(self._registers())
-        if registers != expected:
+        registers, expected_bytes = (
+            self.device.read(SMPLRT_DIV, len(self._registers())),
+            bytes(self._registers()),
+        )
+        if registers != expected_bytes:
             raise RobotUnreachable(
-                fault("imu.settings-not-stored", value=registers.hex(), expected=expected.hex())
+                fault("imu.settings-not-stored", value=registers.hex(), expected=expected_bytes.hex())
             )
         yield 0
         self._clear_fifo()

@@ -53,8 +53,8 @@ def uno_losses(previous: Statistics, current: Statistics) -> EventLine:
 def imu_losses(previous: Counts, current: Counts) -> EventLine:
     """Return the IMU's counts of samples and faults since `previous`; a warning if there was a fault."""
     n = Counts(*(after - before for before, after in zip(astuple(previous), astuple(current), strict=True)))
-    harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
-    return _event_line("drive.imu", bool(harmed), **asdict(n))
+    has_losses = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
+    return _event_line("drive.imu", bool(has_losses), **asdict(n))
 
 
 def _event_line(code: str, is_harmed: bool, **figures: Any) -> EventLine:

@@ -89,9 +89,9 @@ class Service:
         self._find_ns = -(1 << 62)  # time of the next search for the IMU
         self._clearing = False  # the operator has cleared the stop, and the Uno is still latched
         self.journal = Journal(self.folder)
-        if (unfinished := self.journal.unfinished_mission()) is not None:
-            self.log(text(unfinished))
-            self.operator.stop(unfinished)
+        if (unfinished_mission := self.journal.unfinished_mission()) is not None:
+            self.log(text(unfinished_mission))
+            self.operator.stop(unfinished_mission)
 
     def run(self) -> None:
         """Run until `done` is set, or until SIGTERM if it runs in the main thread."""

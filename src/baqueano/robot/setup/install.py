@@ -187,11 +187,11 @@ def setup(
     """
     (folder / BASE_FILE).unlink(missing_ok=True)
     if vehicle is not None:
-        renewed = renew_file(host, vehicle, root)
-        (folder / "vehicle.toml").write_bytes(renewed.text.encode())
-        if renewed.base:
-            (folder / BASE_FILE).write_bytes(renewed.base)
-        for line in renewed.lines:
+        new_file = renew_file(host, vehicle, root)
+        (folder / "vehicle.toml").write_bytes(new_file.text.encode())
+        if new_file.base:
+            (folder / BASE_FILE).write_bytes(new_file.base)
+        for line in new_file.lines:
             notify(f"vehicle.toml  {line}")
     archive = io.BytesIO()
     with tarfile.open(fileobj=archive, mode="w") as tar:

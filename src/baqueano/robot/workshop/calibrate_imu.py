@@ -157,9 +157,9 @@ class ImuCalibration:
         if "imu" in vehicle_file.sensors._fields:
             imu = vehicle_file.sensors.imu
             zero = np.zeros(3)
-            expected = np.asarray(imu.h(Motion(zero, zero, zero, zero)), dtype=float)
-            values["sensors.imu.accel_bias"] = np.round(imu.accel_bias + self.accel - expected[:2], 5)
-            values["sensors.imu.gyro_bias"] = round(float(imu.gyro_bias + self.gyro - expected[2]), 6)
+            expected_reading = np.asarray(imu.h(Motion(zero, zero, zero, zero)), dtype=float)
+            values["sensors.imu.accel_bias"] = np.round(imu.accel_bias + self.accel - expected_reading[:2], 5)
+            values["sensors.imu.gyro_bias"] = round(float(imu.gyro_bias + self.gyro - expected_reading[2]), 6)
         return values
 
 

@@ -358,23 +358,23 @@ def check_jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator
 
     from baqueano.robot.service.realtime import PRIORITY
 
-    granted, previous = False, None
+    is_granted, previous = False, None
     if LINUX:
         previous = os.sched_getscheduler(0), os.sched_getparam(0)
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-            granted = True
+            is_granted = True
     notify(_("measures the wake-up error of a 100 Hz loop for {seconds:g} s", seconds=seconds))
     try:
         late_us = tick_delays(seconds)
     finally:
-        if granted and previous is not None:
+        if is_granted and previous is not None:
             os.sched_setscheduler(0, *previous)
     p50, p99, worst = (float(x) for x in np.percentile(late_us, [50, 99, 100]))
     yield Check(
         N_("jitter"),
         "ok" if p99 < 1000.0 else "warn" if p99 < 5000.0 else "bad",
-        ("SCHED_FIFO" if granted else _("no real-time priority"))
+        ("SCHED_FIFO" if is_granted else _("no real-time priority"))
         + _(
             ": p50 {p50:.0f} µs, p99 {p99:.0f} µs, at most {worst:.0f} µs of {ticks} ticks",
             p50=p50,

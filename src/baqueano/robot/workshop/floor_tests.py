@@ -66,15 +66,15 @@ class FloorTests:
         End earlier if `until` returns True for a sample. Raise SafetyStop if the link or the IMU fails.
         """
         start_ns = imu_ns = uno_ns = self.now_ns()
-        samples, finished = [], False
+        samples, is_finished = [], False
         self.imu.read()
-        while not finished and (t_s := (self.now_ns() - start_ns) * 1e-9) < seconds:
+        while not is_finished and (t_s := (self.now_ns() - start_ns) * 1e-9) < seconds:
             self.uno.drive(*duties(t_s))
             self.wait(STEP_S)
             uno_ns = self.now_ns() if self.uno.receive() else uno_ns
             new_samples = self.imu.read()
             samples += new_samples
-            finished = any(until(sample) for sample in new_samples)
+            is_finished = any(until(sample) for sample in new_samples)
             imu_ns = self.now_ns() if new_samples else imu_ns
             self._check(uno_ns, imu_ns)
         return ImuSamples(

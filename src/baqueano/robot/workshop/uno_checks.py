@@ -91,11 +91,11 @@ def check_answers(
     )
     if telemetry:
         yield check_battery(telemetry[-1].battery_v, least_battery_v)
-    calibrated = any(way != WheelCurve() for way in link.settings(wait).curves)
+    is_calibrated = any(way != WheelCurve() for way in link.settings(wait).curves)
     yield Check(
         N_("motors"),
-        "ok" if calibrated else "warn",
-        _("calibrated") if calibrated else _("not calibrated"),
+        "ok" if is_calibrated else "warn",
+        _("calibrated") if is_calibrated else _("not calibrated"),
         _("Type: baqueano robot calibrate motors"),
     )
 

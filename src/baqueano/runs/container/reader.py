@@ -138,13 +138,13 @@ class _RunAssembly:
             )
 
     def run(self) -> Run:
-        applied = self.ticks()
+        applied_channel = self.ticks()
         run = Run(
             name=self.path.stem,
             path=self.path,
-            t_ns=applied.t_ns,
-            applied=applied.z,
-            requested=self.commands_on_ticks("/command/requested", applied),
+            t_ns=applied_channel.t_ns,
+            applied=applied_channel.z,
+            requested=self.commands_on_ticks("/command/requested", applied_channel),
             sensors=self.sensors(),
             estimate=self.estimate(),
             reference=self.reference(),
@@ -152,7 +152,7 @@ class _RunAssembly:
             events=tuple(self.events()),
             vehicle_text=self.vehicle_text(),
             metadata=self.metadata(),
-            sent=self.commands_on_ticks("/command/sent", applied),
+            sent=self.commands_on_ticks("/command/sent", applied_channel),
         )
         object.__setattr__(run, "notes", (*self.losses(run), *self.notes))
         return run
@@ -190,19 +190,23 @@ class _RunAssembly:
             topic.removeprefix("/sensors/"): channel for topic, channel in read.items() if channel is not None
         }
 
-    def commands_on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
+    def commands_on_ticks(self, topic: str, applied_channel: Channel) -> np.ndarray | None:
         commands = self.read(topic, "u", self.fixed_size_layout(messages.command_layout))
         if commands is None:
             return None
-        if commands.z.shape[1] != applied.z.shape[1]:
-            sizes = {"value": commands.z.shape[1], "expected": applied.z.shape[1]}
+        if commands.z.shape[1] != applied_channel.z.shape[1]:
+            sizes = {"value": commands.z.shape[1], "expected": applied_channel.z.shape[1]}
             self.notes.append(_warning("run.other-size", topic=topic, **sizes))
             return None
-        self.reserve_missing_rows(topic, len(applied.t_ns) - len(commands.t_ns), applied.z.shape[1])
-        rows = np.full(applied.z.shape, np.nan)
-        indices = np.searchsorted(applied.arrival_ns, commands.arrival_ns)
+        self.reserve_missing_rows(
+            topic, len(applied_channel.t_ns) - len(commands.t_ns), applied_channel.z.shape[1]
+        )
+        rows = np.full(applied_channel.z.shape, np.nan)
+        indices = np.searchsorted(applied_channel.arrival_ns, commands.arrival_ns)
         is_within = indices < len(rows)
-        is_within[is_within] = applied.arrival_ns[indices[is_within]] == commands.arrival_ns[is_within]
+        is_within[is_within] = (
+            applied_channel.arrival_ns[indices[is_within]] == commands.arrival_ns[is_within]
+        )
         rows[indices[is_within]] = commands.z[is_within]
         return rows
 

@@ -200,8 +200,8 @@ def _accelerometer_findings(
     If `is_opposed` is True, gyro and wheels contradict each other. Then a_y is not checked here, because another
     finding reports it.
     """
-    a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
-    if not max(np.std(predicted), np.std(a[:, 1])) > MIN_ACCELERATION_STD_M_S2 or not np.isfinite(a).all():
+    a, centripetal, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
+    if not max(np.std(centripetal), np.std(a[:, 1])) > MIN_ACCELERATION_STD_M_S2 or not np.isfinite(a).all():
         return []
     speed_lines = {1.0 / r: line for r, line in _lines_by_ratio("speed", speed).items()} if speed else {}
     lines_by_axis = [
@@ -217,7 +217,7 @@ def _accelerometer_findings(
                 if r > 1.0
             }
     channels = [MappedChannel(1.0 / MAX_ACCEL_SCALE, MAX_ACCEL_SCALE, lines) for lines in lines_by_axis]
-    relation_x, relation_y = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
+    relation_x, relation_y = signal_map(a, np.stack([motion.v_dot, centripetal], axis=1), channels)
     if relation_x.code == "swapped":
         first, second = relation_x.regression.correlation, relation_y.regression.correlation
         reason = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)

@@ -37,8 +37,8 @@ def find_repeats(x: np.ndarray) -> Repeats:
     is_fresh = np.ones(len(x), bool)
     is_fresh[1:] = x[1:] != x[:-1]
     _, rank = np.unique(x[is_fresh], return_inverse=True)
-    repeated = np.bincount(rank)[rank] > 1  # a level of a converter occurs more than once
+    occurs_again = np.bincount(rank)[rank] > 1  # a level of a converter occurs more than once
     adjacent = np.zeros(len(rank) + 1, bool)
-    adjacent[1:-1] = (np.abs(np.diff(rank)) == 1) & repeated[1:] & repeated[:-1]
+    adjacent[1:-1] = (np.abs(np.diff(rank)) == 1) & occurs_again[1:] & occurs_again[:-1]
     length = np.diff(np.concatenate([np.flatnonzero(is_fresh), [len(x)]]))
     return Repeats(~is_fresh, length[~(adjacent[1:] | adjacent[:-1])])

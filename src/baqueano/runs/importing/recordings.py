@@ -195,7 +195,7 @@ def import_runs(
 def _import_part(m: ColumnMap, recording: RecordingSources, vehicle_text: str) -> ImportedRun:
     """Return the run of one part, with its findings."""
     sources, findings = recording.sources, list(recording.findings)
-    first, t_ns, applied = _applied_commands(m, sources, sources[m.ticks].t_ns, findings)
+    first, t_ns, applied_commands = _applied_commands(m, sources, sources[m.ticks].t_ns, findings)
     sensors = {name: _channel(signal, sources, t_ns, findings) for name, signal in m.sensors.items()}
     truth = None if m.truth is None else _truth(m.truth, sources, t_ns, findings)
     metadata = versions() | {
@@ -208,7 +208,7 @@ def _import_part(m: ColumnMap, recording: RecordingSources, vehicle_text: str) -
     if means := [name for name, s in m.sensors.items() if s.sample == "measured" and s.is_rate]:
         metadata[MEANS_KEY] = ", ".join(means)
     run = Run(
-        recording.name, None, t_ns, applied, sensors=sensors, truth=truth, vehicle_text=vehicle_text,
+        recording.name, None, t_ns, applied_commands, sensors=sensors, truth=truth, vehicle_text=vehicle_text,
         metadata=metadata
     )  # fmt: skip
     if first:

@@ -82,12 +82,14 @@ def _sources_of_set(
         )
     own_findings: list[ImportFinding] = list(findings)
     matches = _match_parts(m, parts, own_findings)
-    undivided = {f: _source(m, m.files[f], t, own_findings) for f, t in tables.items() if f not in parts}
+    undivided_sources = {
+        f: _source(m, m.files[f], t, own_findings) for f, t in tables.items() if f not in parts
+    }
     for k, (label, by_file) in enumerate(matches):
         own_rows: list[ImportFinding] = list(own_findings) if k == 0 else []
         sources_of_part = {f: _source(m, m.files[f], table, own_rows) for f, table in by_file.items()}
         t_ns = sources_of_part[m.ticks].t_ns
-        within = {f: _rows_within(source, t_ns) for f, source in undivided.items()}
+        within = {f: _rows_within(source, t_ns) for f, source in undivided_sources.items()}
         yield RecordingSources(
             f"{name}-{label}", {f: (sources_of_part | within)[f] for f in tables}, files, tuple(own_rows)
         )

@@ -190,13 +190,13 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     names = _header([cell.strip() for cell in first], options, label)
     if not options.get("header", True):
         rows = chain([(line_number, first)], rows)
-    data, line_numbers, excluded = _columns(lines, rows, len(names), delimiter)
+    data, line_numbers, excluded_lines = _columns(lines, rows, len(names), delimiter)
     columns: JsonObject = {}
     for name, cells in zip(names, data, strict=True):
         columns[name] = None if name in columns else Cells(bytes(cells))
         cells.clear()
     decimal = options.get("decimal") or _decimal(columns, delimiter, label)
-    return LogTable(label, columns, np.array(line_numbers, dtype=np.int64), decimal, excluded)
+    return LogTable(label, columns, np.array(line_numbers, dtype=np.int64), decimal, excluded_lines)
 
 
 def _lines_with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:

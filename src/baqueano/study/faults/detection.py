@@ -117,17 +117,17 @@ def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_UndamagedFit")
         error_rms=_error_rms(fit, clean, inputs.truth),
         undamaged_error_rms=_error_rms(clean, clean, inputs.truth),
     )
-    undamaged = undamaged_run(inputs.undamaged_run, inputs.run, inputs.vehicle_file)
-    if undamaged is None:
+    reduced_run = undamaged_run(inputs.undamaged_run, inputs.run, inputs.vehicle_file)
+    if reduced_run is None:
         return outcome
     repaired_fit = identify(
-        undamaged[0],
+        reduced_run[0],
         inputs.vehicle_file,
         inputs.free,
         options=FitOptions(diagnose=False, backend=job.backend),
     )
     return outcome._replace(
-        reduced_error_rms=_error_rms(repaired_fit, clean, inputs.truth), lost_share=undamaged[1]
+        reduced_error_rms=_error_rms(repaired_fit, clean, inputs.truth), lost_share=reduced_run[1]
     )
 
 
@@ -341,14 +341,14 @@ class Faults:
             counts = [str(r[key]) for key in ("fits", "wrong", "wrongly_usable", "wrongly_refused")]
             rows.append([_(r["fault"]), *counts, verdicts, ratio_texts[0], loss, ratio_texts[1]])
         lines = text_table("<>>>><>>>", head, *rows)
-        undamaged = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
-        warnings = sum(o.verdict == Verdict.WARN for o in undamaged)
+        undamaged_fits = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
+        warnings = sum(o.verdict == Verdict.WARN for o in undamaged_fits)
         lines += [
             "",
             _(
                 "{warned} of {sound} runs without faults have a warning",
                 warned=warnings,
-                sound=len(undamaged),
+                sound=len(undamaged_fits),
             ),
         ]
         if self.attempted < self.requested:
@@ -389,8 +389,8 @@ def faults(
     report = advance or (lambda n: None)
     batches_done = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULTS_AT_ONCE))
     outcomes = tuple(o for batch in batches_done for o in batch)
-    requested = sum(map(len, batches))
-    return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(batches_done)]))))
+    requested_fits = sum(map(len, batches))
+    return Faults(outcomes, requested_fits, min(requested_fits, sum(map(len, batches[: len(batches_done)]))))
 
 
 UNCOMPARED_PARAMETERS = {

@@ -147,11 +147,11 @@ def _rotation(angle: float) -> np.ndarray:
 def _smooth(run: Run, weight: float) -> np.ndarray:
     """Return the readings (M, 3) after a first-order low-pass with a time constant of 1 / `weight` samples."""
     z, keep = run.sensors["imu"].z, np.exp(-weight)
-    smoothed, level = np.empty_like(z), z[0]
+    smooth_values, level = np.empty_like(z), z[0]
     for k, reading in enumerate(z):
         level = reading + (level - reading) * keep
-        smoothed[k] = level
-    return smoothed
+        smooth_values[k] = level
+    return smooth_values
 
 
 LOGGING = {

@@ -66,15 +66,15 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
         measure_noise(fits[k], runs[k], backend=backend).updated_file(fits[k].vehicle_file) for k in usable
     ]
     names = [seeds[k] for k in usable]
-    learned = (
+    learned_files = (
         _identify_with_laps(Team(files, robots.subset(usable), names), [runs[k] for k in usable], backend)
         if learns
         else {}
     )
-    accepted = [k for k, name in enumerate(names) if name in learned or not learns]
-    names, alone = [names[k] for k in accepted], [alone[k] for k in accepted]
+    accepted_indices = [k for k, name in enumerate(names) if name in learned_files or not learns]
+    names, alone = [names[k] for k in accepted_indices], [alone[k] for k in accepted_indices]
     anew = switch_on_again(robots.subset([name - seeds[0] for name in names]), names, alone)
-    others = [learned[name] for name in names if name in learned]
+    others = [learned_files[name] for name in names if name in learned_files]
     refusals = [seed for seed in seeds if seed not in names]
     return Teams(Team(alone, anew, names), Team(others, anew, names if learns else []), refusals)
 

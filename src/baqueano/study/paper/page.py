@@ -27,12 +27,12 @@ def page_of_paper(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend
     """Return the page with the tables and figures of the case studies."""
     fit = study.fits[0]
     labels = [label(c) for c in fit.channels]
-    measured, predicted = (
+    measured_values, predicted_values = (
         np.stack([getattr(c, n) for c in fit.channels], axis=1) for n in ("measured", "predicted")
     )
     t_s = fit.channels[0].t_s
     is_shown = t_s <= t_s[0] + SHOWN_S
-    sensors = figures.channels(t_s[is_shown], measured[is_shown], predicted[is_shown], labels)
+    sensors = figures.channels(t_s[is_shown], measured_values[is_shown], predicted_values[is_shown], labels)
     loop = simulate_loop(load("small"), sinuous_circle(0.6, 0.08, 5, 0.2), backend=backend)
     assert loop.reference is not None
     assert loop.estimate is not None

@@ -53,8 +53,8 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     fit = fit_sweep(run, backend)
     band, threshold = dead_band(fit), starting_duty(test_run)
     faster = asymmetry(fit, run, backend)
-    z, simulated = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
-    share = 1.0 - float(np.sum((z - simulated) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
+    z, simulated_values = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
+    share = 1.0 - float(np.sum((z - simulated_values) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
     near = abs(band - threshold) <= DEAD_BAND_TOLERANCE * threshold
     is_near = abs(faster - ASYMMETRY) <= ASYMMETRY_TOLERANCE
     name = "micromouse"
@@ -122,7 +122,7 @@ def starting_duty(run: "Run") -> float:
 
 def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
     """Return the modelled excess speed of the right wheel, as a fraction, over the rows in which both wheels turned."""
-    z, simulated = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
+    z, simulated_values = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
     is_turning = (np.abs(z) > MIN_TURNING_M_S).all(axis=1)
-    left, right = np.abs(simulated[is_turning]).sum(axis=0)
+    left, right = np.abs(simulated_values[is_turning]).sum(axis=0)
     return float(right / left - 1.0)

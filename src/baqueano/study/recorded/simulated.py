@@ -27,9 +27,9 @@ def measured_and_simulated(
 
     lines = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
     kernel = scan(step, vehicle.init(), np.zeros(1 + vehicle.commands), backend=backend)
-    simulated, sensor_log = np.asarray(kernel.run(lines)[1]), record.sensors[sensor]
+    simulated_values, sensor_log = np.asarray(kernel.run(lines)[1]), record.sensors[sensor]
     present = sensor_log.has.all(axis=1)
-    return sensor_log.z[present], simulated[present]
+    return sensor_log.z[present], simulated_values[present]
 
 
 def final_poses(

@@ -105,8 +105,10 @@ class FloorLines:
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
         previous_beyond, (self._beyond, lateral_m) = self._beyond, self._distances_from_lines(eta[:, :2])
-        passed = (previous_beyond < 0.0) & (self._beyond >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
-        passages = np.argwhere(passed).tolist()
+        is_passage = (
+            (previous_beyond < 0.0) & (self._beyond >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
+        )
+        passages = np.argwhere(is_passage).tolist()
         return self._reports.readings_at(
             t_s, [(i, self._measure_of_line(k, self._beyond[i, k])) for i, k in passages]
         )

@@ -50,9 +50,9 @@ class TruthWorld:
         self.move(u, dt_s)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._drift = self._drift + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
-        filtered = self.physics.imu.low_pass_s[:, None] > 0.0
+        has_filter = self.physics.imu.low_pass_s[:, None] > 0.0
         quiet = (
-            np.where(filtered, self._smooth, self.noiseless_readings)
+            np.where(has_filter, self._smooth, self.noiseless_readings)
             if self._smooth is not None
             else self.noiseless_readings
         )

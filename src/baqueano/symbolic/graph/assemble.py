@@ -68,13 +68,13 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
         for k, x in enumerate(trace.carry)
         if x not in used_entries and not (x in constant and x in used_nodes)
     ]
-    mirrored = [k for k, x in enumerate(trace.carry) if first_of[x] != k]
+    mirrored_entries = [k for k, x in enumerate(trace.carry) if first_of[x] != k]
     return Assembly(
         program,
         np.array(first if from_start else [], dtype=int),
         np.array([kept_index.get(x, 0) for x in trace.carry], dtype=int),
-        np.array(mirrored, dtype=int),
-        np.array([first_of[trace.carry[k]] for k in mirrored], dtype=int),
+        np.array(mirrored_entries, dtype=int),
+        np.array([first_of[trace.carry[k]] for k in mirrored_entries], dtype=int),
         tuple(unused_carry),
     )
 
@@ -96,11 +96,11 @@ def remaining_zeros(
 
 def _used_entries(outputs: Sequence[Node], next_of: dict[Node, Node], carry: set[Node]) -> set[Node]:
     """Return the entries of the carry that the outputs of this or a later tick depend on."""
-    used: set[Node] = set()
+    used_nodes: set[Node] = set()
     new_entries = {node for node in nodes_below(outputs) if node in carry}
     while new_entries:
-        used |= new_entries
+        used_nodes |= new_entries
         new_entries = {
             node for node in nodes_below([next_of[x] for x in new_entries]) if node in carry
-        } - used
-    return used
+        } - used_nodes
+    return used_nodes

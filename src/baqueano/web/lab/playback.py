@@ -132,8 +132,8 @@ class RunPlayer:
                 if not self.viewers():
                     return
                 now_s = time.monotonic()
-                paused = self._paused or self._stop_reason is not None
-                done_s += 0.0 if paused else (now_s - before_s) * self._pace
+                is_paused = self._paused or self._stop_reason is not None
+                done_s += 0.0 if is_paused else (now_s - before_s) * self._pace
                 before_s = now_s
                 due = row_index
                 while due < len(rows) and rows[due][0] <= done_s:

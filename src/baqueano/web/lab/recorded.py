@@ -238,8 +238,8 @@ def route_description(run: Run) -> "JsonObject | None":
 
 def run_entry(run: Run, modified_s: float) -> "JsonObject":
     """Return the entry of a run in the list of runs."""
-    modified = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
+    modification_time = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
     return {
-        "kind": run.metadata.get("kind", ""), "seconds": run.duration_s, "when": modified, "laps": None,
+        "kind": run.metadata.get("kind", ""), "seconds": run.duration_s, "when": modification_time, "laps": None,
         "verdict": run.metadata.get("verdict", ""),
     }  # fmt: skip

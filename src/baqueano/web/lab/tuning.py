@@ -203,10 +203,10 @@ def lap_json(lap: "SimulatedLap") -> "JsonObject":
     """Return a lap as data for the page: its path, its costs, and its other results."""
     stride = 1 + len(lap.x) // MAX_POINTS
     values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
-    path, jerk, rms, max_m, saturated = (x if np.isfinite(x) else None for x in values)
+    path, jerk, rms, max_m, at_limit = (x if np.isfinite(x) else None for x in values)
     return {
         "x": np.round(lap.x[::stride], 4).tolist(), "y": np.round(lap.y[::stride], 4).tolist(),
-        "cost": path, "jerk": jerk, "rms": rms, "most": max_m, "full": saturated,
+        "cost": path, "jerk": jerk, "rms": rms, "most": max_m, "full": at_limit,
     }  # fmt: skip
 
 

@@ -139,8 +139,10 @@ def _replay_with_estimator(run: "Run", estimator: str) -> "Run":
     kinds = available_kinds("estimator", vehicle_file)
     if estimator not in kinds:
         raise UsageError(fault("web.no-kind", role="estimator", value=repr(estimator), valid=kinds))
-    replayed = replay(run, vehicle_file, estimator=estimator, backend="auto")
-    return replace(replayed, name=estimator, metadata=run.metadata | replayed.metadata | {"kind": "replay"})
+    replay_run = replay(run, vehicle_file, estimator=estimator, backend="auto")
+    return replace(
+        replay_run, name=estimator, metadata=run.metadata | replay_run.metadata | {"kind": "replay"}
+    )
 
 
 def _block(request: "JsonObject") -> tuple["JsonObject", bytes]:
@@ -257,8 +259,10 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     by_hand = run.metadata.get("kind") == "teach" and route_of_run({"path": request["run"]}) is None
     if vehicle_file.is_guess or not by_hand or recorded_vehicle_file(run).name != vehicle_file.name:
         raise AnswerNo(fault("web.no-lesson", run=run.name, vehicle=vehicle_file.name))
-    used = [origin.run for path, origin in vehicle_file.provenance.items() if path.endswith(".gyro_scale")]
-    if run.name in used:
+    lap_runs = [
+        origin.run for path, origin in vehicle_file.provenance.items() if path.endswith(".gyro_scale")
+    ]
+    if run.name in lap_runs:
         raise AnswerNo(fault("web.lap-used", run=run.name, file=vehicle_file.path.name))
     result = lap_closure(run, vehicle_file)
     origin, old = Provenance(run.name, verdict=Verdict.USABLE), getattr(vehicle_file.sensors, result.gyro)
