@@ -260,15 +260,13 @@ class Mpu6050:
 
     def _has_settings(self, now_ns: int) -> bool:
         """Return True if the chip still has its settings; otherwise report the loss and restart the chip."""
-        expected_bytes = bytes(self._registers())
-        registers = self.device.read(SMPLRT_DIV, len(expected_bytes))
+        target = bytes(self._registers())
+        registers = self.device.read(SMPLRT_DIV, len(target))
         control, power = self.device.read(USER_CTRL, 2)
-        if registers == expected_bytes and power == PLL_X and control & FIFO_ON == self._control_bits:
+        if registers == target and power == PLL_X and control & FIFO_ON == self._control_bits:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.record_event(
-            now_ns, code, power=power, value=registers.hex(), expected=expected_bytes.hex()
-        )
+        self._watch.record_event(now_ns, code, power=power, value=registers.hex(), expected=target.hex())
         self._restart(now_ns, quietly=True)
         self._start_reported = True
         return False
@@ -293,13 +291,10 @@ class Mpu6050:
         yield 0
         write(FIFO_EN, ALL_SENSORS)
         yield START_MS
-        registers, expected_bytes = (
-            self.device.read(SMPLRT_DIV, len(self._registers())),
-            bytes(self._registers()),
-        )
-        if registers != expected_bytes:
+        registers, target = self.device.read(SMPLRT_DIV, len(self._registers())), bytes(self._registers())
+        if registers != target:
             raise RobotUnreachable(
-                fault("imu.settings-not-stored", value=registers.hex(), expected=expected_bytes.hex())
+                fault("imu.settings-not-stored", value=registers.hex(), expected=target.hex())
             )
         yield 0
         self._clear_fifo()

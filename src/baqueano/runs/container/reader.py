@@ -138,13 +138,13 @@ class _RunAssembly:
             )
 
     def run(self) -> Run:
-        applied_channel = self.ticks()
+        ticks = self.ticks()
         run = Run(
             name=self.path.stem,
             path=self.path,
-            t_ns=applied_channel.t_ns,
-            applied=applied_channel.z,
-            requested=self.commands_on_ticks("/command/requested", applied_channel),
+            t_ns=ticks.t_ns,
+            applied=ticks.z,
+            requested=self.commands_on_ticks("/command/requested", ticks),
             sensors=self.sensors(),
             estimate=self.estimate(),
             reference=self.reference(),
@@ -152,7 +152,7 @@ class _RunAssembly:
             events=tuple(self.events()),
             vehicle_text=self.vehicle_text(),
             metadata=self.metadata(),
-            sent=self.commands_on_ticks("/command/sent", applied_channel),
+            sent=self.commands_on_ticks("/command/sent", ticks),
         )
         object.__setattr__(run, "notes", (*self.losses(run), *self.notes))
         return run
@@ -190,23 +190,19 @@ class _RunAssembly:
             topic.removeprefix("/sensors/"): channel for topic, channel in read.items() if channel is not None
         }
 
-    def commands_on_ticks(self, topic: str, applied_channel: Channel) -> np.ndarray | None:
+    def commands_on_ticks(self, topic: str, ticks: Channel) -> np.ndarray | None:
         commands = self.read(topic, "u", self.fixed_size_layout(messages.command_layout))
         if commands is None:
             return None
-        if commands.z.shape[1] != applied_channel.z.shape[1]:
-            sizes = {"value": commands.z.shape[1], "expected": applied_channel.z.shape[1]}
+        if commands.z.shape[1] != ticks.z.shape[1]:
+            sizes = {"value": commands.z.shape[1], "expected": ticks.z.shape[1]}
             self.notes.append(_warning("run.other-size", topic=topic, **sizes))
             return None
-        self.reserve_missing_rows(
-            topic, len(applied_channel.t_ns) - len(commands.t_ns), applied_channel.z.shape[1]
-        )
-        rows = np.full(applied_channel.z.shape, np.nan)
-        indices = np.searchsorted(applied_channel.arrival_ns, commands.arrival_ns)
+        self.reserve_missing_rows(topic, len(ticks.t_ns) - len(commands.t_ns), ticks.z.shape[1])
+        rows = np.full(ticks.z.shape, np.nan)
+        indices = np.searchsorted(ticks.arrival_ns, commands.arrival_ns)
         is_within = indices < len(rows)
-        is_within[is_within] = (
-            applied_channel.arrival_ns[indices[is_within]] == commands.arrival_ns[is_within]
-        )
+        is_within[is_within] = ticks.arrival_ns[indices[is_within]] == commands.arrival_ns[is_within]
         rows[indices[is_within]] = commands.z[is_within]
         return rows
 

@@ -112,8 +112,8 @@ def _expectation(value: str, measures: str, is_derivative: bool) -> Diagnostic:
     The correction is other units, or another key.
     """
     rate = "" if is_derivative else RATE_OF.get(value, "")
-    rolled_measure = ROLLED_MEASURE.get
-    ending_of = {rolled_measure(value): "rolls", rate: "rate", rolled_measure(rate): "rate-of-rolling"}
+    measure_of = ROLLED_MEASURE.get
+    ending_of = {measure_of(value): "rolls", rate: "rate", measure_of(rate): "rate-of-rolling"}
     ending = f"-or-{ending_of[measures]}" if measures in ending_of else ""
     return note(f"expect.measures{ending}", measures=measures, valid=units_of(measures))
 
@@ -172,8 +172,8 @@ class _Parser:
         names = tuple(map(str, spec.get("names", ["u_x", "u_y", "u_psi"] if wheels else [])))
         if len(names) != (3 if wheels else len(signal.entries)):
             count = len(signal.entries)
-            expected_entry = note("expect.three-names") if wheels else note("expect.names", count=count)
-            raise self.error("[command] names", list(names), expected_entry)
+            advice = note("expect.three-names") if wheels else note("expect.names", count=count)
+            raise self.error("[command] names", list(names), advice)
         return signal, names, in_force, wheels
 
     def file_spec(self, name: str, spec: dict[str, Any]) -> FileSpec:
@@ -267,11 +267,9 @@ class _Parser:
         any unit."""
         entries = spec.get(list_name)
         if not entries or len(entries) != len(measures):
-            expected_entry = note(
-                "expect.entries", count=len(measures), measures=[m or "1" for m in measures]
-            )
+            advice = note("expect.entries", count=len(measures), measures=[m or "1" for m in measures])
             raise self.error(
-                f"[{key}] {list_name}", entries, expected_entry if measures else note("expect.some-entries")
+                f"[{key}] {list_name}", entries, advice if measures else note("expect.some-entries")
             )
         sample = spec.get("sample", "measured")
         if sample not in ("measured", "hold", "linear"):
@@ -323,20 +321,15 @@ class _Parser:
         """Return the unit of an entry. Raise FileError if it does not measure `measures`."""
         name = "rad" if entry.quaternion is not None else spec.get("unit")
         if name is None:
-            expected_entry = (
-                note("expect.unit-of", valid=units_of(measures)) if measures else note("expect.unit")
-            )
-            raise self.error(f"{key} unit", None, expected_entry)
+            advice = note("expect.unit-of", valid=units_of(measures)) if measures else note("expect.unit")
+            raise self.error(f"{key} unit", None, advice)
         unit_ = unit(name)
         if unit_ is None:
-            near, expected_entry = (
-                near_units(name),
-                note("expect.known-unit", near=near_units(name) or all_units()),
-            )
+            near, advice = near_units(name), note("expect.known-unit", near=near_units(name) or all_units())
             if measures:
                 code = "expect.known-unit-of" if near else "expect.measures"
-                expected_entry = note(code, near=near, measures=measures, valid=units_of(measures))
-            raise self.error(f"{key} unit", name, expected_entry)
+                advice = note(code, near=near, measures=measures, valid=units_of(measures))
+            raise self.error(f"{key} unit", name, advice)
         if unit_.measures == "raw" and "scale" not in spec:
             raise self.error(f"{key} scale", None, note("expect.scale"))
         self.counts(key, unit_.measures, entry)
@@ -364,8 +357,8 @@ class _Parser:
         """Return the file that a table names, or the only file. Raise FileError for an unknown or missing name."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
-            expected_entry = note("expect.file", first=self.file_names[0], valid=self.file_names)
-            raise self.error(f"[{key}] file", name, expected_entry)
+            advice = note("expect.file", first=self.file_names[0], valid=self.file_names)
+            raise self.error(f"[{key}] file", name, advice)
         return name
 
     def table(self, key: str, spec: object) -> dict[str, Any]:
@@ -374,10 +367,10 @@ class _Parser:
             raise self.error(f"[{key}]", spec, note("expect.table", key=key))
         return spec
 
-    def require(self, spec: dict[str, Any], key: str, expected_entry: Diagnostic) -> Any:
+    def require(self, spec: dict[str, Any], key: str, advice: Diagnostic) -> Any:
         """Return the value of the required `key`. Raise FileError if it is missing."""
         if not spec.get(key):
-            raise self.error(key, spec.get(key), expected_entry)
+            raise self.error(key, spec.get(key), advice)
         return spec[key]
 
     def keys(self, table: str, spec: dict[str, Any], kinds: dict[str, type]) -> dict[str, Any]:
@@ -398,10 +391,10 @@ class _Parser:
                 raise self.error(place_text, value, note("expect.finite"))
         return spec
 
-    def error(self, place_text: str, value: object, expected_entry: Diagnostic | str) -> FileError:
+    def error(self, place_text: str, value: object, advice: Diagnostic | str) -> FileError:
         """Return the error to raise, with the place, the value in the map, and the expected value."""
         code = "map.missing" if value is None else "map.wrong"
         text_of_value = repr(value)[:200]
         return FileError(
-            fault(code, map=self.path.name, place=place_text, value=text_of_value, expected=expected_entry)
+            fault(code, map=self.path.name, place=place_text, value=text_of_value, expected=advice)
         )
