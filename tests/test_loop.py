@@ -130,7 +130,7 @@ def test_during_imu_silence_the_estimate_uses_the_applied_commands():
     eager = BLOCKS._replace(guide=faster_than_it_can)
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1.0, 3.0)
     records, _, outcome = drive(eager, duration_s=4.0, world=world)
-    assert outcome.stopped is None
+    assert outcome.stop_reason is None
     silent = records[100:300]
     assert all(r.tick.sensors.imu.has == 0.0 for r in silent)
     saturated = [np.any(np.abs(r.requested.u) > LIMIT + 1e-9) for r in silent]
@@ -212,14 +212,14 @@ def test_rt3_a_failing_controller_stops_the_vehicle_and_logging_continues(failur
         BLOCKS._replace(controller=Failing(failure)), duration_s=9.0, world=world
     )
     is_raise = failure == "raises"
-    assert outcome.stopped.code == (StopReason.BLOCK_RAISED if is_raise else StopReason.BLOCK_RETURNED)
-    assert outcome.stopped.figures.items() >= figures.items()
-    block = outcome.stopped.figures["block"]
+    assert outcome.stop_reason.code == (StopReason.BLOCK_RAISED if is_raise else StopReason.BLOCK_RETURNED)
+    assert outcome.stop_reason.figures.items() >= figures.items()
+    block = outcome.stop_reason.figures["block"]
     assert block.startswith("controller Failing (")
     assert HERE in block
     if is_raise:
         assert f"{HERE}:{FAILING_LINE})" in block
-    assert events == [(210_000_000, outcome.stopped)]
+    assert events == [(210_000_000, outcome.stop_reason)]
     assert len(records) == 121  # twenty good ticks, the fault, and one second after it
     assert np.any(world.motors[19] != 0.0)
     assert all(np.array_equal(u, np.zeros(3)) for u in world.motors[20:])
@@ -241,9 +241,9 @@ class BrokenBlock:
 @pytest.mark.parametrize("room", Blocks._fields)
 def test_rt3_a_failure_of_each_block_kind_stops_the_vehicle(room):
     records, events, outcome = drive(BLOCKS._replace(**{room: BrokenBlock()}), duration_s=3.0)
-    assert outcome.stopped.code == StopReason.BLOCK_RAISED
-    assert outcome.stopped.figures["block"].startswith(f"{room} BrokenBlock (")
-    assert outcome.stopped.figures["error"] == "RuntimeError: out of ideas"
+    assert outcome.stop_reason.code == StopReason.BLOCK_RAISED
+    assert outcome.stop_reason.figures["block"].startswith(f"{room} BrokenBlock (")
+    assert outcome.stop_reason.figures["error"] == "RuntimeError: out of ideas"
     assert len(events) == 1
     assert len(records) == 101
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
@@ -263,9 +263,9 @@ def test_a_block_that_ends_the_program_ends_only_its_drive(error, verb):
 
     records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (BrokenBlock,), {verb: ends})()), 3.0)
     code = StopReason.BLOCK_RAISED if verb == "step" else StopReason.BLOCK_RAISED_IN_INIT
-    assert outcome.stopped.code == code
-    assert outcome.stopped.figures["block"].startswith("guide Ends (")
-    assert outcome.stopped.figures["error"] == error.__name__
+    assert outcome.stop_reason.code == code
+    assert outcome.stop_reason.figures["block"].startswith("guide Ends (")
+    assert outcome.stop_reason.figures["error"] == error.__name__
     assert len(events) == 1
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
 
@@ -276,14 +276,14 @@ def test_ctrl_c_inside_a_block_is_not_a_block_fault():
             signal.raise_signal(signal.SIGINT)
 
     _, events, outcome = drive(BLOCKS._replace(guide=InterruptedBlock()))
-    assert outcome.stopped.code == StopReason.INTERRUPTED
+    assert outcome.stop_reason.code == StopReason.INTERRUPTED
     assert len(events) == 1
 
 
 def test_two_failing_blocks_do_not_end_the_loop():
     failing = BLOCKS._replace(controller=BrokenBlock(), estimator=BrokenBlock())
     records, _, outcome = drive(failing, duration_s=3.0)
-    assert outcome.stopped.figures["block"].startswith("estimator BrokenBlock")
+    assert outcome.stop_reason.figures["block"].startswith("estimator BrokenBlock")
     assert len(records) == 101
 
 
@@ -294,8 +294,8 @@ def test_a_block_that_fails_in_init_prevents_the_drive():
 
     records, events, outcome = drive(BLOCKS._replace(guide=NoStart()))
     assert records == []
-    assert outcome.stopped.code == StopReason.BLOCK_RAISED_IN_INIT
-    assert outcome.stopped.figures["error"] == "KeyError: 'route'"
+    assert outcome.stop_reason.code == StopReason.BLOCK_RAISED_IN_INIT
+    assert outcome.stop_reason.figures["error"] == "KeyError: 'route'"
     assert len(events) == 1
 
 
@@ -310,16 +310,16 @@ def test_a_nan_estimate_is_attributed_to_the_estimator():
             return belief, estimate._replace(nu=estimate.nu * np.nan)
 
     _, _, outcome = drive(BLOCKS._replace(estimator=Lost()))
-    assert outcome.stopped.code == StopReason.BLOCK_RETURNED
-    assert outcome.stopped.figures["block"].startswith("estimator Lost (")
-    assert outcome.stopped.figures["value"] == "Estimate.nu = [nan, nan, nan]"
+    assert outcome.stop_reason.code == StopReason.BLOCK_RETURNED
+    assert outcome.stop_reason.figures["block"].startswith("estimator Lost (")
+    assert outcome.stop_reason.figures["value"] == "Estimate.nu = [nan, nan, nan]"
 
 
 def test_after_a_supervisor_stop_one_more_second_is_recorded():
     records, events, outcome = drive(BLOCKS._replace(supervisor=Supervisor(LIMIT, max_speed_m_s=0.2)), 9.0)
-    assert outcome.stopped.code == StopReason.SPEED
+    assert outcome.stop_reason.code == StopReason.SPEED
     stop = next(k for k, r in enumerate(records) if np.hypot(*r.estimate.nu[:2]) > 0.2)
-    assert events == [(records[stop].tick.t_ns, outcome.stopped)]
+    assert events == [(records[stop].tick.t_ns, outcome.stop_reason)]
     assert len(records) == stop + 101
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records[stop:])
     assert np.hypot(*records[-1].estimate.nu[:2]) < 0.1
@@ -345,7 +345,7 @@ def test_the_motors_receive_zero_at_every_end_of_the_loop(error):
         return loop.run(BLOCKS, world, interrupted())
 
     if error is KeyboardInterrupt:
-        assert go().stopped.code == StopReason.INTERRUPTED
+        assert go().stop_reason.code == StopReason.INTERRUPTED
     else:
         with pytest.raises(OSError):  # noqa: PT011  the world's own error travels on
             go()

@@ -1,7 +1,7 @@
 """Provide clocks: for a simulation or for real time. Each yields strictly increasing integers t_ns.
 
-A missed tick is skipped and not executed later: the next tick is again on the grid, and `missed` counts the skipped
-ticks.
+A missed tick is skipped and not executed later: the next tick is again on the grid. `missed_ticks` counts
+the skipped ticks.
 """
 
 import math
@@ -28,7 +28,7 @@ class Wall:
     duration_s: float | None = None
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], object] = time.sleep
-    missed: int = field(default=0, init=False)  # ticks that were skipped because the loop was late
+    missed_ticks: int = field(default=0, init=False)  # ticks that were skipped because the loop was late
 
     def __iter__(self) -> Iterator[int]:
         start_ns = self.now_ns()
@@ -41,7 +41,7 @@ class Wall:
             yield due_ns
             late_ns = self.now_ns() - due_ns
             step_count = max(1, -int(-late_ns * self.rate_hz // NANOSECONDS))
-            self.missed += step_count - 1
+            self.missed_ticks += step_count - 1
             k += step_count
 
 

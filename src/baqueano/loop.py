@@ -68,7 +68,7 @@ def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
 class Outcome(NamedTuple):
     """The end of a run of the loop: the reason of a stop, the guide's end, and the number of ticks."""
 
-    stopped: Diagnostic | None  # reason why the motors were stopped; None if they were not stopped
+    stop_reason: Diagnostic | None  # None if the motors were not stopped
     done: bool  # True if the guide reached its end
     ticks: int
 

@@ -179,6 +179,6 @@ def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
     assert np.max(np.abs(straight[:, 2])) < 0.25
     assert np.all(turning[:, 2] == 0.8)
     moving = [m for m in at.service.messages if m["is"] == "state" and m.get("requested", (0.0,))[0]]
-    at.cockpit.status.requested = np.array([0.8, 0.0, 0.0])
+    at.cockpit.status.driver_command = np.array([0.8, 0.0, 0.0])
     at.cockpit.show(moving[3])
     assert at.cockpit.status.hold_command == moving[3]["requested"][2] != 0.0

@@ -58,7 +58,7 @@ def test_an_identified_vehicle_drives_inside_its_corridor(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 30.0)
     monkeypatch.setattr(drives, "DRIVE_S", 12.0)
     study = corridor.corridor(1, 3)
-    assert (study.vehicles, study.refused) == (1, ())
+    assert (study.vehicles, study.refused_robots) == (1, ())
     assert list(study.instants) == ["10 s"]
     assert [row["coverage"] for row in study.rows()] == [1.0, 1.0]
     assert "10 s" in study.table()

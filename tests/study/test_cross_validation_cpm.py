@@ -25,7 +25,7 @@ def study(cpm_recordings):
 def test_a_fit_to_one_run_predicts_the_other_run(study):
     for validation in study.evaluations:
         assert validation.is_held_out
-        assert np.all(validation.predicted.explained_variance > 0.9), validation.row()
+        assert np.all(validation.prediction.explained_variance > 0.9), validation.row()
 
 
 def test_the_filter_error_is_below_one_percent_of_the_distance(study):
@@ -39,13 +39,13 @@ def test_the_filter_error_is_below_one_percent_of_the_distance(study):
 
 def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
     for validation in study.evaluations:
-        estimate, truth = validation.replayed.estimate, validation.replayed.truth
+        estimate, truth = validation.replay_run.estimate, validation.replay_run.truth
         at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
         assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
         of_filter = [
-            event for event in validation.replayed.events if event.source not in ("model", "refused")
+            event for event in validation.replay_run.events if event.source not in ("model", "refused")
         ]
-        assert not of_filter or of_filter[0].t_ns == validation.replayed.t_ns[0]
+        assert not of_filter or of_filter[0].t_ns == validation.replay_run.t_ns[0]
 
 
 def test_both_fits_give_similar_parameters(study):

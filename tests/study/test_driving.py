@@ -12,7 +12,7 @@ def test_an_identified_robot_drives_evenly_on_independent_physics(monkeypatch):
     monkeypatch.setattr(driving, "SHAPES", {"rectangle": driving.SHAPES["rectangle"]})
     study = driving.driving(1, 40, cases=("imu", "pose", "breakaway"), speeds=(0.3,))
     assert [row["case"] for row in study.rows()] == ["imu", "pose", "breakaway"]
-    assert (study.verdict, study.refused) == ("USABLE", ())
+    assert (study.verdict, study.refused_robots) == ("USABLE", ())
     assert all(row["unevenness_worst"] < 0.02 for row in study.rows())
     assert "all limits are met" in study.table()
 

@@ -173,7 +173,7 @@ def test_the_odometer_of_a_recording_is_used_for_fit_and_judgement(cpm_recording
     short = subject._replace(fit_run=subject.fit_run.cut(0.0, 30.0), test_run=subject.test_run.cut(0.0, 30.0))
     (judgement,) = room.evaluate(short, BOTH)
     assert judgement.errors[SPEED].ratio[0] < 0.9
-    assert judgement.stopped == ""
+    assert judgement.stop_reason == ""
     rows = {row["quantity"]: row for row in EstimationStudy((judgement,)).rows()}
     first, *_, last = judgement.consistency.channels
     assert rows[f"NIS of {first}"]["ok"] == (0.85 <= rows[f"NIS of {first}"]["value"] <= 1.15)

@@ -73,9 +73,9 @@ def test_a_touched_wall_gives_the_verdict_refused():
     good = FirstDrive("well", 10, 0, 0.5, 10, 1.2, 60.0)
     assert FirstDrives((good,)).verdict == "USABLE"
     assert FirstDrives((good,)).rows() == [good._asdict()]
-    assert FirstDrives((good._replace(named=9),)).verdict == "WARN"
-    assert FirstDrives((good._replace(touched=1),)).verdict == "REFUSED"
-    assert "touched a wall" in FirstDrives((good._replace(touched=1),)).table()
+    assert FirstDrives((good._replace(correct_names=9),)).verdict == "WARN"
+    assert FirstDrives((good._replace(touches=1),)).verdict == "REFUSED"
+    assert "touched a wall" in FirstDrives((good._replace(touches=1),)).table()
 
 
 @pytest.mark.parametrize("name", ["small", "car"])

@@ -169,7 +169,7 @@ def test_tags_limit_the_errors_and_a_drive_without_tags_stops(monkeypatch):
     monkeypatch.setattr(team, "LEARNING_LAPS", 3)
     cases = [LapCase("rectangle", fix, "calibrated", "no reading lost") for fix in ("none", "tags")]
     study = laps_over_fixes(1, 40, 4, cases=cases)
-    assert study.refused == ()
+    assert study.refused_robots == ()
     alone, tags = study.rows()
     assert alone["touched"] == 0
     assert tags["kept"] == 1.0

@@ -56,7 +56,7 @@ def test_an_interrupted_sweep_on_a_cluster_is_resumed(address, serial, tmp_path)
             raise KeyboardInterrupt
 
     part = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, advance=until_two)
-    assert (len(part.drives), part.requested, [reason.code for reason in part.reasons]) == (
+    assert (len(part.drives), part.requested_drives, [reason.code for reason in part.reasons]) == (
         2,
         4,
         ["sweep.part"],

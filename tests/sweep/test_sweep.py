@@ -106,7 +106,7 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
             raise KeyboardInterrupt
 
     part = one_process(**cells, processes=1, keep=tmp_path, advance=until_two)
-    assert (len(part.drives), part.requested, [reason.code for reason in part.reasons]) == (
+    assert (len(part.drives), part.requested_drives, [reason.code for reason in part.reasons]) == (
         2,
         4,
         ["sweep.part"],
@@ -238,7 +238,7 @@ def test_a_sweep_of_long_labels_is_at_most_80_wide_and_shows_each_label(result, 
     names = {"kanayama": "augmented_ekf · my_own_controllers.py:MyFirstController", "lqr": "unscented · lqr"}
     drives = [d._replace(cell=d.cell._replace(label=names[d.cell.label])) for d in result.drives]
     with use_language(language):
-        table = SweepResult(tuple(drives), result.requested, names["kanayama"]).table()
+        table = SweepResult(tuple(drives), result.requested_drives, names["kanayama"]).table()
     lines = table.splitlines()
     assert max(map(len, lines)) <= 80
     assert lines.count("augmented_ekf · MyFirstController") >= 2

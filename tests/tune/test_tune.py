@@ -100,7 +100,7 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
 
 def test_a_weight_on_the_command_gives_a_smoother_drive(small, tuning):
     calm = tune(small, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
-    assert calm.drive.saturated < tuning.drive.saturated
+    assert calm.drive.saturated_fraction < tuning.drive.saturated_fraction
     assert calm.values["gamma"] < tuning.values["gamma"]
 
 
@@ -235,7 +235,7 @@ def test_several_seeds_have_equal_weight_and_other_seeds_check_the_result(small)
     tuning = tune(small, ROUTE, starts=1, polish=False, seeds=2, **options)
     assert tuning.fresh_seeds is not None
     assert tuning.fresh_seeds.seeds == 30
-    assert tuning.fresh_seeds.searched == pytest.approx(tuning.cost, rel=1e-9)
+    assert tuning.fresh_seeds.search_cost == pytest.approx(tuning.cost, rel=1e-9)
     assert "on 30 other seeds" in tuning.table()
 
 
@@ -289,7 +289,7 @@ def test_a_start_beside_the_route_makes_feedback_gains_identifiable():
     gains = tune(feedforward, ROUTE, starts=3, polish=False)
     assert gains.verdict == "USABLE"
     assert all(g.bound_side == 0 and g.cost_less > 1.0 for g in gains.gains if g.name != "k_i")
-    assert gains.drive.saturated < 0.1
+    assert gains.drive.saturated_fraction < 0.1
     flat = tuning_objective(feedforward, ROUTE, aside_m=0.0)
     assert flat.cost(np.array([0.1, 0.5, 2.0, 0.5])) == pytest.approx(
         flat.cost(np.array([0.5, 1.0, 4.0, 0.25])), rel=0.1

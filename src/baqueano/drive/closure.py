@@ -55,7 +55,7 @@ class Closure(Result):
     scale: float  # of the gyro
     sd: float  # (2) or (5)
     values: dict[str, object]  # of the vehicle file: path → value
-    travelled: dict[str, float]  # speed sensor → metres with its scale in the vehicle file
+    distances_m: dict[str, float]  # speed sensor → metres with its scale in the vehicle file
     length_m: float | None
     gap_m: float | None = (
         None  # of (5): distance between the estimated poses at both marks, with the file's scale
@@ -98,7 +98,7 @@ class Closure(Result):
                 metres=metres,
                 length_m=self.length_m,
             )
-            for name, metres in self.travelled.items()
+            for name, metres in self.distances_m.items()
         ]
         lines += [
             "       "

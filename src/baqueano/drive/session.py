@@ -378,9 +378,9 @@ def _run(
         outcome = loop.run(
             blocks, recording.world, until_interrupted, recording.tick, recording.record_stop, start
         )
-    if outcome.stopped is not None and not outcome.ticks:
-        raise SafetyStop(fault("drive.never-began", cause=outcome.stopped), outcome.stopped)
-    recording.end(outcome.stopped)
+    if outcome.stop_reason is not None and not outcome.ticks:
+        raise SafetyStop(fault("drive.never-began", cause=outcome.stop_reason), outcome.stop_reason)
+    recording.end(outcome.stop_reason)
 
 
 def _first_ns(tick_times_ns: Iterable[int]) -> int:

@@ -38,19 +38,19 @@ class RowErrors(NamedTuple):
     G: np.ndarray  # (n, n) error before the first number per error before the row
     H: np.ndarray  # (C, n)
     gain: np.ndarray  # (C, n) K̂, Kalman's gains
-    estimated: np.ndarray  # (C, n) E: 1 for the states that a number corrects, else 0
+    corrected_mask: np.ndarray  # (C, n) E: 1 for the states that a number corrects, else 0
     y: np.ndarray  # (C,) innovations
     information: np.ndarray  # (C,) w/s
     output: np.ndarray  # (6, n) derivative of the estimated η and ν
 
 
 def row_errors_of(
-    correction: Correction, G: np.ndarray, estimated: np.ndarray, output: np.ndarray, is_new: Value
+    correction: Correction, G: np.ndarray, corrected_mask: np.ndarray, output: np.ndarray, is_new: Value
 ) -> RowErrors:
     """Return the RowErrors of a row with this correction; the numbers of a row that is not new are not used."""
     y, information = correction.e * np.sqrt(correction.s), correction.weight / correction.s
     information = np.where(is_new, information, 0.0)
-    return RowErrors(G, correction.H, correction.gain, estimated, y, information, output)
+    return RowErrors(G, correction.H, correction.gain, corrected_mask, y, information, output)
 
 
 class ForwardPass(NamedTuple):
@@ -139,7 +139,7 @@ def kalman_row_errors(mean: np.ndarray, cov: np.ndarray, prediction: StatePredic
 def smooth_backward(forward: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
     """Return the smoothed mean (N, n) and covariance (N, n, n) of each row.  (1)-(4)"""
     mean, cov, errors, n = forward.mean.copy(), forward.cov.copy(), forward.errors, forward.mean.shape[1]
-    groups, group = np.unique(errors.estimated.reshape(-1, n).T, axis=0, return_inverse=True)
+    groups, group = np.unique(errors.corrected_mask.reshape(-1, n).T, axis=0, return_inverse=True)
     groups, group = groups.reshape(len(groups), *errors.y.shape), group.ravel()
     adjoint, information = np.zeros((len(groups), n)), np.zeros((len(groups), len(groups), n, n))
     for k in reversed(range(len(mean))):
@@ -149,7 +149,7 @@ def smooth_backward(forward: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
         cov[k] = mirror_upper(P - np.einsum("ijb,jb->ij", shared_term, P))
         for c in reversed(np.flatnonzero(errors.information[k])):
             H, K, E, i = errors.H[k, c], errors.gain[k, c], groups[:, k, c], errors.information[k, c]
-            gains = np.where(E[:, None] > 0.0, K, errors.estimated[k, c] * K)
+            gains = np.where(E[:, None] > 0.0, K, errors.corrected_mask[k, c] * K)
             adjoint = adjoint + np.outer(E * (errors.y[k, c] * i) - np.sum(gains * adjoint, axis=1), H)
             information = information - H[:, None] * np.einsum("ga,ghab->ghb", gains, information)[:, :, None]
             information = information - np.einsum("ghab,hb->gha", information, gains)[..., None] * H

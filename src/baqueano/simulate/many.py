@@ -56,7 +56,7 @@ class Ensemble(Result):
         Poses in the map.
     nu : ndarray (L, K, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
-    clipped : int
+    clipped_draws : int
         Number of vehicles with a drawn parameter that was set to its bound.
     backend : str
         Back end of the kernel.
@@ -75,7 +75,7 @@ class Ensemble(Result):
     t_s: np.ndarray
     eta: np.ndarray
     nu: np.ndarray
-    clipped: int
+    clipped_draws: int
     backend: str
     envelope_warnings: tuple[Diagnostic, ...] = ()
 
@@ -131,9 +131,9 @@ class Ensemble(Result):
         messages: list[Diagnostic | str] = list(self.envelope_warnings)
         if lost_count:
             messages.append(note("simulate.lost", Severity.WARNING, lost=lost_count, vehicles=vehicles))
-        if self.clipped:
+        if self.clipped_draws:
             messages.append(
-                note("simulate.clipped", Severity.WARNING, clipped=self.clipped, vehicles=vehicles)
+                note("simulate.clipped", Severity.WARNING, clipped=self.clipped_draws, vehicles=vehicles)
             )
         return tuple(messages)
 

@@ -56,18 +56,18 @@ class RunPrediction(NamedTuple):
     """Speed and yaw rate of a run, predicted by a model from the commands only."""
 
     t_s: np.ndarray  # (N,)
-    measured: np.ndarray  # (N, 2) odometer [m/s] and gyro [rad/s]; NaN without a reading
+    measured_values: np.ndarray  # (N, 2) odometer [m/s] and gyro [rad/s]; NaN without a reading
     model: np.ndarray  # (N, 2)
 
     @property
     def rmse(self) -> np.ndarray:
         """Return the rms error (2,) of speed [m/s] and yaw rate [rad/s]."""
-        return np.sqrt(np.nanmean((self.measured - self.model) ** 2, axis=0))
+        return np.sqrt(np.nanmean((self.measured_values - self.model) ** 2, axis=0))
 
     @property
     def explained_variance(self) -> np.ndarray:
         """Return the share (2,) of the variance of speed and yaw rate that the model explains: at most 1."""
-        return 1.0 - self.rmse**2 / np.nanvar(self.measured, axis=0)
+        return 1.0 - self.rmse**2 / np.nanvar(self.measured_values, axis=0)
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ class RunEvaluation:
 
     fit_run: str
     test_run: str
-    predicted: RunPrediction
-    replayed: "Run"
+    prediction: RunPrediction
+    replay_run: "Run"
     figures: "JsonObject"  # values of `compare`
     distance_m: float  # distance measured by the camera
 
@@ -101,14 +101,14 @@ class RunEvaluation:
         replay stopped.
         """
         return not self.figures["ate_m"] < MAX_POSITION_ERROR * self.distance_m or bool(
-            stop_reason_of(self.replayed)
+            stop_reason_of(self.replay_run)
         )
 
     def row(self) -> "JsonObject":
         """Return a flat row in SI units."""
         rmse, explained_variance, figures = (
-            self.predicted.rmse,
-            self.predicted.explained_variance,
+            self.prediction.rmse,
+            self.prediction.explained_variance,
             self.figures,
         )
         row = {"fitted_on": self.fit_run, "judged_on": self.test_run, "held_out": self.is_held_out}
@@ -116,7 +116,7 @@ class RunEvaluation:
         row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained_variance[1])}
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
         row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
-        row |= {"driven_m": self.distance_m, "duration_s": self.replayed.duration_s, "lost": self.is_lost}
+        row |= {"driven_m": self.distance_m, "duration_s": self.replay_run.duration_s, "lost": self.is_lost}
         return row | {key: figures[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
 
 
@@ -152,7 +152,7 @@ class CrossValidation:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
         out, applied_commands = (
             [],
-            {judgement.test_run: judgement.replayed.applied for judgement in self.evaluations},
+            {judgement.test_run: judgement.replay_run.applied for judgement in self.evaluations},
         )
         for judgement in self.evaluations if len(applied_commands) > 1 else ():
             names = self.fits[judgement.fit_run].vehicle_file.command.names
@@ -198,7 +198,7 @@ class CrossValidation:
             )
             if judgement.is_lost:
                 out.append(_("{where}: the estimate diverged from the car", where=run_text))
-            if judgement.is_held_out and np.min(judgement.predicted.explained_variance) < MIN_EXPLAINED:
+            if judgement.is_held_out and np.min(judgement.prediction.explained_variance) < MIN_EXPLAINED:
                 out.append(
                     _(
                         "{where}: less than {explains:.0f} % of speed or yaw rate is explained",

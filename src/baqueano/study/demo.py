@@ -70,8 +70,8 @@ class Demo:
     truth: VehicleFile
     fit: Fit
     noise: Noise
-    tuned: TuneResult
-    repeated: "Run"
+    tuning: TuneResult
+    repeat_run: "Run"
     comparison: Comparison
     folder: Path
 
@@ -96,7 +96,7 @@ class Demo:
     @property
     def verdict(self) -> Verdict:
         """Return STOPPED if the vehicle was stopped, else the verdict of the fit."""
-        return Verdict.STOPPED if stop_reason_of(self.repeated) else self.fit.verdict
+        return Verdict.STOPPED if stop_reason_of(self.repeat_run) else self.fit.verdict
 
     def table(self) -> str:
         """Return the parameters and a summary as a text table."""
@@ -123,12 +123,12 @@ class Demo:
     def _summary(self) -> list[str]:
         """Return one line each for gains, laps, speed, filter, corridor and verdict."""
         figures, corridor = self.comparison.rows()[0], self.comparison.runs[0].corridor
-        gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuned.values.items())
+        gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuning.values.items())
         lines = {
             _("gains"): _(
                 "{gains}: a lap that begins beside its route costs {cost:.2g} m²; before, it cost "
                 "{before:.2g} m²",
-                gains=gains, cost=self.tuned.cost, before=self.tuned.cost_before,
+                gains=gains, cost=self.tuning.cost, before=self.tuning.cost_before,
             ),
             _("repeat, {laps} laps", laps=LAPS): _(
                 "cross-track error: {estimate_cm:.1f} cm rms according to the estimate; the true value is "
@@ -170,7 +170,7 @@ class Demo:
         stages = partial_fits(
             [*fits, (run.duration_s, self.fit)], list(labels), [truth[name] for name in labels]
         )
-        return animation(scene(self.repeated), stages, list(labels.values()))
+        return animation(scene(self.repeat_run), stages, list(labels.values()))
 
     def page(self) -> Page:
         """Return the report page of the demo."""
@@ -191,8 +191,8 @@ class Demo:
             verdict=self.verdict,
             headlines=[headline, *headlines(figures)],
             sections=[
-                Section(_("Teach and repeat"), text, paths(self.repeated)),
-                *driving_sections(self.repeated, figures),
+                Section(_("Teach and repeat"), text, paths(self.repeat_run)),
+                *driving_sections(self.repeat_run, figures),
                 *sections_of_fit(self.fit, self.true_values),
                 Section(_("Noise"), _("Measured in the same run."), [Table(self.noise.rows())]),
                 Section(
@@ -201,16 +201,18 @@ class Demo:
                         "The gains were tuned on the identified model, from a start beside the route. The "
                         "paper's cost, with a weight on changes of the command, is {cost:.2g} m²; before, "
                         "it was {before:.2g} m².",
-                        cost=self.tuned.cost,
-                        before=self.tuned.cost_before,
+                        cost=self.tuning.cost,
+                        before=self.tuning.cost_before,
                     ),
                     [
                         Table(
-                            self.tuned.rows(), "", {key: _(heading) for key, heading in INITIAL_GAINS.items()}
+                            self.tuning.rows(),
+                            "",
+                            {key: _(heading) for key, heading in INITIAL_GAINS.items()},
                         )
                     ],
                 ),
-                *errors(self.repeated),
+                *errors(self.repeat_run),
             ],
             reproduce="baqueano demo",
         )

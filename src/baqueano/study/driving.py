@@ -67,7 +67,7 @@ SINGLE_SPEED = (0.2,)  # of the cases with one speed
 class DrivingCase(NamedTuple):
     """A difference between the driven robot and the identified robot."""
 
-    changed: Callable[[Robots], Robots]
+    change: Callable[[Robots], Robots]
     perfect: bool  # pose and velocity are known
     speeds: tuple[float, ...]
 
@@ -125,7 +125,7 @@ class Driving:
 
     drives: tuple[LapErrors, ...]
     driven: int  # robots, fewer than requested if it was interrupted
-    refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
+    refused_robots: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
     def laps_of(self, case: str, shape: str, speed: float) -> list[LapErrors]:
         """Return the laps of one case, shape and speed."""
@@ -146,8 +146,8 @@ class Driving:
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each limit that is exceeded."""
         out = (
-            [_("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused)))]
-            if self.refused
+            [_("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused_robots)))]
+            if self.refused_robots
             else []
         )
         for row in self.rows():

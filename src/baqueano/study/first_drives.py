@@ -70,9 +70,9 @@ class FirstDriveRow(NamedTuple):
 
     wiring: str
     drives: int
-    touched: int  # drives in which the body touched a wall
+    touches: int  # drives in which the body touched a wall
     nearest_m: float  # the smallest distance between body and wall
-    named: int  # drives with the correct diagnosis of the wiring
+    correct_names: int  # drives with the correct diagnosis of the wiring
     gain_off: (
         float  # median of the larger of (estimated ÷ true, true ÷ estimated) gain; NaN with wrong wiring
     )
@@ -88,8 +88,8 @@ class FirstDrives:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence if a body touched a wall, and one if a wiring was diagnosed wrongly."""
-        touches = sum(row.touched for row in self.wiring_rows)
-        wrong_names = sum(row.drives - row.named for row in self.wiring_rows)
+        touches = sum(row.touches for row in self.wiring_rows)
+        wrong_names = sum(row.drives - row.correct_names for row in self.wiring_rows)
         return (
             *([_("in {touched} drives the body touched a wall", touched=touches)] if touches else []),
             *(
@@ -104,7 +104,7 @@ class FirstDrives:
         """Return REFUSED if a wall was touched, WARN with other reasons, else USABLE."""
         return (
             Verdict.REFUSED
-            if any(row.touched for row in self.wiring_rows)
+            if any(row.touches for row in self.wiring_rows)
             else Verdict.WARN
             if self.reasons
             else Verdict.USABLE
@@ -118,7 +118,7 @@ class FirstDrives:
         """Return the rows and reasons as a text table."""
         head = [_("wiring"), _("drives"), _("touched"), _("free space"), _("named"), _("gain"), _("time")]
         rows = (
-            [_(r.wiring), str(r.drives), str(r.touched), f"{number(100.0 * r.nearest_m):.0f} cm", str(r.named),
+            [_(r.wiring), str(r.drives), str(r.touches), f"{number(100.0 * r.nearest_m):.0f} cm", str(r.correct_names),
              f"{number(r.gain_off):.2f}×" if np.isfinite(r.gain_off) else "-", f"{number(r.longest_s):.0f} s"]
             for r in self.wiring_rows
         )  # fmt: skip
@@ -131,7 +131,7 @@ class FirstDriveFigures(NamedTuple):
 
     wiring: str
     margin_m: float
-    named: bool
+    is_named: bool
     gain_off: float
     seconds: float
 
@@ -158,7 +158,7 @@ def _row(wiring: str, figures: list[FirstDriveFigures]) -> FirstDriveRow:
     margins = np.array([drive.margin_m for drive in figures])
     gain = float(np.median([drive.gain_off for drive in figures]))
     named_count, max_duration_s = (
-        sum(drive.named for drive in figures),
+        sum(drive.is_named for drive in figures),
         max(drive.seconds for drive in figures),
     )
     return FirstDriveRow(

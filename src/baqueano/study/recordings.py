@@ -31,7 +31,7 @@ class RecordingStudy:
 
     result_rows: tuple["JsonObject", ...]
     missing_recordings: tuple[str, ...]  # sentences on missing recordings
-    stopped: bool = False  # True after Ctrl-C, before all recordings were evaluated
+    is_interrupted: bool = False  # True after Ctrl-C, before all recordings were evaluated
 
     def rows(self) -> list["TableRow"]:
         """Return the rows of all recordings, with recording, quantity, value, criterion (bar) and ok."""
@@ -108,7 +108,7 @@ def recordings(
                 stopped_note = _(
                     "stopped from the keyboard: {name} and all later results are excluded", name=name
                 )
-                return RecordingStudy(tuple(rows), (*left_out, stopped_note), stopped=True)
+                return RecordingStudy(tuple(rows), (*left_out, stopped_note), is_interrupted=True)
     if not rows:
         check_cpm_present()
     return RecordingStudy(tuple(rows), tuple(left_out))

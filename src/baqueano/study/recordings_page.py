@@ -60,7 +60,7 @@ def sections_of(judgement: RunEvaluation) -> list[Section]:
         fit_run=judgement.fit_run,
         test_run=judgement.test_run,
     )
-    t_s, measured_values, model = judgement.predicted
+    t_s, measured_values, model = judgement.prediction
     is_shown = t_s <= t_s[0] + SHOWN_S
     drawing = figures.channels(
         t_s[is_shown], measured_values[is_shown], model[is_shown], [_(name) for name in CHANNELS]
@@ -74,8 +74,8 @@ def sections_of(judgement: RunEvaluation) -> list[Section]:
     )
     return [
         Section(_("{title}: the model", title=title), "", [drawings]),
-        Section(_("{title}: the path", title=title), text, paths(judgement.replayed)),
-        *errors(judgement.replayed),
+        Section(_("{title}: the path", title=title), text, paths(judgement.replay_run)),
+        *errors(judgement.replay_run),
     ]
 
 

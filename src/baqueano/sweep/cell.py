@@ -101,7 +101,7 @@ def _replay(job: SweepJob) -> "Run":
 def row_of_drive(drive: SweepDrive) -> dict[str, object]:
     """Return a drive as a dict for JSON, without rounding."""
     return {
-        "figures": drive.figures, "stopped": drive.stopped,
+        "figures": drive.figures, "stopped": drive.stop_code,
         "pieces": {name: list(pieces) for name, pieces in drive.pieces.items()},
     }  # fmt: skip
 

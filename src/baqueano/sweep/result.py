@@ -75,7 +75,7 @@ class SweepDrive(NamedTuple):
         Results by their names; NaN if not known.
     pieces : dict of ErrorSegments
         Segments of each rms value, by which drives are compared.
-    stopped : str
+    stop_code : str
         Code of the reason why the drive was stopped, or "".
 
     Examples
@@ -88,7 +88,7 @@ class SweepDrive(NamedTuple):
     name: str
     figures: dict[str, float]
     pieces: dict[str, ErrorSegments]
-    stopped: str
+    stop_code: str
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -99,7 +99,7 @@ class SweepResult(Result):
     ----------
     drives : tuple of SweepDrive
         The drives, cell by cell.
-    requested : int
+    requested_drives : int
         Number of drives of the call. After Ctrl-C, `drives` contains fewer drives.
     reference : str
         Label of the cell with which the other cells are compared.
@@ -113,7 +113,7 @@ class SweepResult(Result):
     """
 
     drives: tuple[SweepDrive, ...]
-    requested: int
+    requested_drives: int
     reference: str
 
     def __repr__(self) -> str:
@@ -126,7 +126,7 @@ class SweepResult(Result):
             {
                 "cell": drive.cell.label, "estimator": drive.cell.estimator, "controller": drive.cell.controller,
                 "guide": drive.cell.guide, "drive": drive.name,
-                **{name: drive.figures.get(name, float("nan")) for name in ALL_FIGURES}, "stopped": drive.stopped,
+                **{name: drive.figures.get(name, float("nan")) for name in ALL_FIGURES}, "stopped": drive.stop_code,
             }
             for drive in self.drives
         ]  # fmt: skip
@@ -138,7 +138,7 @@ class SweepResult(Result):
             row: TableRow = {
                 "cell": label,
                 "drives": len(drives),
-                "stopped": sum(bool(d.stopped) for d in drives),
+                "stopped": sum(bool(d.stop_code) for d in drives),
             }
             for name in ALL_FIGURES:
                 x = np.array([d.figures.get(name, np.nan) for d in drives])
@@ -185,8 +185,10 @@ class SweepResult(Result):
             for row in self.cells()
             if row["stopped"]
         ]
-        if len(self.drives) < self.requested:
-            out.append(note("sweep.part", Severity.WARNING, done=len(self.drives), requested=self.requested))
+        if len(self.drives) < self.requested_drives:
+            out.append(
+                note("sweep.part", Severity.WARNING, done=len(self.drives), requested=self.requested_drives)
+            )
         return tuple(out)
 
     def table(self) -> str:

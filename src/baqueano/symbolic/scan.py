@@ -369,7 +369,7 @@ class TracedScan(Scan):
 
     def _check(self, keep_all: bool, flat_start: np.ndarray) -> Tree:
         pair = self._runner(keep_all, given_start=True)
-        mirrored_entries, mirror = pair[0].mirrored, pair[0].mirror
+        mirrored_entries, mirror = pair[0].mirrored_entries, pair[0].mirror
         is_symmetric = not len(mirrored_entries) or np.array_equal(
             flat_start[..., mirrored_entries], flat_start[..., mirror], equal_nan=True
         )

@@ -35,7 +35,7 @@ class TickErrors(NamedTuple):
 
     distance_m: Tree  # from the reference
     heading_rad: Tree
-    saturated: Tree  # 1.0 if the command is at its limit
+    at_limit: Tree  # 1.0 if the command is at its limit
 
 
 def tick_cost(weights: Weights, limit: np.ndarray, output: Tree) -> Tree:

@@ -57,7 +57,7 @@ class _LapTick(NamedTuple):
     y: Tree
     costs: _TickCosts
     distance_m: Tree
-    saturated: Tree
+    at_limit: Tree
 
 
 class SimulatedLap(NamedTuple):
@@ -69,7 +69,7 @@ class SimulatedLap(NamedTuple):
     jerk_cost: float
     distance_rms_m: float
     distance_max_m: float
-    saturated: float  # fraction of the ticks at a limit of the command
+    saturated_fraction: float  # fraction of the ticks at a limit of the command
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ class SimulatedLaps:
         """Return the simulated lap with gains (p,)."""
         _, tick = self._lap_kernel.run(self._inputs, gains)
         costs = float(np.sum(tick.costs.path)), float(np.sum(tick.costs.jerk))
-        max_distance_m, saturated_fraction = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
+        max_distance_m, saturated_fraction = float(np.max(tick.distance_m)), float(np.mean(tick.at_limit))
         return SimulatedLap(tick.x, tick.y, *costs, rms(tick.distance_m), max_distance_m, saturated_fraction)
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
@@ -148,7 +148,7 @@ def simulated_laps(
 
     def output(loop_output: Tree) -> _LapTick:
         errors, eta = tick_errors(limit, loop_output), loop_output.truth.eta
-        return _LapTick(eta[0], eta[1], costs(loop_output), errors.distance_m, errors.saturated)
+        return _LapTick(eta[0], eta[1], costs(loop_output), errors.distance_m, errors.at_limit)
 
     paths = tuple(f"controller.{name}" for name in space.names)
     state = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))

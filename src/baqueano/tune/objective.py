@@ -67,7 +67,7 @@ class DriveErrors(NamedTuple):
     distance_rms_m: float
     distance_max_m: float
     heading_rms_rad: float
-    saturated: float  # fraction of the ticks at a limit of the command
+    saturated_fraction: float  # fraction of the ticks at a limit of the command
 
 
 class ObjectiveCase(NamedTuple):

@@ -57,7 +57,7 @@ class FreshSeeds(NamedTuple):
 
     seeds: int
     cost: float  # [m²]
-    searched: float  # with the noise of the search
+    search_cost: float  # with the noise of the search
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -165,8 +165,10 @@ class TuneResult(Result):
             messages.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
         if not all(m.stable for m in self.margins):
             messages.append(note("tune.unstable", Severity.WARNING, speed_m_s=self.margins[0].speed_m_s))
-        if self.drive.saturated > 0.2:
-            messages.append(note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated))
+        if self.drive.saturated_fraction > 0.2:
+            messages.append(
+                note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated_fraction)
+            )
         return tuple(messages)
 
     def rows(self) -> list["TableRow"]:
@@ -234,7 +236,7 @@ class TuneResult(Result):
             _(
                 "command at its limit {percent:.0f} % of the time; {agreed} of {starts} searches end at the same "
                 "cost, after {evaluations} evaluations in total",
-                percent=100 * d.saturated, agreed=self.agreeing_descents, starts=len(self.descents),
+                percent=100 * d.saturated_fraction, agreed=self.agreeing_descents, starts=len(self.descents),
                 evaluations=len(self.history),
             ),
             *self._check_lines(),
@@ -257,7 +259,7 @@ class TuneResult(Result):
         if self.fresh_seeds:
             lines.append(
                 _(
-                    "on {seeds} other seeds {cost:.4g} m², on the seeds of the search {searched:.4g} m²",
+                    "on {seeds} other seeds {cost:.4g} m², on the seeds of the search {search_cost:.4g} m²",
                     **self.fresh_seeds._asdict(),
                 )
             )

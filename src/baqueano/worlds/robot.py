@@ -36,16 +36,16 @@ class Telemetry(NamedTuple):
     """The telemetry of one moment, in the clock of the host."""
 
     t_ns: int
-    applied: tuple[
+    applied_duty: tuple[
         float, float
     ]  # duties of the left and the right motor, [-1, 1], mean since the previous telemetry
     counts: tuple[int, int]  # of the encoders since the firmware started; they wrap at 2³¹
     battery_v: float  # 0 if the measurement is not connected
     marks: int  # lines passed since the firmware started
     mark_ns: int  # time of the last line
-    stopped: Diagnostic | None  # reason why the firmware has stopped the motors; None if they are driven
+    stop_reason: Diagnostic | None  # reason why the firmware has stopped the motors; None if they are driven
     encoder_silent: bool = False  # an encoder does not count although its motor is driven hard
-    now: tuple[float, float] | None = None  # present duty; None: as `applied`
+    now: tuple[float, float] | None = None  # present duty; None: as `applied_duty`
     boot: int = 0  # a new value means that the firmware and its counts have restarted
 
 
@@ -220,7 +220,7 @@ class Robot(World):
             return stop(StopReason.UNO_SILENT, silent_ms=1e3 * silent_s)
         if silent_s > MAX_NOISY_S:
             return stop(StopReason.LINE_NOISY, silent_ms=1e3 * silent_s)
-        return self._last.stopped
+        return self._last.stop_reason
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
         """Return the name, time [ns] and value of readings without a sensor (battery, chip) since the last call."""
@@ -233,8 +233,8 @@ class Robot(World):
         return events
 
     def _update_duties(self, telemetry: Telemetry) -> None:
-        duty = telemetry.applied if telemetry.now is None else telemetry.now
-        self._duties.update(telemetry.t_ns, telemetry.applied, duty, telemetry.stopped is not None)
+        duty = telemetry.applied_duty if telemetry.now is None else telemetry.now
+        self._duties.update(telemetry.t_ns, telemetry.applied_duty, duty, telemetry.stop_reason is not None)
 
     def _imu_slot(self, t_ns: int) -> Slot | None:
         """Return (a_x, a_y, ω_z) of the body and its age, with the delay of the chip; None without a sample.  (3)"""

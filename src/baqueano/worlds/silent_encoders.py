@@ -31,7 +31,7 @@ class SilentEncoders:
         """
         previous, self._previous = self._previous, telemetry
         for wheel in range(2):
-            is_driven = abs(telemetry.applied[wheel]) >= MIN_DRIVEN_DUTY
+            is_driven = abs(telemetry.applied_duty[wheel]) >= MIN_DRIVEN_DUTY
             if previous is None or not is_driven or telemetry.counts[wheel] != previous.counts[wheel]:
                 self._quiet_ns[wheel] = telemetry.t_ns
         if not telemetry.encoder_silent:

@@ -117,14 +117,14 @@ def test_applied_duty_is_the_mean_between_frames_despite_a_lost_frame(line, uno)
     line.seq += 1  # a frame that never arrives
     line.send(state(30, sums=(20 * 400, -20 * 100)))
     measurements = uno.receive()
-    np.testing.assert_allclose(measurements[-1].applied, [0.4, -0.1])
+    np.testing.assert_allclose(measurements[-1].applied_duty, [0.4, -0.1])
     assert uno.statistics.lost == 1
 
 
 def test_an_overflow_of_the_duty_sum_causes_no_jump(line, uno):
     line.send(state(10, sums=((1 << 31) - 1000, 0)))
     line.send(state(20, sums=(-(1 << 31) + 2000, 0)))
-    assert uno.receive()[-1].applied[0] == pytest.approx(0.3)
+    assert uno.receive()[-1].applied_duty[0] == pytest.approx(0.3)
 
 
 def test_fw7_a_reset_disarms_with_its_cause_until_armed_again(line, uno):
@@ -132,7 +132,7 @@ def test_fw7_a_reset_disarms_with_its_cause_until_armed_again(line, uno):
     line.send(state(10, flags=StateFlag.ARMED))
     uno.pump()
     line.send(state(5, nonce=9))
-    assert uno.receive()[-1].stopped.code == StopReason.UNO_RESET
+    assert uno.receive()[-1].stop_reason.code == StopReason.UNO_RESET
     line.sent.clear()
     line.send(info(nonce=9, cause=ResetCause.BROWN_OUT))
     uno.pump()
@@ -158,7 +158,7 @@ def test_every_reason_of_the_firmware_is_reported(line, uno, flags, code, figure
     uno.drive(0.5, 0.5)
     line.send(state(10, flags=StateFlag.ARMED))
     line.send(state(20, flags=flags, age=310))
-    stop_reason = uno.receive()[-1].stopped
+    stop_reason = uno.receive()[-1].stop_reason
     assert (stop_reason.code, stop_reason.figures) == (code, figures)
 
 
@@ -188,11 +188,11 @@ def test_an_unconfirmed_arming_becomes_a_fault_after_0_6_s(line, uno):
     for t_ms, trouble in [(400, False), (590, False), (610, True)]:
         line.now_ns = t_ms * MS
         line.send(state(t_ms))
-        stop_reason = uno.receive()[-1].stopped
+        stop_reason = uno.receive()[-1].stop_reason
         assert (stop_reason is not None and stop_reason.code == StopReason.UNO_DEAF) == trouble
     uno.arm()
     line.send(state(620))
-    assert uno.receive()[-1].stopped is None, "arming is sent again, with a new timeout"
+    assert uno.receive()[-1].stop_reason is None, "arming is sent again, with a new timeout"
 
 
 @pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
@@ -320,13 +320,15 @@ def test_a_cleared_stop_does_not_block_the_next_drive(line, uno):
     uno.arm()
     line.send(info(nonce=9, cause=ResetCause.BROWN_OUT))
     line.send(state(5, nonce=9))
-    assert uno.receive()[-1].stopped.figures == {"cause": "brown-out"}
+    assert uno.receive()[-1].stop_reason.figures == {"cause": "brown-out"}
     uno.clear_stop()
     line.send(state(15, nonce=9))
-    assert uno.receive()[-1].stopped is None
+    assert uno.receive()[-1].stop_reason is None
     line.send(state(25, nonce=9, flags=StateFlag.STOPPED))
     uno.clear_stop()
-    assert uno.receive()[-1].stopped.code == StopReason.UNO_LATCHED, "a persistent fault is reported again"
+    assert uno.receive()[-1].stop_reason.code == StopReason.UNO_LATCHED, (
+        "a persistent fault is reported again"
+    )
 
 
 def test_repeated_or_out_of_order_telemetry_is_counted_and_discarded(line, uno):

@@ -215,17 +215,17 @@ class WrittenRun(NamedTuple):
     """An imported run, the path of its file, and the findings about the import."""
 
     path: Path
-    imported: "ImportedRun"
+    import_result: "ImportedRun"
 
     @property
     def verdict(self) -> str:
         """Return the verdict of the import."""
-        return self.imported.verdict
+        return self.import_result.verdict
 
     def rows(self) -> list["TableRow"]:
         """Return the content of the run, then the findings, each with the run's path."""
         run_row = {"level": "run", "finding": "", "t_s": None, "text": self._content_text()}
-        return [{"run": str(self.path)} | row for row in [run_row, *self.imported.rows()]]
+        return [{"run": str(self.path)} | row for row in [run_row, *self.import_result.rows()]]
 
     def table(self) -> str:
         """Return content and findings as a text table."""
@@ -234,13 +234,13 @@ class WrittenRun(NamedTuple):
                 None,
                 (
                     _("run: {path}, {holds}", path=self.path, holds=self._content_text()),
-                    self.imported.without_common_findings.table(),
+                    self.import_result.without_common_findings.table(),
                 ),
             )
         )
 
     def _content_text(self) -> str:
-        run = self.imported.run
+        run = self.import_result.run
         channels = [*run.sensors, *([_("truth")] if run.truth is not None else [])]
         return _(
             "{ticks} ticks, {duration_s:.1f} s, with {sensors}",

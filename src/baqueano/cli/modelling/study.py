@@ -118,8 +118,10 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     with show_progress(note("cli.study-faults", count=count), count) as advance:
         result = faults(seed_count, seed, processes=processor_count(), backend=backend, advance=advance)
     print_answer(result, as_json)
-    if result.requested > result.attempted:
-        raise Interruption(fault("cli.study-interrupted", done=result.attempted, requested=result.requested))
+    if result.fit_count > result.ended_count:
+        raise Interruption(
+            fault("cli.study-interrupted", done=result.ended_count, requested=result.fit_count)
+        )
     if result.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
 
@@ -248,7 +250,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     with show_steps() as begin:
         result = recordings(backend, begin)
     print_answer(result, as_json)
-    if result.stopped:
+    if result.is_interrupted:
         raise Interruption(fault("cli.recordings-interrupted"))
     with show_steps() as begin:
         study = None if missing_paths(files_of_maps(CPM_MAPS)) else cross_validate(backend, begin)
@@ -378,5 +380,5 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
         with show_steps() as begin:
             result = with_recordings(result, backend, begin)
     print_answer(result, as_json)
-    if (count := result.vehicles + len(result.refused)) < vehicles:
+    if (count := result.vehicles + len(result.refused_robots)) < vehicles:
         raise Interruption(fault("cli.study-interrupted", done=count, requested=vehicles))

@@ -128,7 +128,7 @@ def command(
     print_answer(result, as_json, cells=result.cells())
     if report:
         report.write(lambda: page_of_sweep(result), reproducible=True)
-    if len(result.drives) < result.requested:
+    if len(result.drives) < result.requested_drives:
         raise Interruption(
-            fault("cli.study-interrupted", done=len(result.drives), requested=result.requested)
+            fault("cli.study-interrupted", done=len(result.drives), requested=result.requested_drives)
         )

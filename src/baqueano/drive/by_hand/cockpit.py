@@ -81,8 +81,8 @@ class Cockpit(Observer):
         self._limit = np.where(np.isfinite(limit), limit, 1.0)
         n = len(self._limit)
         self.status = screen.Status(
-            name, requested=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, speed_share=share,
-            hold_command=float("nan") if hold else None,
+            name, driver_command=np.zeros(n), motor_command=np.zeros(n), names=names, limit=self._limit,
+            speed_share=share, hold_command=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
         self._given_line, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
@@ -126,10 +126,10 @@ class Cockpit(Observer):
         forward, left = (0.0, 0.0) if self._stop or self._ended else self._direction(now_s)
         u = np.zeros(len(self._limit))
         u[0], u[-1] = forward, left
-        self.status.requested = u * self.status.speed_share * self._limit * self.delay_factor  # (1)
+        self.status.driver_command = u * self.status.speed_share * self._limit * self.delay_factor  # (1)
         self.status.standstill_reason = self._standstill_reason()
         self._draw_status(now_s)
-        return self.status.requested.copy()
+        return self.status.driver_command.copy()
 
     @property
     def delay_factor(self) -> float:
@@ -162,13 +162,13 @@ class Cockpit(Observer):
 
     def on_record(self, record: Record) -> None:
         """Show a tick on the display, for a world in this process."""
-        self.status.applied = np.asarray(record.tick.u)
+        self.status.motor_command = np.asarray(record.tick.u)
         self._update_hold(record.requested.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
         )
-        self.status.degraded = text(degraded_note(record.degraded))
+        self.status.sensor_text = text(degraded_note(record.degraded))
 
     def show(self, state: JsonObject) -> None:
         """Show the state of a remote vehicle on the display."""
@@ -176,9 +176,9 @@ class Cockpit(Observer):
         s.state, s.reason = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
             setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
-        s.degraded = text(state.get("degraded"))
+        s.sensor_text = text(state.get("degraded"))
         if state.get("u") is not None and len(state["u"]) == len(self._limit):
-            s.applied = np.array(state["u"], dtype=float)
+            s.motor_command = np.array(state["u"], dtype=float)
             self._update_hold(state.get("requested", state["u"]))
 
     def show_message(self, line: str) -> None:
@@ -189,7 +189,7 @@ class Cockpit(Observer):
         """Update the turn command of the heading hold on the display. It is NaN unless the driver drives straight."""
         s, turn = self.status, float(requested[-1])
         if s.hold_command is not None:
-            straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
+            straight = s.driver_command[0] != 0.0 and s.driver_command[-1] == 0.0
             s.hold_command = (
                 turn if straight and abs(turn) <= MAX_TURN_SHARE * self._limit[-1] else float("nan")
             )
@@ -202,7 +202,7 @@ class Cockpit(Observer):
         by_pad = self._pad is not None and self._pad.is_held
         violation = None
         if by_pad or not self._key_hold.is_nudge:
-            violation = dead_zone_violation(self._drivetrain, self.status.requested)
+            violation = dead_zone_violation(self._drivetrain, self.status.driver_command)
         if violation is None:
             return ""
         advice = _("push further, or press +") if by_pad else _(INCREASE_HINTS[self._key_hold.mode])

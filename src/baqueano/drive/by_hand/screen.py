@@ -30,8 +30,8 @@ class Status:
     t_s: float = 0.0
     state: str = ""
     reason: str = ""
-    requested: np.ndarray = field(default_factory=lambda: np.zeros(3))  # of the driver
-    applied: np.ndarray = field(default_factory=lambda: np.zeros(3))  # at the motors
+    driver_command: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    motor_command: np.ndarray = field(default_factory=lambda: np.zeros(3))
     names: tuple[str, ...] = ("u_x", "u_y", "u_psi")
     limit: np.ndarray = field(default_factory=lambda: np.ones(3))
     speed_m_s: float = nan
@@ -45,7 +45,7 @@ class Status:
     hold_command: float | None = None  # turn command of the heading hold; NaN: not active now, None: not used
     mark_count: int = 0
     pad: str = ""
-    degraded: str = ""  # the degraded sensors
+    sensor_text: str = ""  # the degraded sensors
     standstill_reason: str = ""  # why the vehicle stays at rest although motion is commanded
     message: str = ""  # the last message to the driver
 
@@ -73,8 +73,8 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
             degrees=decimal_text(degrees(s.yaw_rate_rad_s), 0),
         ),
         *(
-            f"   {s.names[k]:6} {_duty_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
-            + _("wanted {expected:+5.2f}", expected=float(s.requested[k]))
+            f"   {s.names[k]:6} {_duty_bar(s.motor_command[k])} {number(float(s.motor_command[k])):+5.2f}   "
+            + _("wanted {expected:+5.2f}", expected=float(s.driver_command[k]))
             + (f"   {_hold_text(s.hold_command)}" if k == len(s.limit) - 1 else "")
             for k in active
         ),
@@ -94,7 +94,7 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
         *([f"   {s.pad}"] if s.pad else []),
         "   " + _("arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch"),
         "   " + _("SPACE stops the vehicle | m on the mark now | q ends the drive"),
-        f"   {s.reason or s.degraded or s.standstill_reason or s.message}",
+        f"   {s.reason or s.sensor_text or s.standstill_reason or s.message}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
 

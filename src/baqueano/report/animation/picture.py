@@ -93,7 +93,9 @@ class _Map:
 
     def __init__(self, scene: Scene) -> None:
         poses_list = [
-            poses[:, :2] for poses in (scene.estimated, scene.true, scene.route) if poses is not None
+            poses[:, :2]
+            for poses in (scene.estimated_poses, scene.true_poses, scene.route)
+            if poses is not None
         ]
         xy = np.concatenate(poses_list)
         widest = 0.0 if scene.half_m is None else float(np.nanmax(scene.half_m, initial=0.0))
@@ -136,10 +138,10 @@ def _path(scene: Scene, clock: _Clock) -> list[str]:
         for t, eta, deg in zip(scene.t_s, scene.vehicle_poses, headings, strict=True)
     ]
     wheel = f'<rect class="wheel" x="{-size_px / 2.6:.1f}" width="{size_px / 1.3:.1f}" height="{size_px / 3.2:.1f}"'
-    if scene.true is not None and scene.estimated is not None:
-        heading_deg = np.degrees(np.unwrap(scene.estimated[:, 2]))
+    if scene.true_poses is not None and scene.estimated_poses is not None:
+        heading_deg = np.degrees(np.unwrap(scene.estimated_poses[:, 2]))
         ghost = [(clock.picture_time_s(t), to_picture.pose(eta, deg))
-                 for t, eta, deg in zip(scene.t_s, scene.estimated, heading_deg, strict=True)]  # fmt: skip
+                 for t, eta, deg in zip(scene.t_s, scene.estimated_poses, heading_deg, strict=True)]  # fmt: skip
         style = clock.animate("g", [(s, f"{css};opacity:{int(s > clock.begin_s)}") for s, css in ghost])
         elements.append(f'<g style="{ghost[-1][1]};{style}"><circle class="ghost" r="{size_px:.1f}"/></g>')
     elements.append(
@@ -178,12 +180,12 @@ def _trail(scene: Scene, to_picture: _Map, clock: _Clock) -> list[str]:
     for k, (t, _until) in enumerate(pairwise(scene.t_s)):
         parts = []
         if (
-            scene.estimated is not None
+            scene.estimated_poses is not None
             and scene.half_m is not None
             and np.isfinite(scene.half_m[k : k + 2]).all()
         ):
             parts.append(_quad(scene, to_picture, k))
-        for poses, kind in ((scene.estimated, "sure"), (scene.true, "true")):
+        for poses, kind in ((scene.estimated_poses, "sure"), (scene.true_poses, "true")):
             if poses is not None:
                 (x0, y0), (x1, y1) = to_picture(poses[k : k + 2, :2])
                 parts.append(f'<path class="{kind}" d="M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}"/>')
@@ -197,9 +199,9 @@ def _trail(scene: Scene, to_picture: _Map, clock: _Clock) -> list[str]:
 
 def _quad(scene: Scene, to_picture: _Map, k: int) -> str:
     """Return the corridor between two instants."""
-    assert scene.estimated is not None
+    assert scene.estimated_poses is not None
     assert scene.half_m is not None
-    eta, half_width = scene.estimated[k : k + 2], scene.half_m[k : k + 2, None]
+    eta, half_width = scene.estimated_poses[k : k + 2], scene.half_m[k : k + 2, None]
     to_left = half_width * np.stack([-np.sin(eta[:, 2]), np.cos(eta[:, 2])], axis=1)
     corners = to_picture(np.concatenate([eta[:, :2] + to_left, (eta[:, :2] - to_left)[::-1]]))
     return '<path class="band" d="M' + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + 'z"/>'
@@ -220,8 +222,8 @@ def _readout(scene: Scene, clock: _Clock, y: float) -> list[str]:
         if scene.half_m is not None:
             radius = _("lost") if np.isnan(scene.half_m[k]) else f"± {_length(scene.half_m[k])}"
             lines.append(_("cross-track: {width} (95 %)", width=radius))
-        if scene.true is not None and scene.estimated is not None:
-            error_m = float(np.hypot(*(scene.true[k] - scene.estimated[k])[:2]))
+        if scene.true_poses is not None and scene.estimated_poses is not None:
+            error_m = float(np.hypot(*(scene.true_poses[k] - scene.estimated_poses[k])[:2]))
             lines.append(_("true error at the end: {distance}", distance=_length(error_m)))
         texts = "".join(
             f'<text x="{MAP_SIZE_PX + 50}" y="{y + 22 * row:.0f}"{_kind(row)}>{escape(line)}</text>'
@@ -246,8 +248,8 @@ def _legend(scene: Scene, y: float) -> list[str]:
     """Return a legend line for each drawn element."""
     entries = [("route", _("taught path"), scene.route is not None),
              ("band", _("corridor, 95 %"), scene.half_m is not None),
-             ("sure", _("estimated path"), scene.estimated is not None),
-             ("true", _("true path"), scene.true is not None)]  # fmt: skip
+             ("sure", _("estimated path"), scene.estimated_poses is not None),
+             ("true", _("true path"), scene.true_poses is not None)]  # fmt: skip
     elements, x = [], MAP_SIZE_PX + 50
     for k, (kind, label, _visible) in enumerate([entry for entry in entries if entry[2]]):
         at_x, at_y = x + 160 * (k % 2), y + 24 * (k // 2) + 14

@@ -22,8 +22,8 @@ class Scene:
     """Poses (M, 3) at M equally spaced instants; data are None if the run does not contain them."""
 
     t_s: np.ndarray  # (M,) since the first tick
-    estimated: np.ndarray | None  # (M, 3)
-    true: np.ndarray | None  # (M, 3)
+    estimated_poses: np.ndarray | None  # (M, 3)
+    true_poses: np.ndarray | None  # (M, 3)
     half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN if the position is too uncertain
     route: np.ndarray | None  # (K, 2) one lap of the reference path
     laps: int
@@ -34,7 +34,7 @@ class Scene:
         """Return the poses (M, 3) at which the vehicle is drawn: the
         true poses, or the estimated poses without a truth.
         """
-        poses = self.estimated if self.true is None else self.true
+        poses = self.estimated_poses if self.true_poses is None else self.true_poses
         assert poses is not None
         return poses
 

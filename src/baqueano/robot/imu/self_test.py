@@ -43,14 +43,14 @@ LEAST_6500, MOST_6500 = 0.5, 1.5
 class AxisResponse(NamedTuple):
     """The response of an axis, and the factory's response `trim`, in °/s or g.
 
-    `passed` is None if the factory did not write a code.
+    `has_passed` is None if the factory did not write a code.
     """
 
     name: str
     unit: str
     response: float
     trim: float
-    passed: bool | None
+    has_passed: bool | None
 
 
 class SelfTest(NamedTuple):
@@ -61,7 +61,7 @@ class SelfTest(NamedTuple):
     @property
     def has_passed(self) -> bool:
         """Return True if no axis failed. An axis without a factory code cannot fail."""
-        return all(axis.passed is not False for axis in self.axes)
+        return all(axis.has_passed is not False for axis in self.axes)
 
     def table(self) -> str:
         """Return a table as text, with one line for each axis."""
@@ -71,7 +71,7 @@ class SelfTest(NamedTuple):
                 _(a.name),
                 f"{number(a.response):.3f} {a.unit}",
                 f"{number(a.trim):.3f}",
-                verdict_texts[a.passed],
+                verdict_texts[a.has_passed],
             ]
             for a in self.axes
         )
@@ -101,7 +101,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
         for n in range(6)
     )
     return SelfTest(
-        tuple(axis._replace(passed=_passes(n, axis, own_accel_filter)) for n, axis in enumerate(axes))
+        tuple(axis._replace(has_passed=_passes(n, axis, own_accel_filter)) for n, axis in enumerate(axes))
     )
 
 
@@ -122,7 +122,7 @@ def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float
 
 def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
     """Return True if axis `n` passes the test, None without a factory code.  (3) (5)"""
-    if axis.passed is None:
+    if axis.has_passed is None:
         return None
     ratio = axis.response / axis.trim
     if own_accel_filter:

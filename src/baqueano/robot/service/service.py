@@ -271,7 +271,7 @@ class Service:
                 self.uno.arm()
                 self.set_watchdog_timeout(HANG_TIMEOUT_S)
             behind_ms = (self.now_ns() - due) / 1e6
-            lateness.ticks, lateness.missed = lateness.ticks + 1, wall.missed
+            lateness.ticks, lateness.missed = lateness.ticks + 1, wall.missed_ticks
             lateness.now_ms, lateness.worst_ms = behind_ms, max(lateness.worst_ms, behind_ms)
             lateness.over_half += behind_ms > 500.0 / rate_hz
             if self.operator.is_end_requested:

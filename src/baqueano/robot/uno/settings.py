@@ -211,8 +211,8 @@ def _check_at_rest(uno: "Uno", wait: Wait) -> None:
     uno.receive()
     wait(TELEMETRY_TIMEOUT_S)
     telemetry_read = uno.receive()
-    if any(duty for telemetry in telemetry_read[-1:] for duty in telemetry.applied):
-        left, right = telemetry_read[-1].applied
+    if any(duty for telemetry in telemetry_read[-1:] for duty in telemetry.applied_duty):
+        left, right = telemetry_read[-1].applied_duty
         raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
 
 

@@ -57,7 +57,7 @@ Notify = Callable[[str], object]
 class Sweep(NamedTuple):
     """The result of a sweep of one wheel in one direction."""
 
-    started: float  # duty at which only this wheel moved the vehicle from rest
+    starting_duty: float  # duty at which only this wheel moved the vehicle from rest
     dead_zone: float
     gain: float  # turn per duty beyond the dead zone [rad/s]
     rms: float  # residual of the fit (3), in duty
@@ -108,7 +108,7 @@ class MotorCalibration:
     def table(self) -> str:
         """Return wiring, dead zones, slopes and straight drives as text."""
         rows = (
-            [_(name), f"{number(s.started):.0%}", f"{number(way.dead_zone_permille / 10):.1f} %",
+            [_(name), f"{number(s.starting_duty):.0%}", f"{number(way.dead_zone_permille / 10):.1f} %",
              f"{number(way.slope_permille / 1000):.2f}", f"± {number(s.rms):.1%}"]
             for name, s, way in zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
         )  # fmt: skip
@@ -298,7 +298,7 @@ def _sweep(
     return fit_sweep(start_duty, np.array(duties[:-1]), np.array(turn_rates[:-1]) - turn_rates[-1], name)
 
 
-def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
+def fit_sweep(starting_duty: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
     """Return the fit (3) of `duties` (n,) to `added` (n,), the Δω of each duty [rad/s].
 
     Only points with Δω over 0.1 rad/s and over a fifth of the largest Δω are used. Raise AnswerNo for fewer than four
@@ -323,7 +323,7 @@ def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) 
     if dead_zone > 0.7:
         raise AnswerNo(fault("calibrate.dead-zone", name=name, dead_zone=dead_zone))
     top = float(added.max())
-    return Sweep(started, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)
+    return Sweep(starting_duty, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)
 
 
 def wheel_curves(sweeps: Sweeps) -> tuple[WheelCurve, ...]:

@@ -171,9 +171,9 @@ def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:
             unit=a.unit,
         )
         for a in axes
-        if a.passed is False
+        if a.has_passed is False
     ]
-    silent = sum(a.passed is None for a in axes)
+    silent = sum(a.has_passed is None for a in axes)
     ratios = _(
         "{good} of 6 axes respond as in the factory, which did not store a code for {silent}",
         good=6 - silent - len(failed_axes),

@@ -32,14 +32,14 @@ class Controllers(Result):
         The controllers and their gains, in the order of the rows.
     robots : int
         Number of robots, including those whose fit was refused.
-    refused : tuple of int
+    refused_robots : tuple of int
         Seeds of robots whose fit was refused: they did not drive.
     """
 
     drives: dict[str, SweepResult]
     contestants: tuple[Contestant, ...]
     robots: int
-    refused: tuple[int, ...]
+    refused_robots: tuple[int, ...]
 
     @property
     def reference(self) -> str:
@@ -64,7 +64,7 @@ class Controllers(Result):
                     f"{view}_median_m": float(np.median(x)) if x.size else float("nan"),
                     f"{view}_p95_m": float(np.quantile(x, 0.95)) if x.size else float("nan"),
                     f"{view}_ratio": ratio.ratio, f"{view}_low": ratio.low, f"{view}_high": ratio.high,
-                    f"{view}_stopped": sum(bool(d.stopped) for d in own_drives),
+                    f"{view}_stopped": sum(bool(d.stop_code) for d in own_drives),
                 }  # fmt: skip
             table_rows.append(row)
         return table_rows
@@ -84,7 +84,9 @@ class Controllers(Result):
         ]  # fmt: skip
         best_row = min(rivals, key=lambda row: row["pose_ratio"], default=None)
         if best_row is not None and not np.isfinite(best_row["pose_high"]):
-            out.append(note("study.no-interval", Severity.UNKNOWN, robots=self.robots - len(self.refused)))
+            out.append(
+                note("study.no-interval", Severity.UNKNOWN, robots=self.robots - len(self.refused_robots))
+            )
         elif best_row is not None and best_row["pose_high"] > MAX_RATIO:
             figures = {
                 "ratio": best_row["pose_ratio"],
@@ -104,8 +106,8 @@ class Controllers(Result):
                 )
             if stops := sum(row[f"{view}_stopped"] for view in ("pose", "truth")):
                 out.append(note("study.stopped", Severity.WARNING, subject=row["controller"], stopped=stops))
-        if self.refused:
-            out.append(note("study.fits-refused", Severity.WARNING, robots=self.refused))
+        if self.refused_robots:
+            out.append(note("study.fits-refused", Severity.WARNING, robots=self.refused_robots))
         return tuple(out)
 
     def table(self) -> str:
@@ -121,7 +123,7 @@ class Controllers(Result):
         head = [_("controller"), *(cell for view in views for cell in (_(view), ""))]
         lines = [
             _("{robots} robots, {routes} drives each; ratio to {first}, with its 95 % interval",
-              robots=self.robots - len(self.refused), routes=2, first=self.reference),
+              robots=self.robots - len(self.refused_robots), routes=2, first=self.reference),
             *text_table("<" + ">>" * len(views), head, *rows),
         ]  # fmt: skip
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])

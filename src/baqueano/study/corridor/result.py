@@ -52,7 +52,7 @@ class Corridors:
     ]  # "10 s", "lap 1" → the vehicles that are not lost at that instant
     lost: dict[str, int]
     vehicles: int
-    refused: tuple[int, ...]  # seeds whose fit was refused: they did not drive
+    refused_robots: tuple[int, ...]  # seeds whose fit was refused: they did not drive
     windows: dict[str, tuple[Instant, ...]] = field(
         default_factory=dict
     )  # "10 s, raw" → the windows of recordings
@@ -113,11 +113,11 @@ class Corridors:
                 of_recordings=RECORDING_COVERAGE[0],
             )
         )
-        if self.refused:
+        if self.refused_robots:
             lines.append(
                 _(
                     "The fits of {refused} vehicles were refused: these vehicles did not drive.",
-                    refused=len(self.refused),
+                    refused=len(self.refused_robots),
                 )
             )
         return "\n".join(

@@ -31,7 +31,7 @@ class EstimateEvaluation(NamedTuple):
     consistency: FilterConsistency
     nees_speed: Band
     fit: str  # the verdict of its fit
-    stopped: str  # the reason why the replay stopped, "" if it did not
+    stop_reason: str  # of the replay, "" if it did not stop
 
 
 def evaluate(

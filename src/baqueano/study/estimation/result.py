@@ -44,7 +44,7 @@ class EstimationStudy:
     """The evaluated recordings, and the evaluated robots and cars of the independent truth."""
 
     estimates: tuple["EstimateEvaluation", ...]
-    simulated: tuple["JsonObject", ...] = ()  # rows: the fraction of vehicles that are not worse
+    simulated_rows: tuple["JsonObject", ...] = ()  # rows: the fraction of vehicles that are not worse
     vehicles: tuple["JsonObject", ...] = ()  # rows: one for each vehicle, only for machine use
     notes: tuple[str, ...] = ()  # sentences on what was not evaluated
 
@@ -59,7 +59,7 @@ class EstimationStudy:
             for estimate in self.estimates
             for row in (*_evaluation_rows(estimate), *_consistency_rows(estimate))
         ]
-        return [*case_rows, *self.pooled_ratios(), *self.simulated]
+        return [*case_rows, *self.pooled_ratios(), *self.simulated_rows]
 
     def pooled_ratios(self) -> list["TableRow"]:
         """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with the limit."""
@@ -95,9 +95,9 @@ class EstimationStudy:
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each replay that stopped and each requirement that is missed."""
         stops = [
-            f"{estimate.recording}, {estimate.estimator}: {estimate.stopped}"
+            f"{estimate.recording}, {estimate.estimator}: {estimate.stop_reason}"
             for estimate in self.estimates
-            if estimate.stopped
+            if estimate.stop_reason
         ]
         misses = [r for r in self.rows_shown() if r["ok"] is False and "typical" not in r["quantity"]]
         return (

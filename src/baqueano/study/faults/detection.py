@@ -251,8 +251,8 @@ class Faults:
     """The outcomes of all fits."""
 
     outcomes: tuple[FaultOutcome, ...]
-    requested: int  # number of fits of the call
-    attempted: int  # fits that ended
+    fit_count: int  # fits of the call
+    ended_count: int  # fits that ended
 
     def rows(self) -> list["TableRow"]:
         """Return a row per fault, the undamaged runs first."""
@@ -351,9 +351,13 @@ class Faults:
                 sound=len(undamaged_fits),
             ),
         ]
-        if self.attempted < self.requested:
+        if self.ended_count < self.fit_count:
             lines.append(
-                _("interrupted: {tried} of {requested} fits", tried=self.attempted, requested=self.requested)
+                _(
+                    "interrupted: {tried} of {requested} fits",
+                    tried=self.ended_count,
+                    requested=self.fit_count,
+                )
             )
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
 
@@ -389,8 +393,8 @@ def faults(
     report = advance or (lambda n: None)
     batches_done = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULTS_AT_ONCE))
     outcomes = tuple(o for batch in batches_done for o in batch)
-    requested_fits = sum(map(len, batches))
-    return Faults(outcomes, requested_fits, min(requested_fits, sum(map(len, batches[: len(batches_done)]))))
+    fit_count = sum(map(len, batches))
+    return Faults(outcomes, fit_count, min(fit_count, sum(map(len, batches[: len(batches_done)]))))
 
 
 UNCOMPARED_PARAMETERS = {

@@ -47,8 +47,8 @@ def page_of_identification(study: Identification) -> Page:
     rows = study.rows()
     seeds_text = _("{seeds:,} seeds", seeds=study.seeds)
     seeds_text += (
-        _(" of {requested:,}, stopped from the keyboard", requested=study.requested)
-        if study.seeds < study.requested
+        _(" of {requested:,}, stopped from the keyboard", requested=study.requested_seeds)
+        if study.seeds < study.requested_seeds
         else ""
     )
     clean = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
@@ -87,7 +87,7 @@ def page_of_identification(study: Identification) -> Page:
             Section("Parameters", "", [Table(_columns(parameter_rows, PARAMETERS))]),
             Section("Figures", "", page_parts),
         ],
-        reproduce=baqueano_command("study", "identification", "--seeds", study.requested),
+        reproduce=baqueano_command("study", "identification", "--seeds", study.requested_seeds),
     )
 
 

@@ -47,7 +47,7 @@ class CaseLimits(NamedTuple):
     width: float = np.inf  # median of standard error / bound
     usable: float = 0.0
     covered_or_named: float = 0.0
-    named: float = 1.0  # largest fraction of the fits that name a parameter
+    named_fraction: float = 1.0  # largest fraction of the fits that name a parameter
 
 
 LIMITS = {
@@ -57,7 +57,7 @@ LIMITS = {
     "floor, innovations": CaseLimits(0.92, usable=0.80),
     "low-passed": CaseLimits(),
     "wrong start": CaseLimits(),
-    "matched": CaseLimits(0.85, named=0.10),
+    "matched": CaseLimits(0.85, named_fraction=0.10),
     "understeer": CaseLimits(covered_or_named=0.85),
 }
 
@@ -67,7 +67,7 @@ class Identification:
     """The outcomes of all fits; fewer than requested after an interruption."""
 
     outcomes: tuple[TrialOutcome, ...]
-    requested: int
+    requested_seeds: int
 
     @property
     def seeds(self) -> int:
@@ -108,7 +108,7 @@ class Identification:
         )  # fmt: skip
         first, parameters = rows[0]["case"], (row for row in rows if row["name"] != POOL)
         lines = [
-            _("{seeds} of {requested} seeds", seeds=self.seeds, requested=self.requested),
+            _("{seeds} of {requested} seeds", seeds=self.seeds, requested=self.requested_seeds),
             *text_table("<>>>>>>>", [_("case"), *head, _("usable"), _("wrong"), _("named")], *cases),
             "",
             f"{_(first)}:",
@@ -190,7 +190,9 @@ def _reasons(row: "TableRow") -> list[str]:
                     percent=100 * row["holds_or_named"],
                 )
             )
-        if row["fits_named"] > limit.named + LIMIT_SIGMA * np.sqrt(limit.named * (1.0 - limit.named) / n):
+        if row["fits_named"] > limit.named_fraction + LIMIT_SIGMA * np.sqrt(
+            limit.named_fraction * (1.0 - limit.named_fraction) / n
+        ):
             reasons.append(_("{percent:.0f} % of the fits name a parameter", percent=100 * row["fits_named"]))
         if row["wrongly_usable"]:
             reasons.append(

@@ -85,10 +85,10 @@ def run_cases(
     for gyro in dict.fromkeys(case.gyro for case in cases):
         cases_of_gyro = [case for case in cases if case.gyro == gyro]
         robots = identify_teams(seeds, gyro, backend, any(case.fix != "none" for case in cases_of_gyro))
-        refusals += robots.refused
+        refusals += robots.refused_robots
         for route in dict.fromkeys(case.route for case in cases_of_gyro):
             its = [case for case in cases_of_gyro if case.route == route]
-            teams = [robots.identified if case.fix == "none" else robots.identified_with_laps for case in its]
+            teams = [robots.experiment_only if case.fix == "none" else robots.with_laps for case in its]
             some_drives, some_wholes = drive_cases(its, teams, count, backend)
             drives += some_drives
             wholes += some_wholes

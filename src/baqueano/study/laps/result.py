@@ -92,7 +92,7 @@ class LapStudy:
     full_drives: tuple[FullDrive, ...]
     robots: int
     laps: int
-    refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
+    refused_robots: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each case."""
@@ -144,9 +144,9 @@ class LapStudy:
         """Return a sentence on refused fits, and one for each missed bound: all bounds with tags; walls, coverage
         and NEES with the other fixes."""
         reasons_found = []
-        if self.refused:
+        if self.refused_robots:
             reasons_found.append(
-                _("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused)))
+                _("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused_robots)))
             )
         for row in self.rows():
             reasons_found += [

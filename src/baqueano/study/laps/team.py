@@ -44,13 +44,13 @@ MARK_M, MARK_RAD = 0.01, np.radians(2.0)  # standard deviations of the place and
 class Teams(NamedTuple):
     """Robots whose fits were not refused, after they were switched on again."""
 
-    identified: Team  # with files from the experiment only
-    identified_with_laps: Team  # with files that also use laps over tags
-    refused: list[int]  # seeds whose fit was refused
+    experiment_only: Team  # with files from the experiment only
+    with_laps: Team  # with files that also use laps over tags
+    refused_robots: list[int]  # seeds whose fit was refused
 
 
 def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `learns`, the group `identified_with_laps` is empty."""
+    """Return the robots of the seeds with their files; without `learns`, the group `with_laps` is empty."""
     robots, options = vehicles(seeds), FitOptions(backend=backend)
     starts = calibrate_by_turns(robots, seeds) if gyro == "calibrated" else [initial_file()] * len(seeds)
     runs = simulate_experiments(robots, seeds)

@@ -20,7 +20,7 @@ class Assembly(NamedTuple):
     program: Program
     first: np.ndarray  # (s,) index of each start value in the whole carry
     whole_from_kept: np.ndarray  # index of each entry of the whole carry in (final carry, start values)
-    mirrored: np.ndarray  # index of each mirrored entry of the whole carry
+    mirrored_entries: np.ndarray  # index of each mirrored entry of the whole carry
     mirror: np.ndarray  # index of the entry that it must equal at the start
     unused_carry: tuple[int, ...]  # indices in the whole carry
 

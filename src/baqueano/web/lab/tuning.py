@@ -202,7 +202,7 @@ def route_of_run(request: "JsonObject") -> "Route | None":
 def lap_json(lap: "SimulatedLap") -> "JsonObject":
     """Return a lap as data for the page: its path, its costs, and its other results."""
     stride = 1 + len(lap.x) // MAX_POINTS
-    values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
+    values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated_fraction]
     path, jerk, rms, max_m, at_limit = (x if np.isfinite(x) else None for x in values)
     return {
         "x": np.round(lap.x[::stride], 4).tolist(), "y": np.round(lap.y[::stride], 4).tolist(),
