@@ -43,7 +43,7 @@ class Record(NamedTuple):
     command: Command  # by the supervisor, to the motors
     estimate: Estimate
     reference: Reference
-    degraded: tuple[Finding, ...] = ()  # findings on sensors that have been wrong for a long time
+    sensor_findings: tuple[Finding, ...] = ()  # on sensors that have been wrong for a long time
     states: States | None = None  # of the blocks after the tick, in the clocked loop; not in a run
 
 
@@ -58,10 +58,10 @@ def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
     """Return the states after a tick through all blocks, and the record of the tick."""
     belief, estimate = blocks.estimator.step(states.estimator, tick)
     guide, reference = blocks.guide.step(states.guide, estimate)
-    controller, requested = blocks.controller.step(states.controller, reference, estimate)
-    supervisor, command = blocks.supervisor.step(states.supervisor, requested, tick, estimate)
+    controller, requested_command = blocks.controller.step(states.controller, reference, estimate)
+    supervisor, command = blocks.supervisor.step(states.supervisor, requested_command, tick, estimate)
     return States(belief, guide, controller, supervisor), Record(
-        tick, requested, command, estimate, reference
+        tick, requested_command, command, estimate, reference
     )
 
 

@@ -102,7 +102,7 @@ def test_degraded_sensors_are_listed_at_each_tick(small):
 
     class Watcher(Observer):
         def on_record(self, record):
-            degraded.append(record.degraded)
+            degraded.append(record.sensor_findings)
 
     wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.1})
     u = np.tile([0.4, 0.0, 0.4], (500, 1))

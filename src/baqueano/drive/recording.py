@@ -96,7 +96,10 @@ class Recording:
             observer.on_event(t_ns, source, message)
 
     def _show(self, record: Record) -> None:
-        failure, shown_record = self.sink.failure, record._replace(degraded=self.health.degraded_sensors)
+        failure, shown_record = (
+            self.sink.failure,
+            record._replace(sensor_findings=self.health.degraded_sensors),
+        )
         is_newly_full = self.is_logging and failure is not None
         if is_newly_full and failure is not None:
             self.is_logging = False

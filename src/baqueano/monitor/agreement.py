@@ -72,7 +72,7 @@ class AgreementMonitor:
         channels, previous, memory = self.channels, state.model, Memory(*state.memory)
         row = filter_row(previous.t_ns, tick, self.model.rate_hz)
         model, _ = self.model.row(previous, tick)
-        expected, H, K = self._expectation(previous, model, row, tick)
+        predicted_reading, H, K = self._expectation(previous, model, row, tick)
         slots = [getattr(tick.sensors, name) for name in channels.sensors]
         z = np.concatenate([slot.z for slot in slots])
         is_arrived = (
@@ -105,14 +105,14 @@ class AgreementMonitor:
         slope_std = np.where(channels.measures_acceleration, FLOOR_SLOPE_STD * GRAVITY_M_S2, 0.0)
         N = block_diagonal([getattr(self.model.sensors, name).cov for name in channels.sensors])
         N = N + np.diag(p + np.where(at_rest, 0.0, slope_std**2))
-        r = np.where(is_good, self._difference(z, expected) - memory.bias, 0.0)
+        r = np.where(is_good, self._difference(z, predicted_reading) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
         is_outlier = is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
         is_suspect = is_unusable | is_outlier | is_constant
         is_off = is_arrived & (
             is_suspect | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
         )
-        s = expected - channels.reading_at_rest
+        s = predicted_reading - channels.reading_at_rest
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
         fading = np.where(
             channels.is_inertial & (unchanged_s >= FROZEN_S),
@@ -148,7 +148,8 @@ class AgreementMonitor:
             unchanged_s, longest_s,
             memory.change_count + np.where(is_arrived & ~is_unchanged, 1.0, 0.0), np.where(is_arrived,
             np.where(is_unusable, 1.0, 0.0), memory.is_broken),
-            memory.bias + gain * r, p * (1.0 - gain), np.where(is_arrived, expected + memory.bias, memory.expected),
+            memory.bias + gain * r, p * (1.0 - gain),
+            np.where(is_arrived, predicted_reading + memory.bias, memory.predicted_reading),
             memory_factor * memory.expected_squares + shown_s * s * s,
             memory_factor * memory.cross_products + shown_s * s * (s + r),
             memory_factor * memory.measured_squares + shown_s * (s + r) * (s + r),
@@ -185,12 +186,14 @@ class AgreementMonitor:
             )
         return np.concatenate(values), np.concatenate(jacobians), np.concatenate(velocity_jacobians)
 
-    def _difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-        """Return z − expected (m,) with wrapped angles."""
+    def _difference(self, z: np.ndarray, predicted_reading: np.ndarray) -> np.ndarray:
+        """Return z − predicted_reading (m,) with wrapped angles."""
         differences, k = [], 0
         for name in self.channels.sensors:
             sensor = getattr(self.model.sensors, name)
-            differences.append(difference(sensor, z[k : k + sensor.size], expected[k : k + sensor.size]))
+            differences.append(
+                difference(sensor, z[k : k + sensor.size], predicted_reading[k : k + sensor.size])
+            )
             k += sensor.size
         return np.concatenate(differences)
 

@@ -35,7 +35,7 @@ class Finding:
         The wrong part: SENSOR, MODEL or UNKNOWN.
     reading : float
         The last reading, in the sensor's unit.
-    expected : float
+    predicted_reading : float
         The reading that the model predicts from the commands, in the sensor's unit.
     ratio : float
         Factor between readings and predictions, both minus the value at rest, by least squares; NaN if unknown.
@@ -52,7 +52,7 @@ class Finding:
     symptom: str
     wrong_part: str
     reading: float
-    expected: float
+    predicted_reading: float
     ratio: float
 
     @property
@@ -66,7 +66,12 @@ class Finding:
         cause = note(
             f"sensor.off-{self.wrong_part}", fix="baqueano identify last" if self.wrong_part == MODEL else ""
         )
-        values = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": cause}
+        values = {
+            "reading": self.reading,
+            "expected": self.predicted_reading,
+            "ratio": self.ratio,
+            "off": cause,
+        }
         symptom = note(f"sensor.{self.symptom}", subject=self.name, **values)
         return (
             note("sensor.degraded", Severity.WARNING, subject=self.name, cause=symptom)
@@ -79,7 +84,7 @@ def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, d
     """Return the finding for channel `c` from the memory of the monitor."""
     z, h, rest_reading = (
         float(memory.last_reading[c]),
-        float(memory.expected[c]),
+        float(memory.predicted_reading[c]),
         float(channels.reading_at_rest[c]),
     )
     ss, sz, zz = (

@@ -25,7 +25,7 @@ class Memory(NamedTuple):
     is_broken: np.ndarray  # 1: the last reading was not finite or at the end of its range
     bias: np.ndarray  # estimated at rest
     bias_var: np.ndarray
-    expected: np.ndarray  # h(x̂) + b
+    predicted_reading: np.ndarray  # h(x̂) + b
     expected_squares: (
         np.ndarray
     )  # decaying sums of s², s s', s'²; s' is the measured signal, s the expected one

@@ -331,8 +331,8 @@ class Loop:
 
     def _step(self, states: Tree, tick: Tick, reference: Reference) -> Any:
         belief, estimate = self.blocks.estimator.step(states[0], tick)
-        controller, requested = self.blocks.controller.step(states[1], reference, estimate)
-        supervisor, command = self.blocks.supervisor.step(states[2], requested, tick, estimate)
+        controller, requested_command = self.blocks.controller.step(states[1], reference, estimate)
+        supervisor, command = self.blocks.supervisor.step(states[2], requested_command, tick, estimate)
         return (belief, controller, supervisor), (command.u, estimate)
 
 

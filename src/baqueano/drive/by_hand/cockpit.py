@@ -168,7 +168,7 @@ class Cockpit(Observer):
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
         )
-        self.status.sensor_text = text(degraded_note(record.degraded))
+        self.status.sensor_text = text(degraded_note(record.sensor_findings))
 
     def show(self, state: JsonObject) -> None:
         """Show the state of a remote vehicle on the display."""

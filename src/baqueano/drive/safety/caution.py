@@ -74,7 +74,7 @@ class Caution(Observer):
         std_m = float(position_std(record.estimate.cov))
         if std_m > SLOW_SHARE * self._max_std_m:
             return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._max_std_m), True
-        findings = [finding for finding in record.degraded if finding.wrong_part != MODEL]
+        findings = [finding for finding in record.sensor_findings if finding.wrong_part != MODEL]
         return merge_diagnostics(finding.diagnostic for finding in findings), any(
             finding.wrong_part == SENSOR for finding in findings
         )

@@ -353,11 +353,7 @@ class Faults:
         ]
         if self.ended_count < self.fit_count:
             lines.append(
-                _(
-                    "interrupted: {tried} of {requested} fits",
-                    tried=self.ended_count,
-                    requested=self.fit_count,
-                )
+                _("interrupted: {tried} of {count} fits", tried=self.ended_count, count=self.fit_count)
             )
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
 
