@@ -106,9 +106,12 @@ def test_a_further_line_of_the_last_cell_belongs_to_it():
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("KNOWN: after 3 laps the position is known within ± 5.2 cm across the path, ± 31° (95 %)", False),
         (
-            "CONOCIDO: después de 3 vueltas la posición se conoce con ± 5,2 cm a los lados del camino, ± 31° (95 %)",
+            "LOCALIZED: after 3 laps the position is known within ± 5.2 cm across the path, ± 31° (95 %)",
+            False,
+        ),
+        (
+            "LOCALIZADO: después de 3 vueltas la posición se conoce con ± 5,2 cm a los lados del camino, ± 31° (95 %)",
             True,
         ),
         ("N m per unit of u", False),

@@ -22,6 +22,7 @@ from baqueano.identify.noise.at_rest import measure_at_rest
 from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
 from baqueano.identify.result.calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
+from baqueano.messages import language
 from baqueano.report import figures
 from baqueano.report.canvas import Canvas, at_width, with_width
 from baqueano.report.fit_report import page_of_fit, sections_of_fit
@@ -316,10 +317,20 @@ def test_a_report_of_an_unsupported_result_is_refused(results):
 
 
 def test_a_route_and_a_vehicle_file_are_printed_in_one_line(results):
-    assert repr(circle(0.3, 0.2)).startswith("Route(")
     assert repr(bq.load("small")) == (
         "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty], sensors imu"
     )
+
+
+def test_each_result_is_printed_in_the_language_of_the_user(results):
+    objects = results | {"page": bq.report(results["fit"])}
+    english = {name: repr(one) for name, one in objects.items()}
+    language.choose_language("es")
+    try:
+        spanish = {name: repr(one) for name, one in objects.items()}
+    finally:
+        language.choose_language("")
+    assert not [name for name, printed in english.items() if printed == spanish[name] != "USABLE"]
 
 
 def test_a_long_line_is_wrapped_if_there_is_space_and_cut_if_not():

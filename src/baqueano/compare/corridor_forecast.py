@@ -50,8 +50,8 @@ class CorridorForecast(Result):
 
     @property
     def verdict(self) -> str:
-        """Return LOST if the vehicle is lost before the end (σ_ψ too large), else KNOWN."""
-        return "LOST" if np.isfinite(self.corridor.lost_s) else "KNOWN"
+        """Return LOST if the vehicle is lost before the end (σ_ψ too large), else LOCALIZED."""
+        return "LOST" if np.isfinite(self.corridor.lost_s) else "LOCALIZED"
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per lap (SI); NaN if the vehicle is lost before the end of the lap."""

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.result import Result
+from baqueano.diagnostics import note
 from baqueano.geometry import map_from_body, wrap
+from baqueano.messages import text
+from baqueano.messages.language import mark as N_
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -47,8 +50,12 @@ class Route(NamedTuple):
     def __repr__(self) -> str:
         with np.errstate(over="ignore"):  # a file that was not driven can contain any values
             length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
-        ends = "closed" if self.closed else "open"
-        return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {ends})"
+        return text(
+            note(
+                "front.route", poses=len(self.t_s), duration_s=self.t_s[-1], length_m=length_m,
+                ends=N_("closed") if self.closed else N_("open"),
+            )
+        )  # fmt: skip
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per pose: time, pose and velocity, each key with its unit."""

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from baqueano.atomic_file import replace_file
-from baqueano.diagnostics import Verdict, fault, nearest
+from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import UsageError
+from baqueano.messages import text
 from baqueano.messages.language import current_language, number
 from baqueano.messages.language import translate as _
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 TONES = {
     Verdict.USABLE: "good", "OK": "good", Verdict.WARN: "warn", Verdict.REFUSED: "bad", Verdict.STOPPED: "bad",
-    Verdict.CONSISTENT: "good", Verdict.INCONSISTENT: "warn", "KNOWN": "good", "LOST": "bad",
+    Verdict.CONSISTENT: "good", Verdict.INCONSISTENT: "warn", "LOCALIZED": "good", "LOST": "bad",
 }  # fmt: skip
 WIDE_IN, NARROW_IN, MIN_IN = 8.0, 4.4, 2.4  # of figures: over time; on a phone
 UNTRANSLATED_COLUMNS = {
@@ -143,7 +144,8 @@ class Page:
         return _("To reproduce these numbers:")
 
     def __repr__(self) -> str:
-        return f"Page({self.title!r}, {len(self.sections)} sections, {len(self.drawings())} figures)"
+        count = len(self.drawings())
+        return text(note("front.page", title=self.title, sections=len(self.sections), drawings=count))
 
     def _repr_html_(self) -> str:
         """Return the page in a frame as HTML, for a notebook."""

@@ -11,9 +11,10 @@ from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
+from baqueano.messages import text
 from baqueano.sensors.imu_filter import low_pass_hz
 from baqueano.signals import ByName
 from baqueano.vehicle_file import build, garage
@@ -113,11 +114,11 @@ class VehicleFile:
     on_disk: str | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        commands = f"{', '.join(self.command.names)} [{self.command.unit}]"
-        return (
-            f"{self.name} ({', '.join(self.layers)}): {type(self.vehicle).__name__} at {self.rate_hz:g} Hz, commands "
-            f"{commands}, sensors {', '.join(self.sensors._fields) or '-'}"
-        )
+        figures = {
+            "vehicle": self.name, "layers": self.layers, "model": type(self.vehicle).__name__, "rate_hz": self.rate_hz,
+            "commands": self.command.names, "in_unit": self.command.unit, "sensors": self.sensors._fields or "-",
+        }  # fmt: skip
+        return text(note("front.vehicle", **figures))
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per key of the model, with the run that measured it."""

@@ -23,6 +23,11 @@ TEMPLATES: dict[str, str] = {
     "front.position-off": "error of the estimated position {cm:.2g} cm rms",
     "front.across-first": "{cm:.2g} cm across the path of the first run",
     "front.whole": "the whole table",
+    "front.route": "Route({poses} poses, {duration_s:.1f} s, {length_m:.2f} m, {ends:word})",
+    "front.page": "Page('{title}', {sections} sections, {drawings} figures)",
+    "front.vehicle": (
+        "{vehicle} ({layers}): {model} at {rate_hz:g} Hz, commands {commands} [{in_unit}], sensors {sensors}"
+    ),
     "front.rows-more": "the whole table has {rows} more rows",
     "front.card-fit": "Fit of {vehicle} to {runs}",
     "front.card-run": "{run}: {kind}, {duration_s:.1f} s",

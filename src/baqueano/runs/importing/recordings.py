@@ -61,7 +61,7 @@ class ImportedRun(NamedTuple):
 
     def __repr__(self) -> str:
         findings = self.without_common_findings.table().splitlines()
-        return shorten([self.run.table().partition("\n")[0]], findings, [self.verdict])
+        return shorten([self.run.table().partition("\n")[0]], findings, [_(self.verdict)])
 
     def rows(self) -> list["TableRow"]:
         """Return the findings as flat dicts."""
