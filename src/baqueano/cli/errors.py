@@ -66,6 +66,10 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 error.message if isinstance(error.message, Diagnostic) else plain_diagnostic
             ), error.exit_code
         case click.UsageError():
+            if vehicle := _misplaced_vehicle(error, args):
+                k = args.index(vehicle)
+                fix = baqueano_command(*args[:k], "--vehicle", *args[k:])
+                return fault("cli.vehicle-argument", fix, value=vehicle), USAGE
             code = "cli.no-such-option" if isinstance(error, click.NoSuchOption) else "cli.usage"
             verb = args[: 2 if args[:1] in GROUPS else 1]
             path = error.ctx.command_path if error.ctx else " ".join(["baqueano", *verb])
@@ -92,3 +96,18 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     return fault(
         "cli.unforeseen", error=error_text(error), file=last_frame.filename, line=last_frame.lineno
     ), NEGATIVE_ANSWER
+
+
+def _misplaced_vehicle(error: click.UsageError, args: list[str]) -> str:
+    """Return the vehicle file, or the name of the garage, that a command with --vehicle got as an argument; else ""."""
+    from baqueano.vehicle_file.garage import names
+
+    ctx = error.ctx
+    if ctx is None or all(parameter.name != "vehicle" for parameter in ctx.command.params):
+        return ""
+    try:
+        options, surplus, _ = ctx.command.make_parser(ctx).parse_args(args[2 if args[0] in GROUPS else 1 :])
+    except click.UsageError:
+        return ""
+    is_vehicle = len(surplus) == 1 and (surplus[0].endswith(".toml") or surplus[0] in names())
+    return surplus[0] if is_vehicle and not options.get("vehicle") else ""

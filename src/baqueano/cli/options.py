@@ -43,7 +43,12 @@ backend = click.option(
     help="How blocks are computed: compiled with C, with Python, or as they are written ('numpy').",
 )
 runs_folder = click.option(
-    "--runs", "folder", default="runs", show_default=True, help="Folder of the numbered runs."
+    "--runs",
+    "folder",
+    default="runs",
+    metavar="FOLDER",
+    show_default=True,
+    help="Folder of the numbered runs.",
 )
 out = click.option(
     "-o", "--out", type=click.Path(path_type=Path), help="File to write; default: the next run."
@@ -286,7 +291,12 @@ def _vehicle_argument() -> tuple[str, ...]:
 
 
 def route_path(name: str) -> Path:
-    """Return the path of a route: `lab` is routes/lab.csv; a name with a file extension is a path."""
+    """Return the path of a route: `lab` is routes/lab.csv; a name with a file extension is a path.
+
+    Raise UsageError for a vehicle file.
+    """
+    if Path(name).suffix == ".toml":
+        raise UsageError(fault("route.ending", path=name))
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 

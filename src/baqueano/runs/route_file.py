@@ -24,7 +24,7 @@ import numpy as np
 
 from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import fault
-from baqueano.errors import FileError
+from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
 from baqueano.runs.tables.lines import Lines
 from baqueano.runs.tables.table import LogTable, read_table
@@ -58,22 +58,34 @@ def write_route(route: Route, path: Path | str) -> Path:
     route : Route
         Poses in the map [m, m, rad] and velocities in the body frame [m/s, m/s, rad/s] over time [s].
     path : path
-        The file; it appears complete or not at all.
+        The file, which ends in .csv; it appears complete or not at all.
 
     Returns
     -------
     Path
         The file.
 
+    Raises
+    ------
+    UsageError
+        If the name of the file has another ending: it would replace a vehicle file or a run.
+
     Examples
     --------
     >>> print(write_route(bq.guides.shapes.circle(0.5, 0.2), "circle.csv").read_text().splitlines()[0])
     # closed = true
     """
+    check_ending(path)
     rows = np.column_stack([route.t_s, route.eta, route.nu])
     lines = [f"# closed = {'true' if route.closed else 'false'}", ",".join(COLUMNS)]
     lines += [",".join(map(repr, row)) for row in rows.tolist()]
     return replace_file(Path(path), "\n".join(lines) + "\n")
+
+
+def check_ending(path: Path | str) -> None:
+    """Raise UsageError if the name of a route's file does not end in .csv."""
+    if Path(path).suffix.lower() != ".csv":
+        raise UsageError(fault("route.ending", path=path))
 
 
 @contextmanager

@@ -86,8 +86,9 @@ def command(
 ) -> None:  # fmt: skip
     from baqueano.drive import replay, route_of
     from baqueano.drive.mission import Mission
-    from baqueano.runs.route_file import write_route
+    from baqueano.runs.route_file import check_ending, write_route
 
+    check_ending(options.route_path(route))
     if driver != "keys" and (pad is not None or not hold or closed or update):
         raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
     if driver not in SHAPES:

@@ -5,6 +5,7 @@ TEMPLATES: dict[str, str] = {
     "cli.number": "{option} {value} is not valid: expected a number {expected}.",
     "cli.whole-number": "{option} {value} is not valid: expected a whole number {expected}.",
     "cli.usage": "{words}. All options: {fix}",
+    "cli.vehicle-argument": "{value} is a vehicle file, which is given with --vehicle. Type: {fix}",
     "cli.no-such-option": "{words}. All options: {fix}",
     "cli.interrupted": "stopped from the keyboard.",
     "cli.memory": (

@@ -221,6 +221,10 @@ TEMPLATES: dict[str, str] = {
     "runs.is-gzip": "{path} is compressed with gzip. If it is a CSV: {fix}",
     "runs.is-ulog": "{path} is a PX4 log. Export it as CSV, then: {fix}",
     "runs.is-bytes": "{path} is not a run, which is an MCAP file: it begins with the bytes {value}.",
+    "route.ending": (
+        "{path} cannot be a route: expected a name such as lab, or a file that ends in .csv. A vehicle file is "
+        "given with --vehicle."
+    ),
     "runs.is-toml": (
         "{path} is a TOML file, not a run. A vehicle file is given with --vehicle {path}, and a run by its number."
     ),
