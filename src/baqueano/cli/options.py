@@ -222,7 +222,7 @@ def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], f
             is_in_folder = run.path is None or run.path.parent == Path(folder)
             run_name = run.name if is_in_folder else run.path
             return print_message(
-                note("cli.next-identify", fix=baqueano_command("identify", run_name, *named, "--update"))
+                note("cli.next-command", fix=baqueano_command("identify", run_name, *named, "--update"))
             )
 
 
@@ -374,10 +374,13 @@ def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
     return loaded_runs
 
 
-def save_update(vehicle_file: "VehicleFile", update: bool) -> None:
-    """Save a changed vehicle file to its path, or print the option that saves it."""
+def save_update(vehicle_file: "VehicleFile", update: bool, *next_words: str) -> None:
+    """Save a changed vehicle file to its path, or print the option that saves it. `next_words`: the next command."""
     if not update:
         print_message(note("cli.not-kept"))
         return
     path = vehicle_file.save(None if vehicle_file.path is not None else DEFAULT_FILE)
     print_message(note("cli.written", path=path))
+    if next_words:
+        vehicle = [] if vehicle_file.path is None else vehicle_and_runs_options(vehicle_file)
+        print_message(note("cli.next-command", fix=baqueano_command(*next_words, *vehicle)))

@@ -105,7 +105,7 @@ def command(
             run_experiment(vehicle_file, target, u, path_of(""), as_json, shake)
     print_message(
         note(
-            "cli.next-identify",
+            "cli.next-command",
             fix=baqueano_command(
                 "identify", *run_names, *options.vehicle_and_runs_options(vehicle_file, folder)
             ),

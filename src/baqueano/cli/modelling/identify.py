@@ -180,7 +180,7 @@ def command(
     if not no_noise:
         noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)
         output = noise.updated_file(output, ", ".join(fit.runs))
-    options.save_update(output, update)
+    options.save_update(output, update, "tune", "--update")
 
 
 def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:

@@ -190,7 +190,7 @@ TEMPLATES: dict[str, str] = {
     "cli.marks": "marks: {cause}",
     "cli.block-sound": "{block} passes every check of a block.",
     "cli.run": "run: {path}",
-    "cli.next-identify": "next: {fix}",
+    "cli.next-command": "next: {fix}",
     "cli.room-kept": (
         "room {size} m: {replaced_percent:.0f} % of the signal was replaced. The corridor of the body (3 "
         "standard deviations) stays {margin_cm:.1f} cm from the walls"
