@@ -69,7 +69,7 @@ def test_ne5_frames_without_a_message_are_limited_in_rate(folder, opcode):
 
 @pytest.mark.parametrize("question", [{"what": "identify"}, {"what": "compare"}])
 def test_ne5_a_browser_with_many_waiting_questions_is_disconnected(folder, monkeypatch, question):
-    async def never(lab, do, **words):
+    async def never(lab, *request, **words):
         await asyncio.Event().wait()
 
     async def job():
@@ -88,6 +88,43 @@ def test_ne5_a_browser_with_many_waiting_questions_is_disconnected(folder, monke
             assert visitor.line.close_code == 1008
             assert await other.request("ping")
 
+    run_page(job)
+
+
+def test_ne5_the_question_of_a_browser_waits_for_one_question_of_another_browser(folder, monkeypatch):
+    """A worker answers one question at a time. A browser that leaves takes its waiting questions with it."""
+    begun, may_end, exchange = [], asyncio.Event(), WorkerClient._exchange
+
+    async def slow(lab, request):
+        if request["do"] != "check":
+            return await exchange(lab, request)
+        begun.append(request["room"])
+        await may_end.wait()
+        return {"findings": []}, b""
+
+    async def job():
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+            async with browser(server) as other:
+                run = visitor.hello["runs"][0]["id"]
+                for number in range(20):
+                    await other.send("ask", id=number, what="check", room="guide", run=run)
+                await until(lambda: begun == ["guide"])
+                await visitor.send("ask", id=100, what="check", room="controller", run=run)
+                assert await visitor.request("ping")
+                may_end.set()
+                await visitor.next("answer", where=lambda word: word.get("id") == 100)
+                assert begun.index("controller") <= 2
+                await other.next("answer", where=lambda word: word.get("id") == 19)
+                may_end.clear()
+                for number in range(20):
+                    await other.send("ask", id=number, what="check", room="guide", run=run)
+                await until(lambda: len(begun) == 22)
+            await until(lambda: len(server.visitors) == 1)
+            may_end.set()
+            assert (await visitor.request("check", room="controller", run=run))["findings"] == []
+            assert len(begun) == 23
+
+    monkeypatch.setattr(WorkerClient, "_exchange", slow)
     run_page(job)
 
 

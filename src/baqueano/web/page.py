@@ -4,7 +4,6 @@ All texts are made here, in the language of each browser. Text from a browser is
 """
 
 import asyncio
-from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -89,7 +88,7 @@ class BrowserPage:
         self.source: Callable[[], JsonObject | None] = lambda: first  # the subject of questions
         self.questions = Questions(shelf, lambda: self.source())
         self._count = 0
-        self._waiting: Counter[Visitor] = Counter()  # questions that wait for an answer
+        self._waiting: dict[Visitor, set[asyncio.Task[None]]] = {}  # questions that wait for an answer
         self._reading: set[asyncio.Task[None]] = set()
 
     async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
@@ -138,7 +137,9 @@ class BrowserPage:
         await self.questions.close()
 
     def on_disconnect(self, visitor: Visitor) -> None:
-        """Release what belongs to a browser that has disconnected."""
+        """Release what belongs to a browser that has disconnected, and drop its questions."""
+        for task in self._waiting.pop(visitor, ()):
+            task.cancel()
         if self.live is not None and visitor.role is not None:
             self.live.on_disconnect(visitor)
 
@@ -200,23 +201,23 @@ class BrowserPage:
 
     async def _within_limit(self, visitor: Visitor, job: Coroutine[None, None, None]) -> None:
         """Wait for an answer to a browser; disconnect the browser instead if MAX_QUESTIONS of its questions wait."""
-        if self._waiting[visitor] >= MAX_QUESTIONS:
+        if not visitor.is_open or len(self._waiting.setdefault(visitor, set())) >= MAX_QUESTIONS:
             job.close()
             visitor.disconnect(POLICY)
             return
-        self._waiting[visitor] += 1
+        tasks = self._waiting[visitor]
+        tasks.add(task := asyncio.create_task(job))
         try:
-            await job
+            await task
         finally:
-            self._waiting[visitor] -= 1
-            self._waiting += Counter()  # removes browsers without a waiting question
+            tasks.discard(task)
 
     async def _identify_run(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer the question "identify" for a run of the list."""
         path = self._shelf.paths().get(message["run"])
         if path is None:
             raise UsageError(fault("web.no-run"))
-        reply = await self._identifying.identify_run(path, visitor.language)
+        reply = await self._identifying.identify_run(path, visitor)
         visitor.send({"is": "answer", "to": "ask", "id": message.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, message: "JsonObject") -> None:

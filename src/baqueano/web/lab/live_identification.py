@@ -84,10 +84,10 @@ class LiveIdentification:
         if self._asking is None or self._asking.done():
             self._asking = asyncio.create_task(self._send_rows_periodically())
 
-    async def identify_run(self, path: Path, language: str) -> "JsonObject":
-        """Return the identification of a run, with sentences in this language."""
-        reply, _ = await self._lab.request("identify run", path=str(path))
-        return with_sentences(reply, language)
+    async def identify_run(self, path: Path, visitor: Visitor) -> "JsonObject":
+        """Return the identification of a run, with sentences in the language of this browser."""
+        reply, _ = await self._lab.request("identify run", visitor, path=str(path))
+        return with_sentences(reply, visitor.language)
 
     async def close(self) -> None:
         """End the worker."""

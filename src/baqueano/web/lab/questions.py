@@ -109,13 +109,15 @@ class Questions:
         }
 
     async def _tune(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        reply, _ = await self._bench.request("tune", **self._tuning_request(message))
+        reply, _ = await self._bench.request("tune", visitor, **self._tuning_request(message))
         return reply | {"gains": _with_meanings(reply["gains"], visitor.language)}
 
     async def _lap(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         if not self._is_newest(visitor, message):
             return {"stale": True}
-        reply, _ = await self._bench.request("lap", gains=message["gains"], **self._tuning_request(message))
+        reply, _ = await self._bench.request(
+            "lap", visitor, gains=message["gains"], **self._tuning_request(message)
+        )
         return reply
 
     async def _landscape(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
@@ -128,14 +130,14 @@ class Questions:
             if not self._is_newest(visitor, message):
                 return {"stale": True}
             reply, _ = await self._bench.request(
-                "costs", at=at[first : first + LAPS_PER_REQUEST], **arguments
+                "costs", visitor, at=at[first : first + LAPS_PER_REQUEST], **arguments
             )
             costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - began}
 
     async def _descent(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         arguments = {name: message[name] for name in ("gains", "price")} | self._tuning_request(message)
-        reply, _ = await self.slow.request("downhill", **arguments)
+        reply, _ = await self.slow.request("downhill", visitor, **arguments)
         return reply
 
     async def write_gains(self, visitor: Visitor, message: "JsonObject") -> Diagnostic:
@@ -147,16 +149,16 @@ class Questions:
             )
             return Diagnostic.of_json(reply["message"])
         arguments = {"gains": message["gains"]} | self._tuning_request({"route": message.get("route")})
-        reply, _ = await self._bench.request("write", **arguments)
+        reply, _ = await self._bench.request("write", visitor, **arguments)
         return note("web.tuned", file=reply["file"])
 
     async def _block(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.request("block", **self._block_request(message))
+        reply, _ = await self.slow.request("block", visitor, **self._block_request(message))
         rows = _with_meanings(reply["parameters"], visitor.language)
         return reply | {"parameters": rows, "swapped": self.blocks.get(str(message["room"]))}
 
     async def _check(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.request("check", **self._block_request(message))
+        reply, _ = await self.slow.request("check", visitor, **self._block_request(message))
         with use_language(visitor.language):
             return {"findings": [text(Diagnostic.of_json(finding)) for finding in reply["findings"]]}
 
@@ -174,7 +176,7 @@ class Questions:
         if not run_paths:
             raise UsageError(fault("web.no-run"))
         reply, _ = await self.slow.request(
-            "compare", paths=[str(path) for path in run_paths], language=visitor.language
+            "compare", visitor, paths=[str(path) for path in run_paths], language=visitor.language
         )
         return reply
 

@@ -3,8 +3,9 @@
 import asyncio
 import json
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import error_of_exit_code
@@ -17,48 +18,57 @@ MAX_LINE_BYTES = 16 << 20
 
 
 class WorkerClient:
-    """Client of the worker process of the page. The worker answers requests in the order in which they are sent."""
+    """Client of the worker process of the page. The worker answers requests in the order in which they are sent.
+
+    The requests of one browser wait for each other, so a request of another browser waits for one of them at most.
+    """
 
     def __init__(self) -> None:
         self._program: asyncio.subprocess.Process | None = None
-        self._turn = asyncio.Lock()
-        self._tasks: set[asyncio.Task[tuple[JsonObject, bytes]]] = set()
+        self._turn, self._ended = asyncio.Lock(), False
+        self._turns: WeakKeyDictionary[object, asyncio.Lock] = WeakKeyDictionary()  # of the browsers
+        self._task: asyncio.Task[tuple[JsonObject, bytes]] | None = None  # of the present request
 
-    async def request(self, do: str, **words: object) -> tuple["JsonObject", bytes]:
+    async def request(self, do: str, browser: object = None, **words: object) -> tuple["JsonObject", bytes]:
         """Return the answer to a request, and the bytes that follow it. Raise the error that the worker reports.
 
-        The answer is read even if the caller is cancelled; otherwise the next request would receive it.
+        If the caller is cancelled, a waiting request is not sent. The answer to a request that was sent is read;
+        otherwise the next request would receive it.
         """
-        task = asyncio.create_task(self._exchange({"do": do, **words}))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        reply, payload = await asyncio.shield(task)
+        own_turn = nullcontext() if browser is None else self._turns.setdefault(browser, asyncio.Lock())
+        async with own_turn:
+            await self._turn.acquire()
+            self._task = asyncio.create_task(self._exchange({"do": do, **words}))
+            self._task.add_done_callback(lambda _: self._turn.release())
+            reply, payload = await asyncio.shield(self._task)
         if "no" in reply:
             raise error_of_exit_code(reply["code"], Diagnostic.of_json(reply["no"]))
         return reply, payload
 
     async def _exchange(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
-        async with self._turn:
-            try:
-                program = await self._running_process()
-                assert program.stdin is not None
-                assert program.stdout is not None
-                program.stdin.write(json.dumps(request).encode() + b"\n")
-                await program.stdin.drain()
-                reply = json.loads(await program.stdout.readline())
-                return reply, await program.stdout.readexactly(min(reply["bytes"], MAX_ANSWER_BYTES))
-            except (OSError, ValueError, asyncio.IncompleteReadError):
-                await self._end_process()
-                return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
+        try:
+            program = await self._running_process()
+            assert program.stdin is not None
+            assert program.stdout is not None
+            program.stdin.write(json.dumps(request).encode() + b"\n")
+            await program.stdin.drain()
+            reply = json.loads(await program.stdout.readline())
+            return reply, await program.stdout.readexactly(min(reply["bytes"], MAX_ANSWER_BYTES))
+        except (OSError, ValueError, asyncio.IncompleteReadError):
+            await self._end_process()
+            return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
 
     async def close(self) -> None:
-        """Cancel the requests that wait, and end the worker."""
-        for task in list(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        """Cancel the present request, and end the worker; it does not start again."""
+        self._ended = True
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
         await self._end_process()
 
     async def _running_process(self) -> asyncio.subprocess.Process:
+        if self._ended:
+            raise OSError
         if self._program is None or self._program.returncode is not None:
             self._program = await asyncio.create_subprocess_exec(
                 sys.executable, "-m", "baqueano.web.lab.worker",
