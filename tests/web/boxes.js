@@ -39,7 +39,7 @@
   // overlapping: two texts, or a text and a button that is not its own
   const solid = [...texts, ...[...root.querySelectorAll("button, select, input, .pad")].filter(visible).map((node) => ({ node, lines: [node.getBoundingClientRect()] }))];
   const over = (p, q) => Math.min(p.right, q.right) - Math.max(p.left, q.left) > 2 && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 3;
-  for (const one of solid) Object.assign(one, { whole: one.box ?? one.lines[0], scroller: scroller(one.node), sticky: one.node.closest(".transport"), above: one.node.closest("#stop, #toast") });
+  for (const one of solid) Object.assign(one, { whole: one.box ?? one.lines[0], scroller: scroller(one.node), sticky: one.node.closest(".transport"), above: one.node.closest("#stop") });
   for (const [i, a] of solid.entries()) for (const b of solid.slice(i + 1)) {
     if (!over(a.whole, b.whole) || a.above || b.above || a.scroller !== b.scroller || (a.scroller && a.sticky !== b.sticky)) continue;
     if (a.node.contains(b.node) || b.node.contains(a.node)) continue;

@@ -69,6 +69,8 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
             "path": route(),
             "file": "vehicle.toml",
         }
+    if word["what"] == "route":
+        return route() | {"name": word["route"], "x": [2.0 * x for x in route()["x"]]}
     if word["what"] == "lap":
         return lap_of(word["gains"])
     if word["what"] == "landscape":

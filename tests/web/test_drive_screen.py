@@ -6,6 +6,7 @@ import pytest
 from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.screens import PAGE, check_trace, only, open_page, painted, still_page
 from tests.web.scripted import RADIUS
+from tests.web.scripted_answers import route
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -54,6 +55,20 @@ def test_the_map_shows_route_path_corridor_ellipses_and_truth(tab, live):
     bodies = [(mark, places(mark)[0]) for mark in marks if mark["path"] and mark["path"][0][0] == "box"]
     assert any(mark["kind"] == "area" and np.hypot(*(at - estimate[-1])) < 1e-5 for mark, at in bodies)
     assert any(mark.get("dash") == [4, 3] and np.hypot(*(at - truth[-1])) < 1e-5 for mark, at in bodies)
+
+
+def test_the_map_of_a_vehicle_that_is_ready_shows_the_selected_route(tab, live):
+    live.state, live.kind = "READY", None
+    open_page(tab, live)
+    tab.wait(f"{PAGE}.route.name === 'lab'")
+    tab.js(f"(({{ route }}) => {{ route.value = 'oval'; route.onchange(); }})({PAGE}.screens.drive)")
+    tab.wait(f"{PAGE}.route.name === 'oval' && Math.max(...{PAGE}.route.x) > 1.9")
+    live.go("MISSION", "repeat")
+    live.put({"is": "route", **route(), "name": "lab"})
+    tab.wait(f"{PAGE}.route.name === 'lab' && {PAGE}.moves")
+    live.go("STOPPED")
+    tab.wait(f"{PAGE}.state.state === 'STOPPED'")
+    assert tab.js(f"{PAGE}.route.name") == "lab"  # what was driven stays
 
 
 def test_the_three_numbers_on_a_projector_are_read_from_six_heights_of_the_picture(tab, live):

@@ -119,6 +119,9 @@ def test_the_tuning_answer_describes_each_gain_and_the_figures_of_a_lap(folder):
         assert about["gains"][1]["unit"] == "1/s"
         assert about["gains"][1]["meaning"]
         assert about["route"] == "run"
+        answer = await visitor.request("route", route="run")
+        assert answer["name"] == "run"
+        assert {name: answer[name] for name in about["path"]} == about["path"]
         own = [gain["file"] for gain in about["gains"]]
         lap = await visitor.request("lap", gains=own, route="run")
         weak = await visitor.request("lap", gains=[0.0, 0.0, 0.2, 1.0], route="run")
@@ -182,7 +185,8 @@ def test_invalid_gains_are_refused(folder, gains):
 @pytest.mark.parametrize("route", ["../runs/round", "none", "/etc/passwd"])
 def test_a_route_outside_the_list_is_refused(folder, route):
     async def job(visitor):
-        assert (await visitor.request("tune", route=route))["code"] == "door.no-route"
+        for what in ("tune", "route"):
+            assert (await visitor.request(what, route=route))["code"] == "door.no-route"
 
     serve_job(folder, job)
 

@@ -8,6 +8,10 @@ from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.screens import BOXES, LIVE, PAGE, looked_at, open_page, shot, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+MESSAGE = (  # longer than most
+    "Otra persona maneja este vehículo desde otro navegador: pídale el volante, o espere hasta que lo suelte. Nada se "
+    "movió."
+)
 VIEWS = "document.querySelectorAll('.side .choices button')"
 ODD = {
     "en": "gyro drifts, it does not fit the model",
@@ -23,6 +27,11 @@ def states(tab, live):
     live.put(live._state("es") | {"odd": [ODD["es"]], "severity": "warning"})
     tab.wait(f"document.getElementById('text').textContent.includes({ODD['es']!r})")
     yield "lease and odd"
+    tab.js(
+        f"Object.assign(document.getElementById('toast'), {{ textContent: {MESSAGE!r}, className: 'shown' }})"
+    )
+    yield "message"
+    tab.js("document.getElementById('toast').className = ''")
     tab.click("#help")
     yield "dialog"
     tab.click("#close")
@@ -53,6 +62,19 @@ def test_no_state_of_a_screen_has_a_layout_fault(tab, live):
         looked_at(tab, "laptop", "light")
     assert not wrong
     assert not tab.errors
+
+
+def test_a_message_covers_no_control(tab, live):
+    covered = """[...document.querySelectorAll("button, select, input, .pad")].filter((one) => {
+      const a = one.getBoundingClientRect(), b = document.getElementById("toast").getBoundingClientRect();
+      return one.checkVisibility() && a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+    }).map((one) => one.id || one.textContent)"""
+    open_page(tab, live, "es")
+    for size in SIZES:
+        tab.size(*SIZES[size])
+        live.put({"is": "event", "t": 1.0, "severity": "warning", "text": MESSAGE})
+        tab.wait("document.getElementById('toast').getBoundingClientRect().height > 10")
+        assert tab.js(covered) == [], size
 
 
 def test_stop_stands_at_one_place_of_each_size_on_every_screen(tab, live):

@@ -42,8 +42,8 @@ class Questions:
         self._running: set[asyncio.Task[None]] = set()
         self.blocks: dict[str, str] = {}  # role → kind that the next mission uses in place of the file's kind
         self.words: dict[str, Callable[[Visitor, JsonObject], Awaitable[JsonObject]]] = {
-            "tune": self._tune, "lap": self._lap, "landscape": self._landscape, "downhill": self._descent,
-            "block": self._block, "check": self._check, "compare": self._compare,
+            "tune": self._tune, "route": self._route, "lap": self._lap, "landscape": self._landscape,
+            "downhill": self._descent, "block": self._block, "check": self._check, "compare": self._compare,
         }  # fmt: skip
 
     async def answer(self, visitor: Visitor, message: "JsonObject") -> None:
@@ -111,6 +111,10 @@ class Questions:
     async def _tune(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         reply, _ = await self._bench.request("tune", visitor, **self._tuning_request(message))
         return reply | {"gains": _with_meanings(reply["gains"], visitor.language)}
+
+    async def _route(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+        reply, _ = await self._bench.request("route", visitor, **self._tuning_request(message))
+        return reply
 
     async def _lap(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         if not self._is_newest(visitor, message):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape, as in a service
-MAX_POINTS = 500  # most points of a drawn path
+MAX_POINTS, MAX_ROUTE_POINTS = 500, 1500  # most points of a drawn path and route
 MAX_KERNELS = 4  # stored kernels
 MAX_LAPS = 200  # most laps of one question
 ROUTE_OF_RUN = "run"
@@ -63,13 +63,13 @@ class TuningWorker:
         return {
             "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": JERK_M2,
             "seconds": laps.seconds, "whole": laps.is_whole_route, "ticks": round(laps.seconds * vehicle_file.rate_hz),
-            "path": {
-                "x": np.round(route.eta[:, 0], 4).tolist()[:: 1 + len(route.eta) // 1500],
-                "y": np.round(route.eta[:, 1], 4).tolist()[:: 1 + len(route.eta) // 1500],
-                "closed": bool(route.closed),
-            },
+            "path": _path_of(route),
             "file": None if vehicle_file.path is None else vehicle_file.path.name,
         }  # fmt: skip
+
+    def route(self, request: "JsonObject") -> "JsonObject":
+        """Return the path of a route by its name, for the request {vehicle | path, routes, route}."""
+        return {"name": request["route"]} | _path_of(_route(request))
 
     def lap(self, request: "JsonObject") -> "JsonObject":
         """Return path, cost and other results of a simulated lap with `gains`, and its computing time."""
@@ -197,6 +197,11 @@ def route_of_run(request: "JsonObject") -> "Route | None":
         return None
     t_ns = ref.t_ns[is_finite]
     return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], False)
+
+
+def _path_of(route: "Route") -> "JsonObject":
+    x, y = np.round(route.eta[:: 1 + len(route.eta) // MAX_ROUTE_POINTS, :2].T, 4).tolist()
+    return {"x": x, "y": y, "closed": bool(route.closed)}
 
 
 def lap_json(lap: "SimulatedLap") -> "JsonObject":

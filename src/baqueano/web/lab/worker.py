@@ -2,7 +2,7 @@
 
 to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "compare" | …, …}
                    {"do": "vehicle" | "mission" | "fetch" | "lap closure", …}       local_files.py, questions.py
-                   {"do": "tune" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
+                   {"do": "tune" | "route" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
                    {"do": "block" | "check", …}                                     described_blocks.py
 from the worker    a line {…, "bytes": n} followed by n bytes; {"no": diagnostic, "code": n, …}
 """
@@ -48,7 +48,7 @@ class Worker:
             "report": self._report,
             "vehicle": _vehicle, "mission": _mission, "fetch": _fetch, "compare": _compare, "block": _block,
             "check": _block, "lap closure": _close_lap,
-            **dict.fromkeys(("tune", "lap", "costs", "downhill", "write"), self._tune),
+            **dict.fromkeys(("tune", "route", "lap", "costs", "downhill", "write"), self._tune),
             "identify": self._drives.answer, "identify run": self._drives.answer_run,
         }  # fmt: skip
         return handlers[request["do"]](request)
@@ -59,8 +59,8 @@ class Worker:
         self._bench = self._bench or TuningWorker()
         bench = self._bench
         handlers = {
-            "tune": bench.begin, "lap": bench.lap, "costs": bench.costs, "downhill": bench.descent,
-            "write": bench.write,
+            "tune": bench.begin, "route": bench.route, "lap": bench.lap, "costs": bench.costs,
+            "downhill": bench.descent, "write": bench.write,
         }  # fmt: skip
         return handlers[request["do"]](request), b""
 

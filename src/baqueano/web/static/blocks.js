@@ -113,7 +113,7 @@ export class Blocks {
     if (!this.boxes) return;
     this.#wire();
     if (!page.shown?.record.length) return;
-    const { record } = page.shown, i = page.recorded ? record.row(page.screens.replay.now_s) : record.last, to = Math.max(record.t[i], record.start + 1e-3);
+    const { record } = page.shown, i = page.recorded ? record.row(page.screens.replay.now_s) : record.last, to = record.t[i];
     for (const one of [...this.strips, ...this.sparks]) one.draw(to - SPAN, to, i);
     write(this.late, `${num(record.value("late_ms", i))} ms`);
   }

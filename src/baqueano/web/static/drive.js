@@ -42,7 +42,7 @@ export class Drive {
     this.closed = action("drive.closed", "KeyC", () => { page.send({ is: "write", lap: page.runs[0].id, route: this.name }); this.name = ""; this.runs(); }, () => true);
     this.actions = [mission("teach", "KeyT", "teach", () => ({ name: this.name = this.#freeName() })), this.repeat, mission("by-hand", "KeyB", "drive"), this.pause, now("mark", "KeyM"), now("end", "KeyE"), this.closed];
     this.bar.prepend(...this.actions);
-    const laps = (more) => { this.laps = clamp(this.laps + more, 1, 99); write(this.count, this.laps === 1 ? t("drive.one-lap") : t("drive.laps", { n: this.laps })); };
+    const laps = (more) => { this.laps = clamp(this.laps + more, 1, 99); write(this.count, t(this.laps === 1 ? "drive.one-lap" : "drive.laps", { n: this.laps })); };
     press(this, { fewer: () => laps(-1), more: () => laps(1) });
     laps(0);
     share.value = 100 * hand.part;
@@ -68,7 +68,7 @@ export class Drive {
 
   routes(names) {
     this.names = names;
-    fill(this.route, names, this.route.value);
+    fill(this.route, names, this.route.value, () => this.buttons());
     show(this.missions, names.length);
     this.buttons();
   }
@@ -77,20 +77,24 @@ export class Drive {
   runs() { show(this.closed, this.name && this.page.runs[0]?.kind === "teach"); }
 
   buttons() {
-    const { page } = this, { state: { mission, pace, lap, laps }, drives, hello } = page, simulated = hello.vehicle.world === "simulated", paced = Number.isFinite(pace);
+    const { page } = this, { state: { state, mission, pace, lap, laps }, drives } = page, paced = Number.isFinite(pace), plan = drives && state === "READY" && this.route.value;
+    if (plan !== this.plan) {
+      this.plan = plan;
+      if (plan) page.ask("route", { route: plan }, (route) => { if (plan === this.plan) page.route = route.x && route; });
+    }
     show(page.hand.pad, drives);
     show(this.controls, drives);
     enable(this.actions, page);
     write(this.repeat.firstChild, t("drive.repeat") + (mission?.kind === "repeat" && laps ? ` · ${lap ?? 1}/${laps}` : ""));
     if (mission || !this.name) show(this.closed);
-    show(this.pace, simulated && paced);
+    show(this.pace, paced);
     if (paced) this.paced(pace);
   }
 
   key(event, down) { return this.page.hand.key(event, down) || pressed(this.actions, event, down) || this.map.key(event, down); }
 
   draw() {
-    const { record, route } = this.page, i = record.last, to = max(record.end, record.start + 1e-3);
+    const { record, route } = this.page, i = record.last, to = record.end;
     drawMap(this, route, this.drawn, i);
     for (const one of this.strips) one.draw(to - this.span, to, i);
     this.honesty.draw(i);

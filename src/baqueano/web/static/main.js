@@ -86,7 +86,6 @@ const on = {
     else sentence("error", t("link.refused"), why);
   },
   answer({ stream, done, ...word }) {
-    if (word.to !== "open") return;
     if (!done) {
       pending[stream] = { record: new Record(word.fields, word.rows, false), about: word };
       return;
@@ -176,8 +175,8 @@ function sentence(severity, title, text) {
 function lease({ who, you = false, watching = 0, others = [] } = {}) {
   const { recorded } = page;
   put(ui, {
-    driver: recorded ? t("driver.recorded") : you ? t("driver.you") : who ? t("driver.other", { who }) : t("driver.nobody"),
-    watching: recorded || !watching ? "" : watching === 1 ? t("driver.one-watches") : t("driver.watch", { n: watching }),
+    driver: t(`driver.${recorded ? "recorded" : you ? "you" : who ? "other" : "nobody"}`, { who }),
+    watching: recorded || !watching ? "" : t(watching === 1 ? "driver.one-watches" : "driver.watch", { n: watching }),
     lease: t(you ? "lease.give" : "lease.take"),
   });
   ui.driver.classList.toggle("you", you);
@@ -277,9 +276,8 @@ function draw(now_ms) {
 }
 
 async function begin() {
-  const dark = matchMedia("(prefers-color-scheme: dark)");
   theme(new URLSearchParams(location.search).get("theme") ?? localStorage.getItem("theme"));
-  dark.addEventListener("change", () => theme());
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
   await speak();
   fixedTexts();
   sentence("info", t("link.opening"), "");
@@ -289,7 +287,7 @@ async function begin() {
   press(ui, {
     lease: () => page.hand?.toggle(), clear: () => page.send({ is: "clear" }), help, close: () => ui.keys.close(),
     theme() {
-      const next = (document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light")) === "dark" ? "light" : "dark";
+      const next = getComputedStyle(document.documentElement).colorScheme === "dark" ? "light" : "dark";
       localStorage.setItem("theme", next);
       theme(next);
     },

@@ -10,7 +10,7 @@ const ELLIPSE = sqrt(5.991); // 95 % of two dimensions
 const EVERY_S = 4; // between ellipses
 const SMALLEST = 24; // px, of a vehicle
 const STYLES = {
-  estimate: { colour: "model", width: 2.6, dash: [] },
+  estimate: { colour: "model", width: 2.6 },
   truth: { colour: "ink", width: 1.4, dash: [5, 4] },
   ghost: { colour: "ghost", width: 2.4, dash: [9, 7] },
 };

@@ -23,6 +23,8 @@ export class Record {
   get start() { return this.length ? this.t[0] : 0; }
   get end() { return this.length ? this.t[this.last] : 0; }
 
+  get edge() { return max(this.end, this.start + 1e-3); } // for an axis
+
   has(name) { return this.at.has(name); }
   field(name) { return this.fields[this.at.get(name)]; }
   column(name) { return this.columns[this.at.get(name)]; }

@@ -134,7 +134,7 @@ export class Replay {
     this.advance(now_ms);
     const { record, about } = run, { start, end } = record, { now_s } = this, i = record.row(now_s), paired = ghost && (this.pairs ??= this.#paired()).map[i];
     drawMap(this, about.route, run, i, i, ghost && { ...ghost, row: paired < 0 ? ghost.record.last : paired });
-    for (const one of this.strips) one.draw(start, max(end, start + 1e-3), i, now_s);
+    for (const one of this.strips) one.draw(start, record.edge, i, now_s);
     if (!ghost) this.honesty.draw(i, start, end);
     this.#scrubbing();
   }
@@ -147,7 +147,7 @@ export class Replay {
     put(this, { play: this.sign, when: duration(now_s), whole: ` / ${duration(end)}`, happened: near && `${duration(near.t)} · ${near.text}` });
     const [c, w, h] = begin(scrub);
     if (!c) return;
-    const X = axis(start, max(end, start + 1e-3), 2, w - 2), { peaks, most } = this.#peaks(floor(w - 4)), Y = axis(0, most, h - 5, 7), shape = Array.from(peaks, (peak, x) => [x + 2, Y(peak)]), now = X(now_s);
+    const X = axis(start, record.edge, 2, w - 2), { peaks, most } = this.#peaks(floor(w - 4)), Y = axis(0, most, h - 5, 7), shape = Array.from(peaks, (peak, x) => [x + 2, Y(peak)]), now = X(now_s);
     area(c, [[2, h - 4], ...shape, [w - 2, h - 4]], "band");
     line(c, shape, "muted", 1.3);
     line(c, shape.filter(([x]) => x <= now), "model", 2.2);
@@ -164,7 +164,7 @@ export class Replay {
   #peaks(columns) {
     const { record } = this.run;
     if (this.curve?.peaks.length === columns) return this.curve;
-    const peaks = new Float32Array(columns), place = axis(record.start, max(record.end, record.start + 1e-3), 0, columns);
+    const peaks = new Float32Array(columns), place = axis(record.start, record.edge, 0, columns);
     for (let i = 0; i < record.length; i++) {
       const [cross, x, y, X, Y] = record.values(i, "cross", "eta.x", "eta.y", "truth.x", "truth.y"), k = min(floor(place(record.t[i])), columns - 1);
       const error = Number.isFinite(cross) ? abs(cross) : Math.hypot(X - x, Y - y);
@@ -177,7 +177,7 @@ export class Replay {
     const { run, ghost } = this, [a, b] = [run, ghost].map(figures), name = ({ label }, kind) => [el(`i.dot.${kind}`), label];
     const cm = (x) => length(x).join(" "), rows = { rms: [cm, 1], most: [cm, 1], honest: [percent, -1], jerk: [(x) => num(x, 3), 1] };
     this.table.replaceChildren(head(name(run, "estimate"), name(ghost, "ghosted")), el("tbody", Object.entries(rows).map(([key, [shown, sign]]) =>
-      row(t(`compare.${key}`), [a, b].map((one) => (Number.isFinite(one[key]) ? shown(one[key]) : "–")), [sign * (a[key] - b[key]) < 0, sign * (b[key] - a[key]) < 0].indexOf(true)))));
+      row(t(`compare.${key}`), [a, b].map((one) => (Number.isFinite(one[key]) ? shown(one[key]) : "–")), [1, -1].indexOf(Math.sign(sign * (b[key] - a[key])))))));
   }
 }
 

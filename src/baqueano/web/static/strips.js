@@ -7,9 +7,9 @@ import { t, three } from "./strings.js";
 
 const { floor, max, min } = Math;
 const LINES = {
-  measured: { colour: "measured", width: 1.1, dash: [] },
-  model: { colour: "model", width: 1.7, dash: [] },
-  applied: { colour: "ink", width: 1.4, dash: [] },
+  measured: { colour: "measured", width: 1.1 },
+  model: { colour: "model", width: 1.7 },
+  applied: { colour: "ink", width: 1.4 },
   asked: { colour: "ghost", width: 1.4, dash: [4, 3] },
   ghost: { colour: "ghost", width: 1.4, dash: [6, 3] },
 };
