@@ -315,9 +315,15 @@ def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder
 
 
 def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, folder):
-    mission = {"kind": "experiment", "seconds": 30.0, "seed": 5, "shake": ["0.5 s: sag 80 %"]}
+    mission = {
+        "kind": "experiment",
+        "seconds": 30.0,
+        "seed": 5,
+        "shake": ["0.5 s: sag 80 %", "0.5 s: drift imu[2] 0.01"],
+    }
     child.send(do="mission", door=VERSION, id="one", attended=False, **mission)
-    child.until(lambda m: m["is"] == "ledger" and m["rows"])
+    ledger = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2)[-1]
+    assert ledger["rows"][1]["what"]["figures"]["unit"] == " rad/s"
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
     child.send(do="again", from_s=0.4)
     first = child.until(lambda m: m["is"] == "done")[-1]

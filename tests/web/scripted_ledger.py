@@ -31,7 +31,7 @@ def ledger(language: str) -> dict[str, Any]:
           (("gate", "compuerta")[k], 0.03, ("refused 3 innovations within 1 s",
                                             "rechazó 3 innovaciones en 1 s"))], None),
         (55.0, None, fault("drift", of="imu[2]", size=0.15),
-         ("zero of imu[2] drifts by 0.15", "el cero de imu[2] deriva 0,15"), [],
+         ("zero of imu[2] drifts by 0.15 rad/s", "el cero de imu[2] deriva 0,15 rad/s"), [],
          ("for 5.0 s: NIS at most 1.05. No other sensor shows this motion, so nothing contradicts imu[2].",
           "durante 5,0 s: NIS a lo sumo 1,05. Ningún otro sensor muestra este movimiento, así que nada contradice a "
           "imu[2].")),

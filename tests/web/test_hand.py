@@ -228,9 +228,9 @@ LEDGER = """[...document.querySelectorAll('.ledger li')].map((one) =>
 @pytest.mark.parametrize(
     ("language", "drift", "push", "noticed", "nobody", "silent"),
     [
-        ("en", "zero of imu[2] drifts by 0.15", "push of 0.12 N s to the left", "NIS after 0.02 s: 2.63 over 1 s",
+        ("en", "zero of imu[2] drifts by 0.15 rad/s", "push of 0.12 N s to the left", "NIS after 0.02 s: 2.63 over",
          "not detected for 5.0 s: NIS at most 1.05.", "not detected by: monitor, supervisor"),
-        ("es", "el cero de imu[2] deriva 0,15", "empujón de 0,12 N s hacia la izquierda", "NIS a los 0,02 s: 2,63 en",
+        ("es", "el cero de imu[2] deriva 0,15 rad/s", "empujón de 0,12 N s hacia la izquierda", "NIS a los 0,02 s: 2",
          "sin detectar durante 5,0 s: NIS a lo sumo 1,05.", "no la detectaron: monitor, supervisor"),
     ],
     ids=["en", "es"],

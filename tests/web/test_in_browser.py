@@ -273,7 +273,7 @@ def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(chromium, 
         assert is_taught
         tap(tab, finish)
         tab.wait("baqueano.page.state.state === 'READY' && baqueano.page.screens.drive.route.value", START_S)
-        tab.wait("baqueano.page.route?.name === baqueano.page.screens.drive.route.value", START_S)  # on the map
+        tab.wait("baqueano.page.route?.name === baqueano.page.screens.drive.route.value", START_S)
         tap(tab, repeat)
         show_text(tab, "REPEATING")
         show_text(tab, "from its route")

@@ -30,6 +30,7 @@ from baqueano.standstill import with_rest
 from baqueano.symbolic import TraceError, compile_block
 from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file.units import channel_units
 from baqueano.worlds import FaultyWorld, SimulatedWorld
 from baqueano.worlds.faults.fault import FaultLike
 
@@ -91,7 +92,9 @@ class Conditions:
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
         real = vehicle_file.truth if self.truth is None else self.truth
         arguments = real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
-        return SimulatedWorld(*arguments) if self.shake is None else FaultyWorld(*arguments, self.shake)
+        if self.shake is None:
+            return SimulatedWorld(*arguments)
+        return FaultyWorld(*arguments, self.shake, channel_units(real))
 
     def tick_times_of(self, vehicle_file: VehicleFile) -> Iterable[int]:
         """Return the times of the ticks [ns]."""

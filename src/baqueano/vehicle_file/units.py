@@ -10,6 +10,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
+    from baqueano.contracts.blocks import SensorBlocks
     from baqueano.vehicle_file.file import VehicleFile
 
 CHANNEL_UNITS = {
@@ -130,6 +131,16 @@ def _scaled_text(value: object, factor: float) -> str:
 
 def _unit_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def channel_units(vehicle_file: "VehicleFile", sensors: "SensorBlocks | None" = None) -> dict[str, str]:
+    """Return the unit of each channel by its name, such as "imu[2]", of the file's sensors or of `sensors`."""
+    blocks = (sensors or vehicle_file.sensors)._asdict().items()
+    return {
+        f"{name}[{k}]": channel_unit(vehicle_file, name, k)
+        for name, block in blocks
+        for k in range(block.size)
+    }
 
 
 def channel_unit(vehicle_file: "VehicleFile", sensor: str, entry: int) -> str:

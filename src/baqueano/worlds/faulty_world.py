@@ -10,8 +10,9 @@ bit for bit. Without a fault they equal the results of an undisturbed simulation
 """
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -157,6 +158,8 @@ class FaultyWorld(SimulatedWorld):
         "auto", "c", "python" or "numpy".
     shake : sequence of Fault or str
         The faults (see `worlds.Fault`); the method `begin_fault` adds faults during the drive.
+    units : mapping of str to str
+        The unit of each channel by its name, such as "imu[2]", for the messages of faults.
 
     Raises
     ------
@@ -179,7 +182,9 @@ class FaultyWorld(SimulatedWorld):
     def __init__(
         self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float = 100.0, seed: int = 0,
         eta0: np.ndarray | None = None, backend: str = "auto", shake: Iterable[FaultLike] = (),
+        units: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
+        self._units = units
         self._shaking = DisturbanceConverter(vehicle, sensors, rate_hz, seed)
         self.faults: list[Fault] = []  # the index of a fault is its number minus 1
         for description in shake:
@@ -226,7 +231,7 @@ class FaultyWorld(SimulatedWorld):
         for number, fault_ in enumerate(self.faults, 1):
             if number not in self._started_numbers and self._shaking.first_tick(fault_) <= k:
                 self._started_numbers.add(number)
-                self._pending.append((self._end_ns(k), fault_.message(number, float(self.truth.eta[2]))))
+                self._pending.append((self._end_ns(k), self._message(number, float(self.truth.eta[2]))))
         shake, command_arrives = self._shaking.disturbance_at(self.faults, k)
         if command_arrives:
             self._u = self._requested
@@ -262,9 +267,13 @@ class FaultyWorld(SimulatedWorld):
         ended_fault = replace(fault_, for_s=now_s - fault_.at_s)
         self.faults[number - 1] = ended_fault
         message = note(
-            "shake.over", subject=SOURCE, number=number, for_s=ended_fault.for_s, what=fault_.message(number)
+            "shake.over", subject=SOURCE, number=number, for_s=ended_fault.for_s, what=self._message(number)
         )
         self._pending.append((self._end_ns(k), message))
+
+    def _message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
+        fault_ = self.faults[number - 1]
+        return fault_.message(number, psi_rad, self._units.get(fault_.of, ""))
 
     def _append_fault(self, fault_: Fault) -> None:
         self.faults.append(fault_)

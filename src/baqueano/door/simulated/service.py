@@ -34,6 +34,7 @@ from baqueano.messages import templates
 from baqueano.runs import read_run
 from baqueano.runs.folder import release_path, reserve_path
 from baqueano.runs.route_file import write_route
+from baqueano.vehicle_file.units import channel_units
 from baqueano.worlds import FaultyWorld
 
 if TYPE_CHECKING:
@@ -148,8 +149,9 @@ class SimulatedService:
         truth, start_pose = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
         world = FaultyWorld(
-            truth.vehicle, truth.sensors, truth.rate_hz, seed, start_pose, self.backend, plan.faults
-        )
+            truth.vehicle, truth.sensors, truth.rate_hz, seed, start_pose, self.backend, plan.faults,
+            channel_units(truth),
+        )  # fmt: skip
         self.operator.pop_mark_count()  # drop marks from before this drive
         watching = _DriveObserver(self, plan, world, attended)
         observers = (

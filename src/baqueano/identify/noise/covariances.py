@@ -42,7 +42,7 @@ from baqueano.messages.text_table import text_table
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
-from baqueano.vehicle_file.units import channel_unit
+from baqueano.vehicle_file.units import channel_units
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -218,11 +218,7 @@ def measure_noise(
         raise UsageError(fault("noise.unknown-source", value=source))
     notes: list[Diagnostic] = []
     in_motion, at_rest = _measurement(fit, runs, notes)
-    units = {
-        f"{name}[{i}]": channel_unit(fit.file, name, i)
-        for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items()
-        for i in range(block.size)
-    }
+    units = channel_units(fit.file) | channel_units(fit.file, fit.blocks.sensors)
     if fit.file.kind("estimator") is AugmentedEkf:
         estimator, covariances = fit.file.estimator(), dict(in_motion)
         filters = cache(lambda names: filter_noise(fit, runs, covariances, at_rest, backend, names))

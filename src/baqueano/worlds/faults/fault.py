@@ -108,8 +108,11 @@ class Fault:
         """Return the fields of the fault by name, for JSON."""
         return asdict(self)
 
-    def message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
-        """Return the message of the fault, with all its parameters; `psi_rad` is the heading of the vehicle."""
+    def message(self, number: int, psi_rad: float = 0.0, unit: str = "") -> Diagnostic:
+        """Return the message of the fault, with all its parameters.
+
+        `psi_rad` is the heading of the vehicle, `unit` the unit of the channel.
+        """
         magnitude, direction_rad = hypot(self.x, self.y), atan2(self.y, self.x)
         if self.kind == "push" and self.frame == "map":
             direction_rad -= psi_rad
@@ -122,6 +125,8 @@ class Fault:
             figures["way"] = note(f"shake.way-{direction_name}")
         if self.kind == "slip":
             figures["wheel"] = note(f"shake.wheel-{self.of}")
+        if self.kind in CHANNEL_KINDS:
+            figures["unit"] = f" {unit}".rstrip()
         figures["percent"] = 100.0 * self.part
         return note(f"shake.{self.kind}", subject=SOURCE, number=number, **self.to_json(), **figures)
 
