@@ -14,6 +14,11 @@ PRESS = "[...document.querySelectorAll('button')].find((one) => one.innerText.st
 TEXT = "document.body.innerText.includes({text!r})"
 START_S, TRIES = 60.0, 6
 REQUESTED = "(({ record }) => Array.from(record.column('asked.0').subarray(0, record.length)))(baqueano.page)"
+REFUSALS = """(({ on }) => {
+  const no = on.no;
+  globalThis.refusals = [];
+  on.no = (word) => { globalThis.refusals.push(word.code); no(word); };
+})(baqueano.page.link)"""
 BEATS = """async () => {  // of a driver who has handed over
   const { link } = baqueano.page;
   for (let n = 0; n < 12; n++) {
@@ -84,6 +89,14 @@ def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp
         other = chromium.window()
         other.goto(tab.js("location.href"))
         show_text(other, "m/s forward")
+        other.js(REFUSALS)
+        end = time.monotonic() + START_S
+        while not other.js("globalThis.refusals.includes('web.lease-taken')"):
+            assert time.monotonic() < end, other.js("globalThis.refusals")
+            take(tab)
+            other.js("document.getElementById('lease').click()")  # if it drives by now, it stops driving
+            time.sleep(0.2)
+        assert other.js("!baqueano.page.hand.mine && document.getElementById('toast').checkVisibility()")
         tab.down("w", "KeyW", "w")  # and it is not released
         other.wait(f"{REQUESTED}.at(-1) > 0 || baqueano.page.state.state === 'STOPPED'", START_S)
         end = time.monotonic() + START_S
