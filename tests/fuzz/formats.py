@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle
 from baqueano.runs import import_runs, read_run, write_run
 from baqueano.runs.maps.column_map import load_map
+from baqueano.runs.maps.columns import ColumnMap, Entry
 from baqueano.runs.route_file import read_route, write_route
 from baqueano.vehicle_file import load
 from tests.fuzz.judging import LONGEST_S, Hang, Silent
@@ -145,19 +147,19 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
 
 def _yaw_rates(data: bytes) -> np.ndarray | None:
     """Return the yaw rates [rad/s] that a log contains by an independent reading; None if it is not a plain table."""
+    table = _table(data, COLUMNS)
+    return None if table is None else np.radians(table[table[:, 9] == 1.0, 5])
+
+
+def _table(data: bytes, header: str) -> np.ndarray | None:
+    """Return the numbers below this header; None for another text, or for times that do not increase."""
     lines = data.decode("utf-8", "replace").split("\n")
     try:
         table = np.array([line.split(",") for line in lines[1:] if line], dtype=float)
     except ValueError:
         return None
-    if (
-        lines[0] != COLUMNS
-        or table.ndim != 2
-        or not np.all(np.isfinite(table))
-        or np.any(np.diff(table[:, 0]) <= 0.0)
-    ):
-        return None
-    return np.radians(table[table[:, 9] == 1.0, 5])
+    is_plain = lines[0] == header and table.ndim == 2 and np.all(np.isfinite(table))
+    return table if is_plain and np.all(np.diff(table[:, 0]) > 0.0) else None
 
 
 @contextmanager
@@ -168,10 +170,56 @@ def column_map(folder: Path) -> Iterator[Callable[[int], object]]:
 
     def read_mutant(number: int) -> object:
         _write_new(path, _damaged(MAP, draw("map", number)))
-        load_map(path)
-        return import_runs(path)
+        read, runs = load_map(path), import_runs(path)
+        written = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        if any(_differs(entry, spec) for entry, spec in _entries(read, written)):
+            raise Silent("an entry of the map differs from its text")
+        if (rates := _mapped_yaw_rates(written)) is not None:
+            imported = np.concatenate([one.run.sensors["imu"].z[:, 2] for one in runs])
+            imported = imported[np.isfinite(imported)]
+            if not np.isclose(imported[:, None], rates, rtol=1e-12, atol=0.0).any(axis=1).all():
+                raise Silent("a yaw rate differs from its column")
+        return runs
 
     yield read_mutant
+
+
+def _entries(read: ColumnMap, written: dict[str, Any]) -> Iterator[tuple[Entry, dict[str, Any]]]:
+    """Yield each entry of a map with the table that describes it."""
+    tables = [(signal, written["sensors"][name]["z"]) for name, signal in read.sensors.items()]
+    if "command" in written:
+        tables.append((read.command, written["command"]["wheels" if read.wheels else "u"]))
+    if read.truth is not None:
+        tables.append((read.truth, written["truth"].get("eta", []) + written["truth"].get("nu", [])))
+    for signal, specs in tables:
+        yield from zip(signal.entries, specs, strict=True)
+
+
+def _differs(entry: Entry, spec: dict[str, Any]) -> bool:
+    """Return True if an entry has another source or another number than its table."""
+    names = (
+        "column",
+        "scale",
+        "offset",
+        "times",
+        "derivative",
+        "wraps",
+        "constant",
+        "radius_m",
+        "counts_per_turn",
+    )
+    return any(spec[name] == spec[name] != getattr(entry, name) for name in names if name in spec)
+
+
+def _mapped_yaw_rates(written: dict[str, Any]) -> np.ndarray | None:
+    """Return the yaw rates [rad/s] of all rows of the log by the third entry of `imu`; None if it is not plain."""
+    table = written.get("sensors", {}).get("imu", {})
+    spec = table.get("z", [{}] * 3)[2]
+    factor = {"deg/s": np.pi / 180.0, "rad/s": 1.0}.get(spec.get("unit", ""))
+    if factor is None or set(table) != {"file", "z"} or set(spec) != {"column", "unit"}:
+        return None
+    header, *rows = [line.split(",") for line in log().splitlines()]
+    return factor * np.array([float(row[header.index(spec["column"])]) for row in rows])
 
 
 @contextmanager
@@ -210,6 +258,7 @@ def route(folder: Path) -> Iterator[Callable[[int], object]]:
     short = whole._replace(t_s=whole.t_s[:12], eta=whole.eta[:12], nu=whole.nu[:12])
     path = write_route(short, folder / "input.csv")
     original = path.read_text(encoding="utf-8")
+    header = original.splitlines()[1]
 
     def read_mutant(number: int) -> object:
         generator = draw("route", number)
@@ -217,6 +266,9 @@ def route(folder: Path) -> Iterator[Callable[[int], object]]:
         route = read_route(path)
         if not all(np.all(np.isfinite(column)) for column in route[:3]):
             raise Silent("a route with numbers that are not finite")
+        table = _table(path.read_bytes().partition(b"\n")[2], header)
+        if table is not None and not np.array_equal(np.column_stack(route[:3]), table):
+            raise Silent("a number of the route differs from the text")
         return Repeat.along(route), repr(route)
 
     yield read_mutant

@@ -155,3 +155,4 @@ def test_a_demo_without_a_page_starts_no_page_process(tmp_path, monkeypatch, wor
     with pytest.raises(SimulationCall):
         command.main(list(words), standalone_mode=False)
     assert [call[2] for call in commands] == (["baqueano.web.lab.playback"] if opens_page else [])
+    assert all(call[-2:] == ["--pace", "4.0"] for call in commands)

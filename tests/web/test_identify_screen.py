@@ -42,6 +42,9 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     unseen_chip = "document.querySelector('[data-kind~=hollow]')"
     assert "not identified" in tab.js(f"{unseen_chip}.textContent")
     assert "missing: sliding sideways" in tab.js(f"{unseen_chip}.textContent")
+    advice = tab.js("document.querySelector('.next-card p').textContent")
+    assert word["next"]["motion"] in advice
+    assert word["next"]["label"] in advice
     live.put(word | {"fit": word["fit"] | {"verdict_is": "REFUSED", "verdict": "REFUSED"}})
     until(lambda: kinds(tab) == {"hollow"})  # a refused fit fills no bar
 
