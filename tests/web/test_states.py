@@ -12,6 +12,7 @@ MESSAGE = (  # longer than most
     "Otra persona maneja este vehículo desde otro navegador: pídale el volante, o espere hasta que lo suelte. Nada se "
     "movió."
 )
+LOOKS = [("phone", "light"), ("laptop", "dark"), ("projector", "light")]
 VIEWS = "document.querySelectorAll('.side .choices button')"
 ODD = {
     "en": "gyro drifts, it does not fit the model",
@@ -54,9 +55,9 @@ def states(tab, live):
 def test_no_state_of_a_screen_has_a_layout_fault(tab, live):
     wrong = {}
     for state in states(tab, live):
-        for size in SIZES:
-            looked_at(tab, size, "light")
-            shot(tab, "state", state, size)
+        for size, theme in LOOKS:
+            looked_at(tab, size, theme)
+            shot(tab, "state", state, size, theme)
             if problems := tab.js(BOXES):
                 wrong[f"{state} {size}"] = problems
         looked_at(tab, "laptop", "light")
