@@ -1,7 +1,10 @@
 """Normalised squared errors lie in their χ² bands if the covariance is correct, otherwise outside."""
 
+import sys
+
 import numpy as np
 import pytest
+from scipy import special
 from scipy.signal import lfilter
 
 from baqueano.compare import consistency
@@ -165,3 +168,10 @@ def test_only_white_innovations_are_called_white():
 def test_a_missing_scipy_is_reported_with_the_install_command(without_scipy):
     with refused("lab.scipy-for-bands", UsageError):
         consistency._limits(10.0, 0.05)
+
+
+def test_limits_have_their_probability_and_do_not_need_the_slow_import_of_scipy_stats(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.stats", None)
+    for freedom in (1.0, 7.3, 5e4):
+        limits = freedom * np.array(consistency._limits(freedom, 0.05))
+        np.testing.assert_allclose(special.chdtr(freedom, limits), [0.025, 0.975], rtol=1e-9)
