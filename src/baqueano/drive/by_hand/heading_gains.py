@@ -14,6 +14,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
 from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, Gains, Gyro, HeadingHold, pole_placement_gains
+from baqueano.drive.session import compiled_or_unchanged
 from baqueano.estimators.readings.gate import gate_limit
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import constant_effort
@@ -93,9 +94,10 @@ def _turn_response(
     """
     u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
     u[0], du[-1] = share * limit[0], STEP * limit[-1]
-    state, drivetrain = vehicle.init(), vehicle.drivetrain
+    state, drivetrain, inputs = vehicle.init(), vehicle.drivetrain, (u, dt_s, np.zeros(3))
+    quick, _ = compiled_or_unchanged("vehicle", vehicle, state, inputs, "python")  # hundreds of steps
     for _ in range(round(SETTLING_S * rate_hz)):
-        state, _ = vehicle.step(state, u, dt_s, np.zeros(3))
+        state, _ = quick.step(state, *inputs)
     v = float(state.nu[0])
 
     def next_yaw_rate(r: float, u: np.ndarray) -> float:
