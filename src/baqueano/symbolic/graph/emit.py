@@ -9,6 +9,7 @@ branch, which the processor sometimes mispredicts. A *term* has `op` and `args`:
 from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from operator import is_not
 from typing import NamedTuple, TypeAlias
 
 from baqueano.contracts.values import Value
@@ -94,11 +95,13 @@ def with_reciprocals(program: Program, uses: int, divisors: Container[Node] = ()
     }
     for node in order:
         args = [replacements[a] for a in node.args]
-        is_quotient = node in moving_nodes and node.op == "div" and not _is_reciprocal(node)
+        is_quotient = node.op == "div" and node in moving_nodes and not _is_reciprocal(node)
         if is_quotient and node not in step_divisors and node.args[1] in frequent:
             replacements[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
+        elif any(map(is_not, args, node.args)):
+            replacements[node] = graph.make(node.op, *args, value=node.value)
         else:
-            replacements[node] = graph.make(node.op, *args, value=node.value) if args else node
+            replacements[node] = node
     next_carry, outputs = (tuple(replacements[root] for root in group) for group in groups)
     return program._replace(next_carry=next_carry, outputs=outputs)
 

@@ -4,7 +4,8 @@ Only the graph creates nodes. It folds constants and applies the local rules of 
 trace and is deleted with it. Truth values are the numbers 0 and 1.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
+from operator import is_not
 from threading import RLock
 
 import numpy as np
@@ -33,7 +34,8 @@ class Node(Scalar):
         graph = self.graph
         if value is not None:
             value = graph.table(*value)
-        node = graph.make(op, *map(graph.node, args), value=value)
+        nodes = [a if type(a) is Node and a.graph is graph else graph.node(a) for a in args]
+        node = graph.make(op, *nodes, value=value)
         if node.op != "const":
             return node
         return np.bool_(node.value) if op in ieee.LOGICAL else node.value
@@ -54,7 +56,7 @@ class Graph:
 
     def __init__(self) -> None:
         self.lock = RLock()
-        self.nodes: dict[tuple[Value, ...], Node] = {}
+        self.nodes: dict[Hashable, Node] = {}
         self.truths: set[Node] = set()  # symbols of truth values
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
@@ -69,7 +71,8 @@ class Graph:
     def const(self, value: float) -> Node:
         """Return the node of a constant; 0 and −0 are different nodes."""
         value = float(value)
-        return self._intern(("const", value.hex()), "const", (), value)
+        key = value if value and value == value else value.hex()  # 0 == −0, and NaN differs from itself
+        return self._intern(key, "const", (), value)
 
     def symbol(self, name: str) -> Node:
         """Return a new node for a value known only at run time; two symbols are never the same node."""
@@ -77,7 +80,10 @@ class Graph:
 
     def make(self, op: str, *args: Node, value: Value = None) -> Node:
         """Return the node of this operation, simplified by a local rule if one applies."""
-        if all(a.op == "const" for a in args):
+        for a in args:
+            if a.op != "const":
+                break
+        else:
             table = () if value is None else (self.tables[value],)
             return self.const(ieee.OPERATORS[op](*[a.value for a in args], *table))
         if op in ieee.COMMUTATIVE:
@@ -103,12 +109,12 @@ class Graph:
         new_nodes = dict(replacements)
         for node in nodes_below(roots):
             if node not in new_nodes:
-                args = [new_nodes[a] for a in node.args]
-                is_unchanged = all(a is b for a, b in zip(args, node.args, strict=True))
-                new_nodes[node] = node if is_unchanged else self.make(node.op, *args, value=node.value)
+                args = tuple([new_nodes[a] for a in node.args])
+                is_changed = any(map(is_not, args, node.args))
+                new_nodes[node] = self.make(node.op, *args, value=node.value) if is_changed else node
         return [new_nodes[root] for root in roots]
 
-    def _intern(self, key: tuple[Value, ...], op: str, args: tuple[Node, ...], value: Value) -> Node:
+    def _intern(self, key: Hashable, op: str, args: tuple[Node, ...], value: Value) -> Node:
         node = self.nodes.get(key)
         if node is None:
             node = self.nodes[key] = Node(self, op, args, value, len(self.nodes))
