@@ -77,7 +77,11 @@ def _key(key: Value) -> Value:
 def has_scalars(x: Value) -> bool:
     """Return True if `x` is or contains a `Scalar`, whose value is known only at run time."""
     if isinstance(x, np.ndarray):
-        return x.dtype == object and any(isinstance(e, Scalar) for e in x.ravel().tolist())
+        if x.dtype == object:
+            for entry in x.ravel().tolist():
+                if isinstance(entry, Scalar):
+                    return True
+        return False
     if isinstance(x, list | tuple):
         return any(map(has_scalars, x))
     return isinstance(x, Scalar)
@@ -128,7 +132,9 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
         names = ", ".join(sorted(UFUNCS))
         raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, valid=names)
     else:
-        options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
+        options = {}
+        if kwargs:
+            options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:
             options["axis"] = kwargs["axis"]
         result = as_traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))

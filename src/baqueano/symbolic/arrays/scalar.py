@@ -5,6 +5,7 @@ arguments. With floats it computes a float, with nodes a node of their graph, wi
 derivatives. A truth value is a bool, or a scalar that is 0 or 1.
 """
 
+import operator
 from collections.abc import Callable, Iterable
 from functools import partial
 
@@ -15,6 +16,7 @@ from baqueano.symbolic import ieee
 from baqueano.symbolic.errors import untraceable
 
 NUMBER_TYPES = (float, int, np.number, np.bool_)
+_INFIX_OPERATORS = {np.add: operator.add, np.subtract: operator.sub, np.multiply: operator.mul}
 
 
 def apply(op: str, *args: Value, value: Value = None) -> Value:
@@ -154,6 +156,11 @@ class Scalar:
         raise untraceable("trace.needs-index")
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
+        infix = _INFIX_OPERATORS.get(ufunc)
+        if infix is not None and method == "__call__" and not kwargs:  # of an element of an array of floats
+            a, b = (x.item() if isinstance(x, np.floating) else x for x in inputs)
+            if isinstance(a, float | Scalar) and isinstance(b, float | Scalar):
+                return infix(a, b)
         from baqueano.symbolic.arrays.array import ufunc_on
 
         return ufunc_on(ufunc, method, inputs, kwargs)

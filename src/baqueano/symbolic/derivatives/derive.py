@@ -46,13 +46,16 @@ def combine(op: str, args: Sequence[Value], rows: Sequence[Row], factors: Sequen
         return {source: apply("where", args[0], a.get(source, 0.0), b.get(source, 0.0)) for source in a | b}
     combination: Row = {}
     for row, factor in zip(rows, factors, strict=True):
-        if not row or (type(factor) is float and factor == 0.0):
+        is_number = type(factor) is float
+        if not row or (is_number and factor == 0.0):
             continue
+        terms = row if is_number and factor == 1.0 else {source: factor * x for source, x in row.items()}
         if not combination:
-            combination = {source: factor * x for source, x in row.items()}
+            combination = terms  # a row is never changed, so two results can share one
             continue
-        for source, x in row.items():
-            combination[source] = combination[source] + factor * x if source in combination else factor * x
+        combination = {**combination}
+        for source, x in terms.items():
+            combination[source] = combination[source] + x if source in combination else x
     return combination
 
 

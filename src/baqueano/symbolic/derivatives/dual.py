@@ -29,11 +29,10 @@ class Dual(Scalar):
     def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
         """Return the result with its derivatives by the chain rule; a plain value for a result without derivatives."""
         level = self.level
-        values, rows = [], []
-        for a in args:
-            is_own = type(a) is Dual and a.level == level
-            values.append(a.value if is_own else a)
-            rows.append(a.row if is_own else {})
+        values, rows = list(args), [_NO_ROW] * len(args)
+        for k, a in enumerate(args):
+            if type(a) is Dual and a.level == level:
+                values[k], rows[k] = a.value, a.row
         result = apply(op, *values, value=value)
         if op in LOGICAL:
             return result
@@ -41,6 +40,55 @@ class Dual(Scalar):
             op, values, rows, () if op == "where" else argument_derivatives(op, result, values, value)
         )
         return Dual(result, row, level) if row else result
+
+    # Most operations of a model are sums and products with floats or dual numbers of this level: without `apply`.
+    def __add__(self, other: Value) -> Value:
+        if type(other) is float:
+            return Dual(self.value + other, self.row, self.level)
+        if type(other) is Dual and other.level == self.level:
+            return self._combined("add", self.value + other.value, other, 1.0, 1.0)
+        return super().__add__(other)
+
+    def __radd__(self, other: Value) -> Value:
+        return (
+            Dual(other + self.value, self.row, self.level)
+            if type(other) is float
+            else super().__radd__(other)
+        )
+
+    def __sub__(self, other: Value) -> Value:
+        if type(other) is float:
+            return Dual(self.value - other, self.row, self.level)
+        if type(other) is Dual and other.level == self.level:
+            return self._combined("sub", self.value - other.value, other, 1.0, -1.0)
+        return super().__sub__(other)
+
+    def __rsub__(self, other: Value) -> Value:
+        if type(other) is not float:
+            return super().__rsub__(other)
+        return Dual(other - self.value, {source: -1.0 * x for source, x in self.row.items()}, self.level)
+
+    def __mul__(self, other: Value) -> Value:
+        if type(other) is float:
+            return self._scaled(self.value * other, other)
+        if type(other) is Dual and other.level == self.level:
+            return self._combined("mul", self.value * other.value, other, other.value, self.value)
+        return super().__mul__(other)
+
+    def __rmul__(self, other: Value) -> Value:
+        return self._scaled(other * self.value, other) if type(other) is float else super().__rmul__(other)
+
+    def _scaled(self, value: Value, factor: float) -> Value:
+        if factor == 0.0:
+            return value
+        return Dual(value, {source: factor * x for source, x in self.row.items()}, self.level)
+
+    def _combined(self, op: str, value: Value, other: "Dual", *factors: Value) -> Value:
+        row = combine(op, (), (self.row, other.row), factors)
+        return Dual(value, row, self.level) if row else value
+
+
+_NO_ROW: Row = {}
 
 
 def seed_array(values: np.ndarray, level: int) -> TracedArray:
