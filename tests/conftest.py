@@ -56,7 +56,9 @@ HEAVY = {  # slow by their computation, and with the compiler flags of the packa
     "vehicles/test_continuous_time.py", "worlds/test_long_ticks.py", "worlds/test_shaken.py",
 }  # fmt: skip
 
-FITS = {"identify", "study", "sweep", "tune"}  # whose kernels run long enough to be worth an optimisation
+LONG_RUNS = {  # whose kernels run long enough to be worth an optimisation
+    "identify", "study", "sweep", "tune", "estimators/test_ekf_pauses.py", "monitor/test_sound_sensors.py",
+}  # fmt: skip
 
 POSIX = (
     "door",
@@ -80,7 +82,8 @@ MAY_LACK = re.compile(  # reasons of skips in CI
 Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)
 ALONE = pytest.StashKey[Callable[[], None]]()  # of a test: from its call on, the other processes wait
 
-SHIPPED = compile.MAX_THOROUGH_OPERATIONS, compile.MAX_SCHEDULED_OPERATIONS, compile.HASTY_LEVEL
+FLAGS = "MAX_THOROUGH_OPERATIONS", "MAX_SCHEDULED_OPERATIONS", "HASTY_LEVEL", "LONG_LEVEL"
+SHIPPED = tuple(getattr(compile, name) for name in FLAGS)
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
 os.environ["OPENBLAS_NUM_THREADS"] = (
@@ -173,10 +176,10 @@ def not_skipped(report: Report) -> Report:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly for tests with many short kernels; the other tests use the compiler flags of the package."""
-    quick = 0, 0, "-O1" if is_in(item.path, FITS) else "-O0"
-    compile.MAX_THOROUGH_OPERATIONS, compile.MAX_SCHEDULED_OPERATIONS, compile.HASTY_LEVEL = (
-        quick if is_in(item.path, SLOW) else SHIPPED
-    )
+    level = "-O1" if is_in(item.path, LONG_RUNS) else "-O0"
+    quick = 0, 0, level, level
+    for name, value in zip(FLAGS, quick if is_in(item.path, SLOW) else SHIPPED, strict=True):
+        setattr(compile, name, value)
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
         item.stash[ALONE]()
 

@@ -33,6 +33,7 @@ MAX_SCHEDULED_OPERATIONS = 4_000  # operations; for more, gcc's first scheduler 
 MAX_THOROUGH_OPERATIONS = 20_000  # operations; for more, -O3 takes minutes
 MIN_HASTY_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
 HASTY_LEVEL = "-O1"  # optimisation level of code that is compiled quickly
+LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
 WHOLE_VECTORS = "-mprefer-vector-width=512"  # else gcc splits √ and ⌊ ⌋ of eight lanes, through memory
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\
@@ -137,7 +138,8 @@ def _flag_sets(
 ) -> list[tuple[str, ...]]:
     """Return the sets of flags to try in order: compilers have different flags for the present processor."""
     is_hasty = is_hasty and operation_count > MIN_HASTY_OPERATIONS
-    level = HASTY_LEVEL if is_hasty else "-O1" if operation_count > MAX_THOROUGH_OPERATIONS else "-O3"
+    is_long = operation_count > MAX_THOROUGH_OPERATIONS
+    level = HASTY_LEVEL if is_hasty else LONG_LEVEL if is_long else "-O3"
     common_flags = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if sys.platform != "win32":
         common_flags += ("-fPIC",)
