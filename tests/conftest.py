@@ -34,26 +34,22 @@ from baqueano.symbolic.c_code import compile
 from tests.turns import turn
 
 HERE = Path(__file__).parent
-SLOW = {  # folders and files; their many short kernels are compiled quickly
-    "cli", "door", "drive", "emulated", "identify", "monitor", "report", "robot", "study", "sweep", "tune", "web",
-    "compare/test_corridor.py", "controllers/test_model_following.py", "estimators/test_ekf_pauses.py",
-    "estimators/test_every_sensor.py", "estimators/test_smoother.py", "runs/test_importing_page.py",
-    "test_any_laptop.py", "test_benchmarks.py",
-    "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py",
-    "test_first_evening.py", "test_site.py", "test_wheel.py",
-}  # fmt: skip
-
-HEAVY = {  # slow by their computation, and with the compiler flags of the package
-    "fuzz", "compare/test_comparison_of_runs.py", "compare/test_consistency.py", "compare/test_evenness.py",
-    "compare/test_laps.py", "controllers/test_mpc.py", "estimators/test_augmented_ekf.py",
-    "estimators/test_complementary.py", "estimators/test_dead_reckoning.py", "estimators/test_ekf_ages.py",
-    "estimators/test_ekf_laws.py", "estimators/test_place_gate.py", "estimators/test_unscented.py",
-    "guides/test_repeat_by_progress.py", "routes/test_profile.py", "runs/test_damage_is_bounded.py",
-    "runs/test_durability.py", "runs/test_hostile_recordings.py", "runs/test_import.py",
-    "runs/test_import_findings.py", "runs/test_import_recordings.py", "sensors/test_noise.py",
+SLOW = {  # folders and files; except in symbolic/, their many short kernels are compiled quickly
+    "cli", "door", "drive", "emulated", "fuzz", "identify", "monitor", "report", "robot", "study", "sweep", "tune",
+    "web", "compare/test_comparison_of_runs.py", "compare/test_consistency.py", "compare/test_corridor.py",
+    "compare/test_evenness.py", "compare/test_laps.py", "controllers/test_model_following.py",
+    "controllers/test_mpc.py", "estimators/test_augmented_ekf.py", "estimators/test_complementary.py",
+    "estimators/test_dead_reckoning.py", "estimators/test_ekf_ages.py", "estimators/test_ekf_laws.py",
+    "estimators/test_ekf_pauses.py", "estimators/test_every_sensor.py", "estimators/test_place_gate.py",
+    "estimators/test_smoother.py", "estimators/test_unscented.py", "guides/test_repeat_by_progress.py",
+    "routes/test_profile.py", "runs/test_damage_is_bounded.py", "runs/test_durability.py",
+    "runs/test_hostile_recordings.py", "runs/test_import.py", "runs/test_import_findings.py",
+    "runs/test_import_recordings.py", "runs/test_importing_page.py", "sensors/test_noise.py",
     "simulate/test_closed_loop.py", "symbolic/test_c_compile.py", "symbolic/test_c_emit.py",
-    "symbolic/test_jacobian.py", "symbolic/test_scan.py", "vehicle_file/test_garage.py",
-    "vehicles/test_continuous_time.py", "worlds/test_long_ticks.py", "worlds/test_shaken.py",
+    "symbolic/test_jacobian.py", "symbolic/test_scan.py", "test_any_laptop.py", "test_benchmarks.py",
+    "test_docs.py", "test_examples.py", "test_first_evening.py", "test_house.py", "test_notebooks.py",
+    "test_site.py", "test_wheel.py", "vehicle_file/test_garage.py", "vehicles/test_continuous_time.py",
+    "worlds/test_long_ticks.py", "worlds/test_shaken.py",
 }  # fmt: skip
 
 LONG_RUNS = {  # whose kernels run long enough to be worth an optimisation
@@ -114,7 +110,7 @@ def is_in(path: Path, places: set[str]) -> bool:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Import no slow test if only fast tests are wanted; the import takes longer than many tests."""
-    return True if config.option.markexpr == "not slow" and is_in(collection_path, SLOW | HEAVY) else None
+    return True if config.option.markexpr == "not slow" and is_in(collection_path, SLOW) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -125,7 +121,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 pytest.mark.skip(reason=f"{item.path.name}: sockets of files and ttys are of POSIX")
             )
     for item in items:
-        if is_in(item.path, SLOW | HEAVY):
+        if is_in(item.path, SLOW):
             item.add_marker("slow")
         if is_in(item.path, REAL_TIME):
             item.add_marker(pytest.mark.flaky(reruns=2))
@@ -178,7 +174,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly for tests with many short kernels; the other tests use the compiler flags of the package."""
     level = "-O1" if is_in(item.path, LONG_RUNS) else "-O0"
     quick = 0, 0, level, level
-    for name, value in zip(FLAGS, quick if is_in(item.path, SLOW) else SHIPPED, strict=True):
+    is_quick = is_in(item.path, SLOW) and not is_in(item.path, {"symbolic"})
+    for name, value in zip(FLAGS, quick if is_quick else SHIPPED, strict=True):
         setattr(compile, name, value)
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
         item.stash[ALONE]()
