@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Controller
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Command, Estimate, Reference
@@ -115,7 +115,7 @@ class DelayedController:
 
     def step(self, state: Tree, reference: Reference, estimate: Estimate) -> tuple[Tree, Command]:
         """Return the state, and the command (n,)."""
-        start_ns: Value = np.where(state.t_ns < 0, estimate.t_ns, state.t_ns)
+        start_ns = branch(state.t_ns < 0, lambda: estimate.t_ns, lambda: state.t_ns)
         is_resting = estimate.t_ns - start_ns + TICK_TOLERANCE_NS < self.rest_s * NANOSECONDS
         inner, command = branch(
             is_resting,

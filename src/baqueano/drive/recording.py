@@ -46,7 +46,7 @@ class Recording:
     def tick(self, record: Record) -> None:
         """Write a record of the loop, and all data and events that belong to the tick of this record."""
         sink, t_ns = self.sink, record.tick.t_ns
-        sink.record(record._replace(states=None))
+        sink.record(record)
         for truth_ns, motion in self.world.new_truths():
             sink.truth(truth_ns, motion)
         for name, channel_ns, z in self.world.new_channels():
@@ -96,10 +96,8 @@ class Recording:
             observer.on_event(t_ns, source, message)
 
     def _show(self, record: Record) -> None:
-        failure, shown_record = (
-            self.sink.failure,
-            record._replace(sensor_findings=self.health.degraded_sensors),
-        )
+        failure, findings = self.sink.failure, self.health.degraded_sensors
+        shown_record = record._replace(sensor_findings=findings) if findings else record
         is_newly_full = self.is_logging and failure is not None
         if is_newly_full and failure is not None:
             self.is_logging = False

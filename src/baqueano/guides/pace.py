@@ -11,9 +11,7 @@ With p = 1 the reference of the guide is unchanged.
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-import numpy as np
-
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.values import Tree
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
@@ -73,8 +71,10 @@ class GuideAtPace:
         if state.t_ns < 0:
             state = state._replace(t_ns=estimate.t_ns, own_ns=estimate.t_ns)
         step = seconds(estimate.t_ns, state.t_ns) / self.ramp_s
-        pace: Value = np.clip(self.pace, state.pace - step, state.pace + step)  # (1)
+        pace: float = min(max(self.pace, state.pace - step), state.pace + step)  # (1)
         own_ns = state.own_ns + round(pace * (estimate.t_ns - state.t_ns))
-        guide, reference = self.guide.step(state.guide, estimate._replace(t_ns=own_ns))
-        reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
+        own_estimate = estimate if own_ns == estimate.t_ns else estimate._replace(t_ns=own_ns)
+        guide, reference = self.guide.step(state.guide, own_estimate)
+        if pace != 1.0 or reference.t_ns != estimate.t_ns:
+            reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
         return PaceState(estimate.t_ns, own_ns, pace, guide), reference

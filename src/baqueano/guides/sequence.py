@@ -78,6 +78,9 @@ class GuideSequence:
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference of the present guide: `first` until it is done, then `second`.  (1)"""
         was_first_over = state.is_first_over > 0.0
+        if was_first_over is True:
+            second, reference = self.second.step(state.second, estimate)
+            return GuideSequenceState(state.first, second, 1.0), reference
         over = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 1.0)
         first, reference = branch(
             was_first_over, lambda: (state.first, over), lambda: self.first.step(state.first, estimate)

@@ -51,7 +51,7 @@ class MemoryRecorder:
 
     def record(self, record: Record) -> None:
         """Record a tick: commands, measurements, estimate and reference."""
-        self.records.append(record)
+        self.records.append(record._replace(states=None))
 
     def truth(self, t_ns: int, motion: Motion) -> None:
         """Record the true pose, velocity and acceleration."""

@@ -71,9 +71,13 @@ class Caution(Observer):
         """Return why the estimate is unreliable, or None, and True in a severe case.  (1)"""
         if not self._is_watching:
             return None, False
-        std_m = float(position_std(record.estimate.cov))
-        if std_m > SLOW_SHARE * self._max_std_m:
-            return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._max_std_m), True
+        slow_std_m, cov = SLOW_SHARE * self._max_std_m, record.estimate.cov
+        if not cov.item(0) + cov.item(7) <= slow_std_m * slow_std_m:  # σ² ≤ p_xx + p_yy
+            std_m = float(position_std(cov))
+            if std_m > slow_std_m:
+                return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._max_std_m), True
+        if not record.sensor_findings:
+            return None, False
         findings = [finding for finding in record.sensor_findings if finding.wrong_part != MODEL]
         return merge_diagnostics(finding.diagnostic for finding in findings), any(
             finding.wrong_part == SENSOR for finding in findings

@@ -30,6 +30,8 @@ class PacedGuide:
 
     def set_pace(self, source: str, pace: float) -> None:
         """Set the pace that `source` requests from the next tick on. Raise ValueError if it is not in [0, 1]."""
+        if self._paces.get(source) == pace:  # almost every tick: a new block would check its bounds again
+            return
         replace(self.block, pace=pace)
         self._paces[source] = pace
         if (slowest := min(self._paces.values())) != self.block.pace:

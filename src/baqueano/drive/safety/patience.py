@@ -7,6 +7,8 @@ p_0, ψ_0 is the pose at the last motion, p_r the reference. During a stop in th
 it is at its reference. During a pause it is not stuck either, because the reference then rests near the vehicle.
 """
 
+from math import dist, nan
+
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, StopReason, stop
@@ -23,17 +25,19 @@ class Patience(Observer):
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
-        self._origin = np.full(3, np.nan)
+        self._origin = [nan, nan, nan]
         self._since_ns, self._away_m = 0, 0.0
 
     def on_record(self, record: Record) -> None:
         """Restart the waiting time if the vehicle has moved, or is at its reference."""
-        eta, reference = record.estimate.eta, record.reference.eta
-        has_moved = not np.hypot(*(eta - self._origin)[:2]) < STILL_M
-        has_moved = has_moved or not abs(wrap(eta[2] - self._origin[2])) < STILL_RAD
-        self._away_m = float(np.hypot(*(reference - eta)[:2]))
-        if has_moved or self._away_m <= AWAY_M:
-            self._origin, self._since_ns = eta, record.tick.t_ns
+        pose, reference = (np.asarray(x.eta).tolist() for x in (record.estimate, record.reference))
+        self._away_m = dist(pose[:2], reference[:2])
+        if self._away_m <= AWAY_M or self._has_moved_to(pose):
+            self._origin, self._since_ns = pose, record.tick.t_ns
+
+    def _has_moved_to(self, pose: list[float]) -> bool:
+        is_near = dist(pose[:2], self._origin[:2]) < STILL_M
+        return not (is_near and abs(wrap(pose[2] - self._origin[2])) < STILL_RAD)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return the reason to end the drive, or None to continue.  (1)"""

@@ -52,13 +52,13 @@ class Packing:
     ) -> None:
         """Pack pose (3,), velocity (3,) and covariance (6, 6); `innovation` is None if it is not reported."""
         pose = np.asarray(eta, dtype=float).tolist()
-        values = [*pose, *np.asarray(nu, dtype=float).tolist(), *np.ravel(cov).tolist()]
+        values = [*pose, *np.asarray(nu, dtype=float).tolist(), *np.asarray(cov).ravel().tolist()]
         if innovation is None:
             topic = self.file.estimate(None, True)
             data = topic.pack(t_ns, *values, 0, 0, 0)
         else:
             z = np.asarray(innovation, dtype=float).tolist()
-            S = [] if innovation_cov is None else np.ravel(innovation_cov).tolist()
+            S = [] if innovation_cov is None else np.asarray(innovation_cov).ravel().tolist()
             topic = self.file.estimate(len(z), innovation_cov is not None)
             data = topic.pack(t_ns, *values, len(z), len(z), *z, len(S), *S)
         self.put(topic.id, t_ns, data, t_ns, True)

@@ -16,6 +16,7 @@ import threading
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,7 +68,7 @@ class RunFile:
         self._lock = threading.Lock()  # one thread packs and names topics, another moves messages
         self._topics: dict[tuple[object, ...], Topic] = {}
         self._schemas: dict[str, int] = {}
-        self._is_imu = imu_names(vehicle_text)
+        self._is_imu = cache(imu_names(vehicle_text))
         self._stream = _open_new(path)
         self._mcap = Writer(self._stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._mcap.start(profile="ros2", library="baqueano")

@@ -181,9 +181,9 @@ class RunWriter:
     def _append(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, is_spare: bool) -> None:
         if self.failure is not None:
             return
-        for time_ns in (arrival_ns, t_ns):
-            if not 0 <= time_ns < MAX_STAMP_NS:
-                raise Invalid(fault("run.time-range", time_ns=time_ns))
+        if not (0 <= arrival_ns < MAX_STAMP_NS and 0 <= t_ns < MAX_STAMP_NS):
+            time_ns = t_ns if 0 <= arrival_ns < MAX_STAMP_NS else arrival_ns
+            raise Invalid(fault("run.time-range", time_ns=time_ns))
         if len(self._queue) >= MAX_QUEUED_MESSAGES:
             if self._live and is_spare:
                 self.dropped += 1
