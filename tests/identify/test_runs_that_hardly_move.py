@@ -1,11 +1,13 @@
 """A verdict over many runs: the weight of each run depends on its amount of motion."""
 
 import numpy as np
+import pytest
 
 from baqueano.identify import identify
+from baqueano.identify.result import verdict as verdicts
 from baqueano.identify.result.assemble import explained_variance
 from baqueano.identify.result.fit_result import ChannelFit
-from baqueano.identify.result.verdict import Evidence, remarks, verdict_of
+from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
 
@@ -37,8 +39,8 @@ def step(k, speed, speed_model):
 
 
 def evidence(channels):
-    unit = np.ones(1)
-    return Evidence(("gain",), unit, 0 * unit, 0 * unit, 0, (), channels, True, np.zeros(1), None)
+    unit, runs = np.ones(1), by_channel(channels, None)
+    return Evidence(("gain",), unit, 0 * unit, 0 * unit, 0, (), channels, runs, True, np.zeros(1), None)
 
 
 def test_runs_inside_the_dead_zone_are_named_but_the_fit_is_usable():
@@ -57,6 +59,21 @@ def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
     assert verdict == "WARN"
     (message,) = [reason for reason in reasons if reason.code == "runs.unlike-others"]
     assert message.figures == {"count": 1, "of": 7, "runs": "step 6"}
+
+
+def test_verdict_and_remarks_use_the_sums_of_the_evidence(monkeypatch):
+    e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
+    expected = verdict_of(e), remarks(e)
+    monkeypatch.setattr(verdicts, "by_channel", None)  # it reads every row of a fit
+    assert (verdict_of(e), remarks(e)) == expected
+
+
+def test_the_squares_of_a_channel_are_in_units_of_its_noise():
+    residuals, signal = np.full(20_000, 0.1), np.tile([-1.0, 1.0], 10_000)
+    channel = ChannelFit("long", "odometer", 0, signal, signal, signal - residuals, 0.05, 1.0, 0.0)
+    (of_run,) = by_channel([channel], None)["odometer[0]"]
+    assert of_run.squares == pytest.approx(20_000 * (0.1 / 0.05) ** 2, rel=1e-12)
+    assert of_run.signal_squares == pytest.approx(20_000 * (1.0 / 0.05) ** 2, rel=1e-12)
 
 
 def test_a_channel_that_contradicts_the_model_in_most_runs_is_refused():

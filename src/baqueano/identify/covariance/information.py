@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, covariance_of_changes, inflation_factors
 from baqueano.identify.data.segments import pseudo_inverse
-from baqueano.identify.parallel import gram, inner, parallel_map
+from baqueano.identify.parallel import dot, gram, inner, parallel_map
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
@@ -138,7 +138,7 @@ def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
         sums = np.cumsum(x)
         later_sums = np.full(len(x), sums[-1])
         later_sums[:-LAGS] = sums[LAGS:]
-        products[:, c] = x @ (later_sums - sums), x @ x, len(x)
+        products[:, c] = dot(x, later_sums - sums), dot(x, x), len(x)
     return products
 
 

@@ -28,7 +28,7 @@ from baqueano.identify.residuals.noise_level import sigma_of_file
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
-from baqueano.identify.result.verdict import Evidence, remarks, verdict_of
+from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
 from baqueano.messages.language import translate as _
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
@@ -152,6 +152,7 @@ def _evidence(
     """Return the evidence for the verdict."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     identifiable = end.identifiability.mask[:s]
+    channels = _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation)
     return Evidence(
         tuple(parameter.path for parameter in end.requested),
         _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
@@ -159,7 +160,8 @@ def _evidence(
         _in_order(end, end.identifiability.poorly_identified[:s], False).astype(bool),
         len(end.frozen),
         unobservable_terms,
-        _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation),
+        channels,
+        by_channel(channels, has_one_mean(end.task.problem)),
         solution.converged,
         end.info.autocorrelation,
         None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks.sensors),
@@ -170,7 +172,6 @@ def _evidence(
             if end.identifiability.poorly_identified[i]
         ),
         _most_moving(end),
-        has_one_mean(end.task.problem),
     )
 
 

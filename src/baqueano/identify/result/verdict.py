@@ -23,6 +23,7 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.covariance.clusters import prediction_limit
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
+from baqueano.identify.parallel import dot
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.vehicle_file.units import CHANNEL_UNITS
@@ -72,14 +73,13 @@ class Evidence(NamedTuple):
     frozen: int  # parameters whose command never moved
     unobservable: tuple[Diagnostic, ...]
     channels: Any  # ChannelFit, run by run, the channels in one order
+    runs_of_channel: "dict[str, list[ChannelOfRun]]"  # see by_channel
     converged: bool
     autocorrelation: np.ndarray  # (m,)
     prior_sigma: np.ndarray | None  # (m,) noise in the file, 0 without one; None: σ was given
     messages: tuple[Diagnostic, ...] = ()  # by the detectors
     weak_reasons: tuple[Diagnostic, ...] = ()  # reasons for the weak parameters
     most_moving: str = ""  # the parameter that a search without convergence would still move most
-    # (m,) True for channels with one mean over all runs; None: each run has a separate mean
-    one_mean: np.ndarray | None = None
 
 
 def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
@@ -91,7 +91,7 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 def remarks(e: Evidence) -> list[Diagnostic]:
     """Return notes that do not change the verdict. `e.bound` marks parameters that can be at a bound by chance."""
     notes = _findings_of(e, Severity.INFO)
-    notes += unlike_runs(by_channel(e.channels, e.one_mean), hardly=True)
+    notes += unlike_runs(e.runs_of_channel, hardly=True)
     notes += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
     for label, (n, above, below) in zip(_labels(e), _outlier_counts(e), strict=True):
         outlier_share = (above + below) / max(n, 1)
@@ -121,7 +121,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
     elif not e.converged:
         refusals.append(note("fit.not-converged", ERROR, "--fix KEY"))
     shares = [c.explained for c in e.channels if np.isfinite(c.explained)]
-    over_all = {label: sum_of_runs(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
+    over_all = {label: sum_of_runs(runs) for label, runs in e.runs_of_channel.items()}
     max_explained = max([0.0, *shares, *(channel.explained_variance for channel in over_all.values())])
     error_ratios = {
         label: np.sqrt(channel.squares / max(channel.signal_squares, 1e-300))
@@ -160,7 +160,7 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
         names = ", ".join(without_model_prefix(e.names[k]) for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.weak", WARNING, names=names))
         warnings += e.weak_reasons
-    warnings += unlike_runs(by_channel(e.channels, e.one_mean), hardly=False)
+    warnings += unlike_runs(e.runs_of_channel, hardly=False)
     if e.unobservable:
         warnings.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
@@ -271,7 +271,7 @@ def by_channel(
             residuals = np.clip(measured - c.predicted[finite_rows], -limit, limit)
             signal = c.predicted[finite_rows] + residuals
             signal = signal - (np.mean(signal) if mean is None else mean)
-            squares, signal_squares = (float(x @ x) / c.sigma**2 for x in (residuals, signal))
+            squares, signal_squares = (dot(x, x) / c.sigma**2 for x in (residuals, signal))
             of_run = ChannelOfRun(c.run, squares, signal_squares, len(measured))
             runs_of_channel.setdefault(label, []).append(of_run)
     return runs_of_channel
