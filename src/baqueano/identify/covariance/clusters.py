@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.segments import derivatives_without_start
-from baqueano.identify.parallel import gram
+from baqueano.identify.parallel import gram, parallel_map
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 if TYPE_CHECKING:
@@ -153,10 +153,17 @@ def jackknife(
     block_s = np.inf if by_segment else block_duration_s(problem)
     min_count, max_share = (MIN_SEGMENTS, MAX_SEGMENT_SHARE) if by_segment else (MIN_BLOCKS, MAX_BLOCK_SHARE)
     changes, shared_entries = [], np.flatnonzero(identifiable < problem.layout.shared_count)
-    for (r, d, index), record in zip(segment_derivatives(problem, theta), problem.records, strict=True):
+    segments = list(segment_derivatives(problem, theta))
+
+    def sums(segment: tuple[np.ndarray, ...], record: FitRecord) -> tuple[np.ndarray, np.ndarray]:
+        r, d, _ = segment
+        return _block_sums(r, d, block_edges(record, block_s, len(r)))
+
+    rows = sum(len(r) for r, _, _ in segments)
+    block_sums = parallel_map(sums, segments, problem.records, rows=rows)
+    for (_, _, index), (g, A_b) in zip(segments, block_sums, strict=True):
         is_identifiable = position[index] >= 0
         positions = position[index[is_identifiable]]
-        g, A_b = _block_sums(r, d, block_edges(record, block_s, len(r)))
         g = g[:, is_identifiable] / root[positions]
         A_b = A_b[:, is_identifiable][:, :, is_identifiable] / np.outer(root[positions], root[positions])
         # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g; C is the part of A⁻¹ for these
