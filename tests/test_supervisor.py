@@ -5,9 +5,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from baqueano.controllers.schedule import DelayedController
 from baqueano.diagnostics import StopReason
-from baqueano.signals import Command, Estimate, Slot, Tick, sensor_slots
-from baqueano.supervisor import REASONS, Supervisor, stop_reason
+from baqueano.drive.safety.paced_guide import PacedGuide
+from baqueano.signals import Command, Estimate, Reference, Slot, Tick, sensor_slots
+from baqueano.supervisor import REASONS, BlockFault, Supervisor, guard_block, stop_reason
+from baqueano.symbolic import compile_block
 
 LIMIT = np.array([1.0, 0.0, 0.5])
 SUPERVISOR = Supervisor(LIMIT, max_speed_m_s=2.0, max_yaw_rate_rad_s=6.0, max_position_std_m=0.5)
@@ -106,3 +109,47 @@ def test_rt4_no_command_exceeds_the_limits_for_any_input(u, nu):
     assert np.all(np.abs(out.u) <= LIMIT)
     if not np.all(np.isfinite(u)):
         assert np.array_equal(out.u, np.zeros(3))
+
+
+class Diverging:
+    """A controller and a guide whose output is not finite from the second call on."""
+
+    def init(self):
+        return 1.0
+
+    def step(self, state, *inputs):
+        output, x = inputs[0], np.where(state < 1.0, np.nan, 0.0)
+        return state - 1.0, output._replace(**{name: x + getattr(output, name) for name in ("eta", "nu")})
+
+
+class DivergingController(Diverging):
+    def step(self, state, reference, estimate):
+        state, reference = super().step(state, reference)
+        return state, Command(estimate.t_ns, reference.nu)
+
+
+class DivergingGuide(Diverging):
+    def step(self, state, estimate):
+        state, estimate = super().step(state, estimate)
+        return state, Reference(estimate.t_ns, estimate.eta, estimate.nu, 0.0)
+
+
+HERE = Estimate(10, np.zeros(3), np.zeros(3), np.eye(6))
+STILL = Reference(10, np.zeros(3), np.zeros(3), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("role", "block", "inputs", "name"),
+    [
+        ("controller", lambda part: DelayedController(part(DivergingController()), 0.0, 3), (STILL, HERE),
+         "controller DivergingController ("),
+        ("guide", lambda part: PacedGuide(part(DivergingGuide())), (HERE,), "guide DivergingGuide ("),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("part", [compile_block, lambda block: block], ids=["compiled", "as written"])
+def test_a_fault_names_the_block_inside_a_wrapper(role, block, inputs, name, part):
+    guard = guard_block(role, block(part), 3)
+    state, _ = guard.step(guard.init(), *inputs)
+    with pytest.raises(BlockFault) as caught:
+        guard.step(state, *inputs)
+    assert caught.value.reason.figures["block"].startswith(name)

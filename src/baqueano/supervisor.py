@@ -23,6 +23,7 @@ from baqueano.errors import error_text, from_outside
 from baqueano.messages.language import translate as _
 from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
+from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicles.bounds import check_bounds
 
 MAX_SQUARABLE_M_S = 1e150  # the square of a larger estimated speed overflows
@@ -166,7 +167,9 @@ class GuardedBlock:
         except BlockFault:  # of an inner block, which the fault names
             raise
         except BaseException as error:
-            raise self._fault(error) from error
+            reason = self._fault(error)
+            self._ask_parts(state, inputs)
+            raise reason from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
             raise self._return_fault(_text_of(result), "(state, output)")
         if problem := _output_problem(result[1], self.output_class, self.zeros):
@@ -178,10 +181,11 @@ class GuardedBlock:
         return getattr(object.__getattribute__(self, "block"), name)
 
     def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
-        """Raise the fault of the part that caused it, if any: repeat a compiled step with guarded parts."""
-        if optional.attribute(text := _as_written(self.block), "goes_around") and text is not self.block:
+        """Raise the fault of the part that caused it, if any: repeat the step with a guard around every part."""
+        text = _as_written(self.block)
+        if any(type(part) is not GuardedBlock for part in _parts(text).values()):
             command_count = len(self.zeros.get("u", ()))
-            replace(self, block=_with_guarded_parts(self.role, text, command_count)).step(state, *inputs)
+            replace(self, block=with_guarded_parts(self.role, text, command_count, True)).step(state, *inputs)
 
     def _return_fault(self, result_text: str, expected: Diagnostic | str) -> BlockFault:
         reason = stop(
@@ -206,14 +210,26 @@ def guard_block(role: str, block: Block, command_count: int = 0) -> GuardedBlock
         "controller": (Command, command),
         "supervisor": (Command, command),
     }
-    return GuardedBlock(role, _with_guarded_parts(role, block, command_count), *contract[role])
+    return GuardedBlock(role, with_guarded_parts(role, block, command_count), *contract[role])
 
 
-def _with_guarded_parts(role: str, block: Tree, command_count: int) -> Tree:
-    """Return the block with guarded parts; a block that is compiled or not a dataclass is returned unchanged."""
-    names = [name for name in optional.attribute(block, "goes_around") if optional.has_field(block, name)]
-    guarded_parts = {name: guard_block(role, getattr(block, name), command_count) for name in names}
+def with_guarded_parts(role: str, block: Tree, command_count: int, compiled_too: bool = False) -> Tree:
+    """Return the block with guarded parts; a block that is compiled or not a dataclass is returned unchanged.
+
+    A compiled part gets a guard only with `compiled_too`: the guard of the block around it detects its fault.
+    """
+    guarded_parts = {
+        name: guard_block(role, part, command_count)
+        for name, part in _parts(block).items()
+        if compiled_too or not isinstance(part, CompiledBlock)
+    }
     return replace(block, **guarded_parts) if guarded_parts else block
+
+
+def _parts(block: Tree) -> dict[str, Tree]:
+    """Return the blocks inside a dataclass, by the name of their fields."""
+    names = [name for name in optional.attribute(block, "goes_around") if optional.has_field(block, name)]
+    return {name: getattr(block, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,7 +30,7 @@ class CallCounter(Observer):
         return ()
 
 
-@pytest.mark.parametrize(("event", "most"), [("call", 200), ("c_call", 260)])
+@pytest.mark.parametrize(("event", "most"), [("call", 180), ("c_call", 230)])
 def test_a_tick_of_a_repetition_into_a_file_makes_few_calls(tmp_path, event, most):
     counter = CallCounter()
     route = sinuous_circle(1.0, 0.2, 6, 0.1)

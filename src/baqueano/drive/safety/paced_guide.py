@@ -5,7 +5,7 @@ from dataclasses import replace
 from baqueano.contracts.values import Tree
 from baqueano.guides import GuideAtPace
 from baqueano.signals import Estimate, Reference
-from baqueano.supervisor import guard_block
+from baqueano.supervisor import with_guarded_parts
 
 
 class PacedGuide:
@@ -20,7 +20,7 @@ class PacedGuide:
     """
 
     def __init__(self, guide: Tree) -> None:
-        self.block = GuideAtPace(guard_block("guide", guide))
+        self.block = with_guarded_parts("guide", GuideAtPace(guide), 0)
         self._paces: dict[str, float] = {}
 
     @property
