@@ -20,7 +20,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from baqueano.identify import FitOptions, identify, parallel
+from baqueano import parallel
+from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.segments import Evaluation
 from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.estimation.search import FINE_DECREMENT

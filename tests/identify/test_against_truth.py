@@ -13,8 +13,8 @@ import pytest
 from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
-from baqueano.identify.covariance.clusters import batch_covariance, huber_regression, student_quantile
 from baqueano.identify.sensor_calibration import calibrate
+from baqueano.numerics.statistics import batch_covariance, huber_regression, student_quantile
 from baqueano.runs import write_run
 from baqueano.runs.importing import import_run
 from baqueano.runs.run import TruthLog

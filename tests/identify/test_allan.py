@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import chi2
 
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import chi_square
 from baqueano.identify.noise.at_rest import allan_deviation, coefficients
+from baqueano.numerics.statistics import chi_square
 from tests.codes import of_code
 
 RATE = 100.0

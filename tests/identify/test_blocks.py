@@ -11,8 +11,8 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
 from baqueano.identify.covariance.clusters import BLOCK_S, MIN_REMAINDER, jackknife, with_larger_errors
 from baqueano.identify.covariance.information import Information, covariance_of, information
-from baqueano.identify.residuals.simulation import HUBER
 from baqueano.identify.result.assemble import fit_of
+from baqueano.numerics.statistics import HUBER
 from baqueano.runs.run import Run, TruthLog
 from tests.identify.true_drives import cars_on_floor
 

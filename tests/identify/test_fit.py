@@ -11,8 +11,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.residuals.simulation import HUBER
 from baqueano.identify.result.fit_result import BOUNDS
+from baqueano.numerics.statistics import HUBER
 from baqueano.runs.run import Channel
 from baqueano.signals import Motion
 from baqueano.symbolic import with_value

@@ -12,16 +12,12 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.design.signals import random_steps
 from baqueano.identify.estimation import prediction_error as prediction
-from baqueano.identify.estimation.prediction_error import (
-    FilterNoise,
-    Prediction,
-    chi_square_tail,
-    maximum_likelihood,
-)
+from baqueano.identify.estimation.prediction_error import FilterNoise, Prediction, maximum_likelihood
 from baqueano.identify.parameters.setup import ThetaShape
 from baqueano.identify.residuals import innovations as prediction_kernel
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.statistics import chi_square_tail
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 from tests.codes import of_code

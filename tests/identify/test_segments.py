@@ -128,7 +128,7 @@ def test_initial_slip_of_segments_does_not_slow_the_search(small, seed, segment_
 def test_several_cores_give_the_same_fit_as_a_single_core(case, case_run, monkeypatch):
     runs = [case_run(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
-    monkeypatch.setattr(import_module("baqueano.identify.parallel"), "MIN_ROWS", 10**9)
+    monkeypatch.setattr(import_module("baqueano.numerics.parallel"), "MIN_ROWS", 10**9)
     serial = identify(runs, case, FREE)
     np.testing.assert_array_equal(together.estimate, serial.estimate)
     np.testing.assert_array_equal(together.cov, serial.cov)

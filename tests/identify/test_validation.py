@@ -7,7 +7,6 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.covariance.clusters import student_quantile
 from baqueano.identify.validation import (
     ChannelMetrics,
     Validation,
@@ -15,6 +14,7 @@ from baqueano.identify.validation import (
     _evidence_against,
     validate,
 )
+from baqueano.numerics.statistics import student_quantile
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse

@@ -21,7 +21,6 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.covariance.clusters import QUANTILE_95, chi_square, student_quantile
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import sensor_range
 from baqueano.identify.result.calibration import CalibratedNumber, Calibration
@@ -29,6 +28,7 @@ from baqueano.identify.sensor_calibration import GAP_S, IntegratedSignal, channe
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
+from baqueano.numerics.statistics import QUANTILE_95, chi_square, student_quantile
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -26,7 +26,6 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators.kalman import correct
-from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
@@ -36,6 +35,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.messages.text_table import text_table
+from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

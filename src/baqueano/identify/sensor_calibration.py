@@ -18,10 +18,10 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import batch_covariance, huber_regression, student_quantile
 from baqueano.identify.result.calibration import GRID_S, MAX_OFFSET_S, CalibratedNumber, Calibration
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
+from baqueano.numerics.statistics import batch_covariance, huber_regression, student_quantile
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:

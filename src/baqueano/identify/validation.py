@@ -24,7 +24,6 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import prediction_limit, student_quantile
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
@@ -40,6 +39,7 @@ from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.numerics.statistics import prediction_limit, student_quantile
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit

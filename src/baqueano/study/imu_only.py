@@ -23,11 +23,11 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.imu_only import fit_imu_only
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
 from baqueano.study.recorded.bars import criterion_row

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.clusters import student_quantile
+from baqueano.numerics.statistics import student_quantile
 from baqueano.sweep.error_segments import ErrorSegments
 
 MIN_BLOCKS = 5  # blocks, for an interval

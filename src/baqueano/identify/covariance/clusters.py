@@ -1,29 +1,27 @@
-"""Compute error bars from the scores of blocks: the sandwich with blocks as clusters, and the jackknife.
+"""Compute error bars from the scores of blocks: the jackknife, and the comparison with the sandwich.
 
-    s_b = Σ_t∈b ψ ∂r,   m_b = A⁻¹ s_b,              cov = n/(n − p) Σ_b m_b m_bᵀ      over n blocks b         (1)
+    s_b = Σ_t∈b ψ ∂r,   over n blocks b         numerics/statistics.py                                            (1)
     A_b = Σ_t∈b ψ' ∂r ∂rᵀ,   m_b = (A − A_b)⁻¹ s_b,  cov = (n − 1)/n Σ_b (m_b − m̄)(m_b − m̄)ᵀ                (2)
     cov ← D cov D,   D_i² = max(cov, A⁻¹, A⁻¹ B A⁻¹)_ii / cov_ii                                           (3)
     cov_ii ← max(C, (2))_ii   where   tr C⁻¹ (2) / k > 1 + 4 √(2/(n k)),   C = A⁻¹ B A⁻¹                   (4)
 
-Sums over blocks longer than the errors of the vehicle are independent, for any autocorrelation inside a block. With few
-blocks an interval needs Student's quantile. (2) leaves out each block in one step of Gauss-Newton; (3) is for a model
-that lacks an effect, (4) for a correct model, over its k shared parameters. No parameter may depend on one block only.
-Longer runs have longer blocks. In a run of segments each block is inside one segment, and d⊥ replaces ∂r. Then the
-segments are the blocks, and (4) is applied again. Reasons: docs/derivations/robust_covariance.md. Sources: Liang and
-Zeger 1986; Quenouille 1956, Tukey 1958; Künsch 1989 for blocks; Cornish and Fisher for Student's quantile.
+(2) leaves out each block in one step of Gauss-Newton; (3) is for a model that lacks an effect, (4) for a correct model,
+over its k shared parameters. No parameter may depend on one block only. Longer runs have longer blocks. In a run of
+segments each block is inside one segment, and d⊥ replaces ∂r. Then the segments are the blocks, and (4) is applied
+again. Reasons: docs/derivations/robust_covariance.md. Sources: Quenouille 1956, Tukey 1958; Künsch 1989 for blocks.
 """
 
 from collections.abc import Iterator
 from itertools import pairwise
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.segments import derivatives_without_start
-from baqueano.identify.parallel import gram, parallel_map
-from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.parallel import gram, parallel_map
+from baqueano.numerics.statistics import HUBER, covariance_of_changes
 
 if TYPE_CHECKING:
     from baqueano.identify.covariance.information import Information
@@ -37,95 +35,11 @@ SIGNIFICANT_SIGMA = 4.0  # times the scatter of white noise
 MIN_REMAINDER = 1e-3  # part of the information that remains without a block; an initial state would have 0
 MAX_BLOCK_SHARE = 0.9  # largest part of the information on a direction that is allowed for one block
 MAX_SEGMENT_SHARE = 0.99  # the same for one segment
-QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
-
-
-def student_quantile(probability: float, freedom: float) -> float:
-    """Return the quantile of Student's t with `freedom` degrees of freedom (below 5: a whole number)."""
-    if freedom < 5:
-        return _exact_student_quantile(probability, int(freedom))
-    z, n = NormalDist().inv_cdf(probability), float(freedom)
-    first = (z**3 + z) / (4.0 * n)
-    second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * n**2)
-    third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / (384.0 * n**3)
-    return z + first + second + third
-
-
-def _exact_student_quantile(probability: float, freedom: int) -> float:
-    """Return the exact quantile for n = 1 to 4 degrees of freedom, by bisection of the integral over θ = atan(t/√n)."""
-    distribution = {
-        1: lambda x: x / np.pi,
-        2: lambda x: 0.5 * np.sin(x),
-        3: lambda x: (x + np.sin(x) * np.cos(x)) / np.pi,
-        4: lambda x: 0.5 * np.sin(x) * (1.0 + 0.5 * np.cos(x) ** 2),
-    }[freedom]
-    low, high = -0.5 * np.pi, 0.5 * np.pi
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if distribution(middle) < probability - 0.5 else (low, middle)
-    return float(np.sqrt(freedom) * np.tan(low))
-
-
-def prediction_limit(x: np.ndarray, probability: float) -> float:
-    """Return the limit below which a further normal value lies with this probability, given x (n,), n > 1."""
-    t = student_quantile(probability, len(x) - 1)
-    return float(np.mean(x) + t * np.std(x, ddof=1) * np.sqrt(1.0 + 1.0 / len(x)))
-
-
-def chi_square(nu: np.ndarray | float, normal: float) -> np.ndarray:
-    """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931). Its probability is the
-    probability of the standard normal quantile `normal`."""
-    term = 2.0 / (9.0 * nu)
-    return nu * np.maximum(1.0 - term + normal * np.sqrt(term), 0.05) ** 3
-
-
-def covariance_of_changes(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
-    """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block. A move is
-    A⁻¹ s_b if the number of `parameter_count` parameters is given (1), else the change without the block (2)."""
-    n = len(changes)
-    if parameter_count is not None:
-        return changes.T @ changes * (n / (n - parameter_count))
-    deviations = changes - np.mean(changes, axis=0)
-    return (n - 1) / n * deviations.T @ deviations
 
 
 def inflation_factors(variance: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Return the factors (k,) of standard errors that raise each `variance` (k,) to `least` (k,) if it is below."""
     return np.sqrt(np.maximum(least / np.maximum(variance, 1e-300), 1.0))
-
-
-def batch_covariance(
-    jacobian: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
-) -> np.ndarray:
-    """Return the covariance (p, p) of a regression; infinite without information or for at most p batches. (1)
-    `jacobian` (N, p) contains the derivatives; `residuals` and `weights` (N,) have one entry for each row. `batch` (N,)
-    is the batch number of each row. Rows with a weight below 1 are Huber's outliers, where ρ'' = 0."""
-    p, (numbers, index) = jacobian.shape[1], np.unique(batch, return_inverse=True)
-    scale = np.sqrt(np.maximum(np.sum(jacobian**2, axis=0), 1e-300))
-    J = jacobian / scale
-    A = J[weights >= 1.0].T @ J[weights >= 1.0]
-    values, vectors = np.linalg.eigh(A)
-    if len(numbers) <= p or values[0] < 1e-10 * values[-1]:
-        return np.full((p, p), np.inf)
-    scores = np.zeros((len(numbers), p))
-    np.add.at(scores, index, (weights * residuals)[:, None] * J)
-    changes = (vectors / values) @ vectors.T @ scores.T
-    return covariance_of_changes(changes.T, p) / np.outer(scale, scale)
-
-
-def huber_regression(
-    jacobian: np.ndarray, y: np.ndarray, iterations: int = 10
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return Huber's regression of y (N,) on `jacobian` (N, p): the estimate (p,) and the weights (N,)."""
-    weights = np.ones(len(y))
-    x = np.zeros(jacobian.shape[1])
-    for _ in range(iterations):
-        root_weights = np.sqrt(weights)
-        x = np.linalg.lstsq(root_weights[:, None] * jacobian, root_weights * y, rcond=None)[0]
-        residuals = np.abs(y - jacobian @ x)
-        sigma = max(1.4826 * float(np.median(residuals)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
-        weights = np.minimum(1.0, HUBER * sigma / np.maximum(residuals, 1e-300))
-    return x, weights
 
 
 def jackknife(

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, covariance_of_changes, inflation_factors
+from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, inflation_factors
 from baqueano.identify.data.segments import pseudo_inverse
-from baqueano.identify.parallel import dot, gram, inner, parallel_map
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
-from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.parallel import dot, gram, inner, parallel_map
+from baqueano.numerics.statistics import HUBER, covariance_of_changes
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed

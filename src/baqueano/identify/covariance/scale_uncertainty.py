@@ -24,7 +24,8 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import segment_derivatives
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.data.segments import pseudo_inverse
-from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.statistics import HUBER
 from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.symbolic import value_at_path
 

@@ -38,9 +38,9 @@ from baqueano.identify.design.room import (
     first_allowed_option,
 )
 from baqueano.identify.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
-from baqueano.identify.parallel import parallel_map
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.numerics.parallel import parallel_map
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import random_stream
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import default_free, value
+from baqueano.numerics.parallel import parallel_map
 from baqueano.parameter import all_parameters
 from baqueano.simulate.many import batch_kernel, parameter_bounds
 from baqueano.simulate.system import System

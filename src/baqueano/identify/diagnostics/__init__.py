@@ -11,7 +11,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic
 from baqueano.identify.diagnostics import channel_map, physical_units, residual_checks, samples, timestamps
-from baqueano.identify.parallel import parallel_map
+from baqueano.numerics.parallel import parallel_map
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import entries, value
-from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.statistics import MAD
 from baqueano.parameter import all_parameters
 from baqueano.runs.diagnostics.signal_map import (
     MappedChannel,

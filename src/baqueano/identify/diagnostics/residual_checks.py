@@ -39,8 +39,8 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     term_columns,
 )
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.residuals.noise_level import MAD, white_std
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.statistics import MAD, white_std
 
 # quantiles of Student's t for a probability of 1.25e-5 on each side: (degrees of freedom, t)
 CRITICAL_T = (

@@ -23,8 +23,9 @@ import numpy as np
 
 from baqueano.identify.data.segments import Evaluation, pseudo_inverse
 from baqueano.identify.estimation.least_squares import minimise
-from baqueano.identify.parallel import cache_slices
-from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.parallel import cache_slices
+from baqueano.numerics.statistics import HUBER
 
 MAX_BLOCKS = 60
 MIN_BLOCK_ROWS = 20  # rows

@@ -14,7 +14,6 @@ simulation: the models are nested (4). The limit is "at most χ²" because v = 0
 """
 
 from collections.abc import Callable
-from math import erfc, exp, pi, sqrt
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -29,10 +28,11 @@ from baqueano.identify.covariance.information import (
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.segments import Evaluation, add, arrow_layout, dense, diagonal_matrix
 from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
-from baqueano.identify.parallel import gram, parallel_map
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _
+from baqueano.numerics.parallel import gram, parallel_map
+from baqueano.numerics.statistics import chi_square_tail
 
 # K of (1): 97.5 % efficient on normal noise; the weight of an outlier of 20 σ is 1/2000
 ROBUST_SCALE = 3.0
@@ -191,15 +191,6 @@ def maximum_likelihood(
     std[entries] = np.sqrt(np.diagonal(covariance_of(info, entries)))
     evaluations = without_floor.evaluations + solution.evaluations
     return MaximumLikelihood(solution, theta, noise, std[is_floor], info, ratio, evaluations)
-
-
-def chi_square_tail(ratio: float, degrees: int) -> float:
-    """Return the probability that χ² with 1, 2 or 3 degrees of freedom exceeds `ratio`."""
-    half = max(ratio, 0.0) / 2.0
-    if degrees == 2:
-        return exp(-half)
-    probability = erfc(sqrt(half))
-    return probability if degrees == 1 else probability + 2.0 * sqrt(half / pi) * exp(-half)
 
 
 def _search(

@@ -26,10 +26,10 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.segments import eliminate_starts
 from baqueano.identify.estimation.delay import with_bound_flags
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
 from baqueano.identify.parameters.setup import Parameters
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.parallel import parallel_map
 from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicles.freedoms import AXIS_NAMES

@@ -22,7 +22,7 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.estimators.readings.velocity_readings import velocity_readings
-from baqueano.identify.residuals.noise_level import white_std
+from baqueano.numerics.statistics import white_std
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit

@@ -24,13 +24,12 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import QUANTILE_95, chi_square
 from baqueano.identify.data.rest import REST_S
-from baqueano.identify.residuals.noise_level import MAD
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.numerics.statistics import MAD, QUANTILE_95, chi_square
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 

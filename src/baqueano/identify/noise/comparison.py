@@ -19,7 +19,6 @@ from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
-from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.noise.process_noise import (
     ROBUST_SIGMA,
     example_filter_tick,
@@ -30,6 +29,7 @@ from baqueano.identify.noise.process_noise import (
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, with_value

@@ -35,7 +35,7 @@ from baqueano.identify.noise.process_noise import (
     total_cost,
 )
 from baqueano.identify.noise.speed_error import with_speed_error
-from baqueano.identify.residuals.noise_level import white_std
+from baqueano.numerics.statistics import white_std
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, value_at_path, with_value

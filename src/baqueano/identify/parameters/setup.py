@@ -29,7 +29,6 @@ from baqueano.identify.data.record import (
 )
 from baqueano.identify.data.segments import ThetaLayout, split_record
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import (
     FreeParameter,
     enable_parameters,
@@ -41,6 +40,7 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.messages.printable import baqueano_command
+from baqueano.numerics.parallel import parallel_map
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import constant_signal, measures_pose, step_signal
 from baqueano.signals import ByName, Motion

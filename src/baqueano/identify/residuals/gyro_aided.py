@@ -25,8 +25,9 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state
-from baqueano.identify.residuals.noise_level import MAD, profile_with_slow_noise
+from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
+from baqueano.numerics.statistics import MAD
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
 from baqueano.signals import Motion
 from baqueano.symbolic import scan

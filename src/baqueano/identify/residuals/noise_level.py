@@ -19,9 +19,9 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.numerics.statistics import MAD
 from baqueano.signals import ByName
 
-MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 MIN_RELATIVE_SIGMA = 1e-7  # of the largest measurement of a channel
 STILL_FRACTION = 1e-3  # of the largest measurement of a channel
 MIN_MEASUREMENTS = 30  # measurements, below which σ is the value in the file
@@ -34,11 +34,6 @@ SLOW_CLIP_SIGMA = 4.0
 MIN_BLOCK_FRACTION = 1.0 / 3.0  # part of a block that must have been measured
 MIN_BLOCKS = 12  # blocks for (3)
 SLOW_RATIOS = np.array([0.0, *np.geomspace(0.25, 16.0, 13)])  # κ times the root mean square of the speed
-
-
-def white_std(signals: Sequence[np.ndarray]) -> float:
-    """Return the robust standard deviation of the white noise in `signals` (N,), from their second differences."""
-    return MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in signals])))) / np.sqrt(6.0)
 
 
 def robust_sigma(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:

@@ -25,7 +25,6 @@ from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, delayed_average
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import Evaluation, ThetaLayout, add, arrow_layout, diagonal_matrix
-from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.setup import (
     ThetaShape,
     blocks_in_row,
@@ -35,13 +34,14 @@ from baqueano.identify.parameters.setup import (
 )
 from baqueano.identify.residuals.motion import Motions, mean_columns, motion_kernel, motion_rows
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
+from baqueano.numerics.parallel import parallel_map
+from baqueano.numerics.statistics import HUBER
 from baqueano.sensors.sampling import difference
 from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.delay import delayed_value, with_newest
 
-HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 CACHED_KERNELS = 24  # kernels in the cache
 CACHED_RESULTS = 3  # cached results of a problem: several tests need the results at the end of a search
 START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: prior of ν of a start without earlier measurements

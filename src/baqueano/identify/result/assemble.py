@@ -21,7 +21,6 @@ from baqueano.identify.identifiability.identifiable import (
     unobservable_reason,
     weak_reason,
 )
-from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter, substitute, value
 from baqueano.identify.parameters.setup import START_NAMES
 from baqueano.identify.residuals.noise_level import sigma_of_file
@@ -30,6 +29,7 @@ from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
 from baqueano.messages.language import translate as _
+from baqueano.numerics.parallel import parallel_map
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
 MAX_BOUND_EXCESS_SIGMA = 3.0

@@ -10,7 +10,6 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.data.record import contains_readings
 from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.identify.result.verdict import percent_text, without_model_prefix
@@ -19,6 +18,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table, with_remark
+from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:

@@ -28,9 +28,7 @@ from baqueano.identify.covariance.clusters import (
     MIN_REMAINDER,
     block_duration_s,
     block_edges,
-    covariance_of_changes,
     segment_derivatives,
-    student_quantile,
 )
 from baqueano.identify.data.segments import derivatives_without_start
 from baqueano.identify.estimation.prediction_error import (
@@ -41,10 +39,11 @@ from baqueano.identify.estimation.prediction_error import (
     psi_derivative,
     weight,
 )
-from baqueano.identify.parallel import gram
-from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.verdict import MAX_NOISE_RATIO
 from baqueano.messages.language import number
+from baqueano.numerics.parallel import gram
+from baqueano.numerics.statistics import HUBER, covariance_of_changes, student_quantile
 
 FLOOR_P_VALUE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")

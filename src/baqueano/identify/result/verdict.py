@@ -20,12 +20,12 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.identify.covariance.clusters import prediction_limit
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
 from baqueano.identify.parallel import dot
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.numerics.statistics import prediction_limit
 from baqueano.vehicle_file.units import CHANNEL_UNITS
 
 if TYPE_CHECKING:

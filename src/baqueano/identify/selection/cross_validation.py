@@ -21,12 +21,12 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import covariance_of_changes, student_quantile
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.estimation.least_squares import Solution, minimise
-from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.setup import ThetaShape
-from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.parallel import parallel_map
+from baqueano.numerics.statistics import HUBER, covariance_of_changes, student_quantile
 from baqueano.runs.run import Run
 
 FOLDS = 5

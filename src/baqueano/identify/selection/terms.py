@@ -23,7 +23,6 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     DELAY_PATH,
@@ -40,6 +39,7 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.messages.language import mark as N_
+from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import compile_block, value_at_path, with_value
 from baqueano.vehicles.freedoms import with_ideal_drivetrain

@@ -19,10 +19,10 @@ import numpy as np
 
 from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import Verdict
-from baqueano.identify.covariance.clusters import QUANTILE_95
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, fit_job
 from baqueano.study.wrong_estimates import wrong_mask
 from baqueano.sweep.workers import run_in_processes

@@ -22,7 +22,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.residuals.noise_level import white_std
+from baqueano.numerics.statistics import white_std
 from baqueano.runs.diagnostics.repeated_readings import find_repeats, is_read_too_fast
 from baqueano.runs.run import Channel
 

@@ -1,0 +1,1 @@
+"""Numerical tools without a vehicle: work on all cores, quantiles and robust statistics."""

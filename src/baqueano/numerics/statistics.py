@@ -1,0 +1,117 @@
+"""Provide quantiles, robust spreads, and covariances of estimates from the scores of blocks.
+
+    σ = MAD median |x|,   white noise: x the second differences over √6                                   (1)
+    s_b = Σ_t∈b ψ ∂r,   m_b = A⁻¹ s_b,   cov = n/(n − p) Σ_b m_b m_bᵀ      over n blocks b                 (2)
+    m_b the change without block b,      cov = (n − 1)/n Σ_b (m_b − m̄)(m_b − m̄)ᵀ                          (3)
+
+Sums over blocks longer than the errors of a model are independent, for any autocorrelation inside a block. With few
+blocks an interval needs Student's quantile. Sources: Liang and Zeger 1986 for (2); Quenouille 1956, Tukey 1958 for (3);
+Cornish and Fisher for Student's quantile; Wilson and Hilferty 1931 for χ².
+"""
+
+from collections.abc import Sequence
+from math import erfc, exp, pi, sqrt
+from statistics import NormalDist
+
+import numpy as np
+
+QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
+MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
+HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
+
+
+def student_quantile(probability: float, freedom: float) -> float:
+    """Return the quantile of Student's t with `freedom` degrees of freedom (below 5: a whole number)."""
+    if freedom < 5:
+        return _exact_student_quantile(probability, int(freedom))
+    z, n = NormalDist().inv_cdf(probability), float(freedom)
+    first = (z**3 + z) / (4.0 * n)
+    second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * n**2)
+    third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / (384.0 * n**3)
+    return z + first + second + third
+
+
+def _exact_student_quantile(probability: float, freedom: int) -> float:
+    """Return the exact quantile for n = 1 to 4 degrees of freedom, by bisection of the integral over θ = atan(t/√n)."""
+    distribution = {
+        1: lambda x: x / np.pi,
+        2: lambda x: 0.5 * np.sin(x),
+        3: lambda x: (x + np.sin(x) * np.cos(x)) / np.pi,
+        4: lambda x: 0.5 * np.sin(x) * (1.0 + 0.5 * np.cos(x) ** 2),
+    }[freedom]
+    low, high = -0.5 * np.pi, 0.5 * np.pi
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if distribution(middle) < probability - 0.5 else (low, middle)
+    return float(np.sqrt(freedom) * np.tan(low))
+
+
+def prediction_limit(x: np.ndarray, probability: float) -> float:
+    """Return the limit below which a further normal value lies with this probability, given x (n,), n > 1."""
+    t = student_quantile(probability, len(x) - 1)
+    return float(np.mean(x) + t * np.std(x, ddof=1) * np.sqrt(1.0 + 1.0 / len(x)))
+
+
+def chi_square(nu: np.ndarray | float, normal: float) -> np.ndarray:
+    """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931). Its probability is the
+    probability of the standard normal quantile `normal`."""
+    term = 2.0 / (9.0 * nu)
+    return nu * np.maximum(1.0 - term + normal * np.sqrt(term), 0.05) ** 3
+
+
+def chi_square_tail(ratio: float, degrees: int) -> float:
+    """Return the probability that χ² with 1, 2 or 3 degrees of freedom exceeds `ratio`."""
+    half = max(ratio, 0.0) / 2.0
+    if degrees == 2:
+        return exp(-half)
+    probability = erfc(sqrt(half))
+    return probability if degrees == 1 else probability + 2.0 * sqrt(half / pi) * exp(-half)
+
+
+def white_std(signals: Sequence[np.ndarray]) -> float:
+    """Return the robust standard deviation of the white noise in `signals` (N,), from their second differences. (1)"""
+    return MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in signals])))) / np.sqrt(6.0)
+
+
+def covariance_of_changes(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
+    """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block. A move is
+    A⁻¹ s_b if the number of `parameter_count` parameters is given (2), else the change without the block (3)."""
+    n = len(changes)
+    if parameter_count is not None:
+        return changes.T @ changes * (n / (n - parameter_count))
+    deviations = changes - np.mean(changes, axis=0)
+    return (n - 1) / n * deviations.T @ deviations
+
+
+def batch_covariance(
+    jacobian: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
+) -> np.ndarray:
+    """Return the covariance (p, p) of a regression; infinite without information or for at most p batches. (2)
+    `jacobian` (N, p) contains the derivatives; `residuals` and `weights` (N,) have one entry for each row. `batch` (N,)
+    is the batch number of each row. Rows with a weight below 1 are Huber's outliers, where ρ'' = 0."""
+    p, (numbers, index) = jacobian.shape[1], np.unique(batch, return_inverse=True)
+    scale = np.sqrt(np.maximum(np.sum(jacobian**2, axis=0), 1e-300))
+    J = jacobian / scale
+    A = J[weights >= 1.0].T @ J[weights >= 1.0]
+    values, vectors = np.linalg.eigh(A)
+    if len(numbers) <= p or values[0] < 1e-10 * values[-1]:
+        return np.full((p, p), np.inf)
+    scores = np.zeros((len(numbers), p))
+    np.add.at(scores, index, (weights * residuals)[:, None] * J)
+    changes = (vectors / values) @ vectors.T @ scores.T
+    return covariance_of_changes(changes.T, p) / np.outer(scale, scale)
+
+
+def huber_regression(
+    jacobian: np.ndarray, y: np.ndarray, iterations: int = 10
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return Huber's regression of y (N,) on `jacobian` (N, p): the estimate (p,) and the weights (N,)."""
+    weights = np.ones(len(y))
+    x = np.zeros(jacobian.shape[1])
+    for _ in range(iterations):
+        root_weights = np.sqrt(weights)
+        x = np.linalg.lstsq(root_weights[:, None] * jacobian, root_weights * y, rcond=None)[0]
+        residuals = np.abs(y - jacobian @ x)
+        sigma = max(1.4826 * float(np.median(residuals)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
+        weights = np.minimum(1.0, HUBER * sigma / np.maximum(residuals, 1e-300))
+    return x, weights
