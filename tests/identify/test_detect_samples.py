@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from baqueano.diagnostics import Severity, note
-from baqueano.identify.diagnostics.samples import channel_resolution, check_samples
+from baqueano.runs.diagnostics.samples import channel_resolution, check_samples
 from baqueano.runs.run import Channel
 from baqueano.sensors import Imu, Odometer, Wheels
 

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
-from baqueano.identify.diagnostics.timestamps import check_timestamps, spread_bursts
+from baqueano.runs.diagnostics.timestamps import check_timestamps, spread_bursts
 from baqueano.runs.run import Channel
 
 

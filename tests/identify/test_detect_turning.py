@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.diagnostics import physical_units
+from baqueano.runs.diagnostics import physical_units
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.runs.run import Channel

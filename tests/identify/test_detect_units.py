@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import channel_map
+from baqueano.identify.diagnostics import gains
 
 
 def with_imu(run, change):
@@ -90,7 +90,7 @@ def test_swapped_axes_without_turns_are_detected_by_the_gain_matrix(case):
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
-    findings = channel_map.check_gain_changes(
+    findings = gains.check_gain_changes(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
     assert [(finding.code, finding.subject) for finding in findings] == [("file.swapped", "u[0]")]
@@ -112,7 +112,7 @@ def test_an_inverted_gyro_is_reported_by_gain_sign_or_accelerometer(turned_run, 
 
 def test_an_inverted_gain_without_other_evidence_gives_a_warning(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
-    findings = channel_map.check_gain_changes(
+    findings = gains.check_gain_changes(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
     assert (findings[0].code, findings[0].severity) == ("file.inverted", Severity.WARNING)
@@ -130,7 +130,7 @@ def test_friction_guessed_by_a_factor_of_two_gives_a_usable_fit(case_run, case):
 )
 def test_only_a_gain_far_from_the_file_gives_a_reason(case, times, codes):
     was = case.value("model.actuator_matrix[2,2]")
-    findings = channel_map.gain_findings(
+    findings = gains.gain_findings(
         FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
         np.array([times * was]),

@@ -10,11 +10,11 @@ from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_t
 from baqueano.identify.data.hand_measurements import with_hand_measurements
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import with_gyro_bias_at_rest
-from baqueano.identify.diagnostics import clean
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters
 from baqueano.identify.parameters.setup import Parameters, parameters_for_fit
 from baqueano.identify.residuals.simulation import chosen_sensors
+from baqueano.runs.diagnostics.cleaning import clean
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.run import Channel, Run
 

@@ -6,10 +6,9 @@ Ticks can be irregular. A long tick is split into equal rows, so that the integr
 step must be short compared with the fastest time constant of a small vehicle, 15 ms. A measurement belongs to the row
 that ends at its timestamp (not at its arrival), or to the first row that ends after it. If a row contains several
 measurements, the last one is used. A reading that is a mean belongs to the row in which its interval ends
-(averaging.py). Entries that are not finite, entries that
-diagnostics/samples.py removed, and measurements before the first tick are excluded. Readings at the end of the
-sensor's range are excluded and counted. If a sensor and the commands have different clocks, a reading with timestamp
-t was taken at t + o, |o| ≤ MAX_CLOCK_OFFSET_S. Readings of this sensor are assigned MAX_CLOCK_OFFSET_S after their
+(averaging.py). Entries that are not finite and measurements before the first tick are excluded. Readings at the end of
+the sensor's range are excluded and counted. If sensor and commands have different clocks, a reading with timestamp t
+was taken at t + o, |o| ≤ MAX_CLOCK_OFFSET_S. Readings of this sensor are assigned MAX_CLOCK_OFFSET_S after their
 timestamp, and the model's h is evaluated with that delay (vehicles/delay.py).
 """
 

@@ -1,46 +1,44 @@
-"""Test if channels, mount and gains of a fit are those of the model and of the vehicle file.
+"""Test if channels, units and mounts of the sensors are those of the vehicle file.
 
 The test of a channel is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale.
 If a channel does not follow the prediction with the values of the file, the search is repeated for other mounts: axes
-swapped, turned by a quarter or a half turn, or one axis inverted. The gains adapt, so they are compared with the file:
+swapped, turned by a quarter or a half turn, or one axis inverted. The gains adapt, so they are compared with the file
+(gains.py):
 
     gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other mount),   n_c readings of the IMU              (1)
-    G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)         (2)
-    G_y = l_x G_ψ,   G_x = −l_y G_ψ      effect of an IMU at (l_x, l_y) if the command turns the vehicle     (3)
+    ω_z = r ω_h   of the gyro and the values in the file, r of runs/diagnostics/physical_units.py             (2)
 
 A turned mount cannot be detected if the vehicle can have any force along x and y; a mirrored one can, because ν_x ω
-points to the left in a left turn. If mounts have the same residuals, the signs of the gains decide. The file can be
-wrong. But if a command of the fit pushes backward, sideways or five times as hard, a wrong log is more probable.
+points to the left in a left turn. If mounts have the same residuals, the signs of the gains decide. A gyro
+that agrees with the wheels or with the model is confirmed.
 """
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FitRecord, FittedBlocks
+from baqueano.identify.diagnostics.gains import gain_findings
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.parameters.free import entries, value
+from baqueano.identify.options import FitOptions
+from baqueano.identify.parameters.free import FreeParameter, value
+from baqueano.identify.parameters.setup import start_theta
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.numerics.statistics import MAD
-from baqueano.parameter import all_parameters
+from baqueano.runs.diagnostics.physical_units import MAX_UNIT_RATIO, compare_gyro
 from baqueano.runs.diagnostics.signal_map import (
     MappedChannel,
     channel_regressions,
+    clip,
     is_clear,
-    nearest_ratio,
     signal_map,
 )
-from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
 
 MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
-CLIP_SIGMA = 4.0
 DIVERGED_PREDICTION = 1e6  # SI units: a model with a larger prediction is treated as diverged
 MAX_ROWS = 3000  # rows of each run
 SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts whose gain is above it
@@ -87,17 +85,47 @@ def predictions(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     return np.where(np.abs(h) < DIVERGED_PREDICTION, h, np.nan)
 
 
-def clip(x: np.ndarray) -> np.ndarray:
-    """Return the columns of x (n, m), clipped at CLIP_SIGMA robust standard deviations about the median."""
-    x = x.copy()
-    for column in x.T:
-        if len(finite := column[np.isfinite(column)]):
-            median = float(np.median(finite))
-            limit = CLIP_SIGMA * max(
-                MAD * float(np.median(np.abs(finite - median))), 0.1 * float(np.std(finite))
-            )
-            np.clip(column, median - limit, median + limit, out=column)
-    return x
+def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
+    """Return messages on gyros in another unit than the predictions with the file, and True if all gyros are confirmed.
+    A gyro is confirmed if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
+    file. The start of the search is not evidence, so it is not used. (2)"""
+    problem, sensors = end.task.problem, end.blocks.sensors._asdict()
+    unbounded_parameters = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
+    by_file = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
+    first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
+    z, h = measurements(problem), predictions(problem, by_file)
+    wheels = [(k, sensors[name]) for name, k in first_channel.items() if has_field(sensors[name], "track_m")]
+    wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
+    fitted_thetas = [end.search.solution.theta] if _keeps_turning_gains(end) else []
+    fitted_predictions = [predictions(problem, theta) for theta in fitted_thetas]
+    messages, is_cleared, source = [], True, note("gyro.as-commands")
+    for name in (name for name in first_channel if has_field(sensors[name], "gyro_scale")):
+        i = first_channel[name] + 2
+        turn_rates = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted_predictions)
+        comparisons = [compare_gyro(name, z[:, i], omega, source) for omega in turn_rates]
+        if not any(comparison.is_near for comparison in comparisons):
+            messages, is_cleared = [*messages, comparisons[0].message], False
+    return [message for message in messages if message is not None], is_cleared
+
+
+def _keeps_turning_gains(end: "FinishedFit") -> bool:
+    """Return True if the fit converged, and its turning gains and known measures stayed near their values in the file.
+    Return False if the file contains such values, but none of them is identifiable."""
+    theta, mask = end.search.solution.theta, end.identifiability.mask
+    turning = [(k, value(end.blocks, free.path)) for k, free in enumerate(end.free) if _affects_turning(free)]
+    ratios = [theta[k] / x_0 for k, x_0 in turning if x_0 and mask[k]]
+    identifiable = bool(ratios) or not any(x_0 for _, x_0 in turning)
+    return (
+        end.search.solution.converged
+        and identifiable
+        and all(1.0 / MAX_UNIT_RATIO < abs(ratio) < MAX_UNIT_RATIO for ratio in ratios)
+    )
+
+
+def _affects_turning(parameter: FreeParameter) -> bool:
+    """Return True for a gain or a measure of the vehicle on which its turning depends."""
+    is_gain = parameter.definition.role in ("gain", "known") and parameter.path.startswith("model.")
+    return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
 
 class MountHypothesis(NamedTuple):
@@ -200,156 +228,3 @@ def _agrees_with_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared
     messages = gain_findings(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
     return not any(message.code in AXIS_CODES for message in messages)
-
-
-MAX_GAIN_RATIO = (
-    2.0  # times the value in the file: tolerances of data sheet and scale, or a guess of half or double
-)
-MODEL_TOLERANCE = 0.1  # relative change of a gain by an imperfect model, in addition to its standard error
-IMPLAUSIBLE_RATIO = 20.0  # times the value in the file: larger than for any wrong guess of a vehicle
-SIGNIFICANT_SIGMA = 5.0  # standard errors
-QUIET_RATIO, SILENT_RATIO = (
-    0.2,
-    1e-4,
-)  # times the noise of the file; below SILENT_RATIO the run is a simulation without noise
-UNITS = {
-    57.29578: "guess.degrees", 9.80665: "guess.g", 255.0: "guess.pwm", 100.0: "guess.percent", 1000.0: "guess.milli",
-}  # fmt: skip
-AXIS_NAMES, TURNING_AXIS = ("forward", "sideways", "turning"), 2
-
-
-def check_gain_changes(
-    blocks: FittedBlocks,
-    names: Sequence[str],
-    estimate: np.ndarray,
-    std: np.ndarray,
-    file_sigma: np.ndarray,
-    sigma: np.ndarray,
-    labels: Sequence[str],
-) -> list[Diagnostic]:
-    """Return messages on gains and noise that differ from the file before the fit. `estimate` and `std` (p,) belong to
-    `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0 if the file does not contain it.
-    `sigma` (m,) is the estimated noise."""
-    findings = gain_findings(blocks, names, estimate, std)
-    return findings + _noise_findings(file_sigma, sigma, labels)
-
-
-def gain_findings(
-    blocks: FittedBlocks, names: Sequence[str], estimate: np.ndarray, std: np.ndarray
-) -> list[Diagnostic]:
-    """Return findings on fitted gains that disagree with the gains in `blocks`."""
-    estimates = {
-        n: (float(e), float(s)) for n, e, s in zip(names, estimate, std, strict=True) if np.isfinite(e)
-    }
-    return _scalar_gain_findings(blocks, estimates) + _matrix_findings(blocks, estimates)
-
-
-def _noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
-    return [
-        note(
-            "file.quiet",
-            Severity.WARNING,
-            "",
-            label,
-            guess=_unit(was / now),
-            sigma=float(now),
-            times=float(now / was),
-        )
-        for label, was, now in zip(labels, file_sigma, sigma, strict=True)
-        if was > 0.0 and SILENT_RATIO < now / was < QUIET_RATIO
-    ]
-
-
-def _scalar_gain_findings(
-    blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]
-) -> list[Diagnostic]:
-    findings = []
-    for path, p in all_parameters(blocks.model, "model"):
-        is_matrix = np.ndim(value_at_path(blocks, path)) == 2
-        for entry in entries(blocks, path) if p.role == "gain" and not is_matrix else ():
-            if entry in estimates and value(blocks, entry) != 0.0:
-                findings += _comparison(entry, value(blocks, entry), *estimates[entry])
-    return findings
-
-
-def _comparison(path: str, file_value: float, fitted: float, std: float) -> list[Diagnostic]:
-    """Return findings on one gain compared with its value in the file."""
-    if not abs(fitted - file_value) > SIGNIFICANT_SIGMA * std:
-        return []
-    ratio = fitted / file_value
-    if ratio < 0.0:
-        return [note("file.inverted", Severity.WARNING, subject=path, now=fitted, was=file_value)]
-    factor = max(ratio, 1.0 / max(ratio, 1e-12))
-    if factor * (1.0 - max(SIGNIFICANT_SIGMA * std / abs(fitted), MODEL_TOLERANCE)) < MAX_GAIN_RATIO:
-        return []
-    if factor > IMPLAUSIBLE_RATIO:
-        return [note("file.far-gain", Severity.ERROR, subject=path, times=ratio, guess=_unit(factor))]
-    return [note("file.gain", Severity.WARNING, subject=path, times=ratio, guess=_unit(factor))]
-
-
-def _unit(off: float) -> Diagnostic | str:
-    code = UNITS.get(nearest_ratio(off, 0.8, 1.25, UNITS))
-    return note(code) if code else ""
-
-
-def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]) -> list[Diagnostic]:
-    """Return findings on each column of the gain matrix: the largest entry in the file must stay the largest, and its
-    value must agree with the file. If a turning command moves the vehicle more along another axis, a lever arm is
-    suggested. (2), (3)"""
-    model = blocks.model
-    path = next(
-        (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
-    )
-    if path is None:
-        return []
-    file_gains, scale, findings = np.asarray(value_at_path(blocks, path), float), _mass_and_inertia(model), []
-    for j in range(file_gains.shape[1]):
-        paths = [f"{path}[{i},{j}]" for i in range(3)]
-        main_axis = int(np.argmax(np.abs(file_gains[:, j]) / scale))
-        if file_gains[main_axis, j] == 0.0 or paths[main_axis] not in estimates:
-            continue
-        fitted_gains = np.array([estimates.get(p, (file_gains[i, j], 0.0))[0] for i, p in enumerate(paths)])
-        sizes, file_sizes = (
-            _comparable_magnitudes(gains / scale, file_gains, scale)
-            for gains in (fitted_gains, file_gains[:, j])
-        )
-        second_axis = int(np.argmax(np.where(np.arange(3) == main_axis, 0.0, sizes)))
-        is_second_larger = sizes[second_axis] > sizes[main_axis]
-        if is_second_larger and MAX_GAIN_RATIO * sizes[main_axis] < file_sizes[main_axis]:
-            axes = {
-                k: note(f"axis.{AXIS_NAMES[i]}") for k, i in (("expected", main_axis), ("value", second_axis))
-            }
-            findings.append(note("file.swapped", Severity.WARNING, "", f"u[{j}]", **axes))
-            continue
-        offset = _offset_path(blocks)
-        if is_second_larger and main_axis == TURNING_AXIS and offset:
-            axis = note(f"axis.{AXIS_NAMES[second_axis]}")
-            findings.append(
-                note("file.lever-arm", Severity.WARNING, f"--free +{offset}", f"u[{j}]", axis=axis)
-            )
-        findings += _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
-    return findings
-
-
-def _offset_path(blocks: FittedBlocks) -> str:
-    """Return the path of the lever arm of a sensor, else of the centre of mass, else ""."""
-    for name, sensor in blocks.sensors._asdict().items():
-        if has_field(sensor, "lever_arm_m"):
-            return f"sensors.{name}.lever_arm_m"
-    return "model.centre_of_mass_x_m" if has_field(blocks.model, "centre_of_mass_x_m") else ""
-
-
-def _comparable_magnitudes(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the comparable magnitudes (3,) of the accelerations `fitted` (3,) of a command. The turning entry is
-    multiplied by the ratio of linear to turning gain in the file."""
-    gains = np.max(np.abs(file_gains) / scale[:, None], axis=1)
-    linear = max(gains[0], gains[1])
-    ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
-    return np.abs(fitted) * np.array([1.0, 1.0, ratio])
-
-
-def _mass_and_inertia(model: Tree) -> np.ndarray:
-    """Return (m, m, I) (3,), or ones for a kinematic model."""
-    if has_field(model, "mass_kg"):
-        return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
-    return np.ones(3)

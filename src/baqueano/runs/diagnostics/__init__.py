@@ -8,4 +8,5 @@ truth               course and heading of the truth
 cross_checks        all checks, and the consequence for the import
 repeated_readings   readings that repeat the previous one
 finding             one finding
+cleaning            repairs before a fit: timestamps, samples, physical_units
 """

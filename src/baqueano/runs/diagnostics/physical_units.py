@@ -4,13 +4,12 @@
     mean of a_x, a_y at rest ≈ bias + 9.8 sin(tilt),  both small for an IMU that lies flat                (2)
     ω_w = (v_r − v_l)/b    of two wheels b apart             ω_z = r ω_w                                   (3)
     a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (4)
-    ω_h = h(θ_0)           of the values in the vehicle file ω_z = r ω_h                                   (5)
 
-(3) to (5) are signal maps (runs/diagnostics/signal_map.py). (3) and (4) use means over WINDOW_S or four samples, (5)
-uses samples. r is 1 if the units are correct, else 180/π or its inverse. A wrong unit is reported if r is within a
-factor MAX_UNIT_RATIO of that value. The factor is large because r is nearer to 1 if wheels skid, or if values of the
-file are guesses. A gyro that agrees with wheels or model is confirmed. (4) cannot separate a gyro from an accelerometer
-in another unit, and reports both.
+(3) and (4) are signal maps (signal_map.py) of means over WINDOW_S or four samples. A fit compares the gyro with its
+model in the same way (identify/diagnostics/channel_map.py). r is 1 if the units are correct, else 180/π or its
+inverse. A wrong unit is reported if r is within a factor MAX_UNIT_RATIO of that value. The factor is large because r
+is nearer to 1 if wheels skid, or if values of the file are guesses. A gyro that agrees with the wheels is confirmed.
+(4) cannot separate a gyro from an accelerometer in another unit, and reports both.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,19 +19,14 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.diagnostics import channel_map
-from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import FreeParameter, value
-from baqueano.identify.parameters.setup import start_theta
 from baqueano.runs.diagnostics.physical_limits import LIMIT_OF_KIND, MAX_YAW_RATE_RAD_S
-from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, signal_map
+from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, clip, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import window_means
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from baqueano.identify.identifiability.identifiable import FinishedFit
     from baqueano.vehicle_file import VehicleFile
 
 CURVE_CODE = "gyro.or-accelerometer"  # the code of a message that names two possible causes
@@ -61,9 +55,9 @@ def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Di
         if is_wheels:
             rate = (speed[:, 1] - speed[:, 0]) / block.track_m
             source = note("gyro.as-wheels", subject=sensor_name)
-            by_wheels.append(_gyro_comparison(name, imu[:, 2], rate, source))
+            by_wheels.append(compare_gyro(name, imu[:, 2], rate, source))
         source = note("gyro.as-curve", subject=f"{name}[1]", speed=sensor_name)
-        by_curves.append(_gyro_comparison(name, imu[:, 1], speed.mean(axis=1) * imu[:, 2], source, -1))
+        by_curves.append(compare_gyro(name, imu[:, 1], speed.mean(axis=1) * imu[:, 2], source, -1))
     if any(comparison.is_near for comparison in by_wheels):
         return []
     messages = [comparison.message for comparison in by_wheels if comparison.message]
@@ -74,50 +68,7 @@ def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Di
     return messages[:1]
 
 
-def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
-    """Return messages on gyros in another unit than the predictions with the file, and True if all gyros are confirmed.
-    A gyro is confirmed if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
-    file. The start of the search is not evidence, so it is not used. (3), (5)"""
-    problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    unbounded_parameters = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
-    by_file = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
-    first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
-    z, h = channel_map.measurements(problem), channel_map.predictions(problem, by_file)
-    wheels = [(k, sensors[name]) for name, k in first_channel.items() if has_field(sensors[name], "track_m")]
-    wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
-    fitted_thetas = [end.search.solution.theta] if _keeps_turning_gains(end) else []
-    fitted_predictions = [channel_map.predictions(problem, theta) for theta in fitted_thetas]
-    messages, is_cleared, source = [], True, note("gyro.as-commands")
-    for name in (name for name in first_channel if has_field(sensors[name], "gyro_scale")):
-        i = first_channel[name] + 2
-        turn_rates = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted_predictions)
-        comparisons = [_gyro_comparison(name, z[:, i], omega, source) for omega in turn_rates]
-        if not any(comparison.is_near for comparison in comparisons):
-            messages, is_cleared = [*messages, comparisons[0].message], False
-    return [message for message in messages if message is not None], is_cleared
-
-
-def _keeps_turning_gains(end: "FinishedFit") -> bool:
-    """Return True if the fit converged, and its turning gains and known measures stayed near their values in the file.
-    Return False if the file contains such values, but none of them is identifiable."""
-    theta, mask = end.search.solution.theta, end.identifiability.mask
-    turning = [(k, value(end.blocks, free.path)) for k, free in enumerate(end.free) if _affects_turning(free)]
-    ratios = [theta[k] / x_0 for k, x_0 in turning if x_0 and mask[k]]
-    identifiable = bool(ratios) or not any(x_0 for _, x_0 in turning)
-    return (
-        end.search.solution.converged
-        and identifiable
-        and all(1.0 / MAX_UNIT_RATIO < abs(ratio) < MAX_UNIT_RATIO for ratio in ratios)
-    )
-
-
-def _affects_turning(parameter: FreeParameter) -> bool:
-    """Return True for a gain or a measure of the vehicle on which its turning depends."""
-    is_gain = parameter.definition.role in ("gain", "known") and parameter.path.startswith("model.")
-    return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
-
-
-class _GyroComparison(NamedTuple):
+class GyroComparison(NamedTuple):
     """The comparison of a gyro with another measure of turning."""
 
     is_near: bool  # the unit is confirmed
@@ -125,11 +76,11 @@ class _GyroComparison(NamedTuple):
     message: Diagnostic | None  # of a wrong unit
 
 
-def _gyro_comparison(
+def compare_gyro(
     name: str, z: np.ndarray, h: np.ndarray, source: Diagnostic, power: int = 1
-) -> _GyroComparison:
+) -> GyroComparison:
     """Return the signal map from h (N,) to z (N,). Their ratio is r for a `power` of 1, or 1/r for −1."""
-    z, h = (channel_map.clip(x[:, None]) for x in (z, h))
+    z, h = (clip(x[:, None]) for x in (z, h))
     units = {r**power: unit for r, unit in UNIT_BY_RATIO.items()}
     (channel,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
     slope, message = abs(channel.regression.slope), None
@@ -137,7 +88,7 @@ def _gyro_comparison(
         read_as = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
         figures: JsonObject = {"times": slope**power, "by": source, "given": channel.meaning, "read": read_as}
         message = note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", **figures)
-    return _GyroComparison(channel.is_clear and channel.ratio == 1.0, slope, message)
+    return GyroComparison(channel.is_clear and channel.ratio == 1.0, slope, message)
 
 
 def _window_means(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray]:

@@ -20,11 +20,13 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic
+from baqueano.numerics.statistics import MAD
 from baqueano.runs.maps.units import UNITS, unit
 
 MIN_TOTAL_GAIN, MIN_GAIN = 5.0, 0.1  # (3): a slope of three standard errors; 18 % of the variance
 MIN_SCALE_GAIN = 0.3  # per measurement: 45 % of the variance
 MIN_WINDOWS = 20  # windows
+CLIP_SIGMA = 4.0  # of a sample, in robust standard deviations
 ROUNDING_VARIANCE = 1e-12  # part of the variance that rounding leaves
 
 
@@ -164,3 +166,16 @@ def _swap_gain(table: Sequence[Sequence[ChannelRegression]], i: int, j: int) -> 
 def _pairs(table: Sequence[Sequence[ChannelRegression]], i: int, j: int) -> list[tuple[int, int]]:
     """Return the (channel, prediction) pairs of a swap of i and j; j can be a prediction without a channel."""
     return [(i, j), (j, i)] if j < len(table) else [(i, j)]
+
+
+def clip(x: np.ndarray) -> np.ndarray:
+    """Return the columns of x (n, m), clipped at CLIP_SIGMA robust standard deviations about the median."""
+    x = x.copy()
+    for column in x.T:
+        if len(finite := column[np.isfinite(column)]):
+            median = float(np.median(finite))
+            limit = CLIP_SIGMA * max(
+                MAD * float(np.median(np.abs(finite - median))), 0.1 * float(np.std(finite))
+            )
+            np.clip(column, median - limit, median + limit, out=column)
+    return x

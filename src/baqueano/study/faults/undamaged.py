@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.identify.diagnostics import clean
+from baqueano.runs.diagnostics.cleaning import clean
 from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 

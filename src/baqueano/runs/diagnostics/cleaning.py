@@ -1,0 +1,44 @@
+"""Clean the runs of a fit: repair their timestamps, and remove samples that are not measurements."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic
+from baqueano.numerics.parallel import parallel_map
+from baqueano.runs.diagnostics import physical_units, samples, timestamps
+from baqueano.runs.run import Run
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+
+def clean(
+    runs: list[Run], vehicle_file: "VehicleFile", sensors: dict[str, Tree]
+) -> tuple[list[Run], tuple[Diagnostic, ...]]:
+    """Return the runs without impossible measurements, split at jumps of time, and messages on the faults."""
+
+    def clean_run(run: Run) -> tuple[list[Run], list[Diagnostic]]:
+        segments, messages = timestamps.check_timestamps(run, vehicle_file.rate_hz)
+        messages += physical_units.implausible_values(run, vehicle_file, sensors)
+        clean_segments = []
+        for segment in segments:
+            channels, sample_messages = _samples(segment, sensors)
+            messages += sample_messages
+            clean_segments.append(channels)
+        if len(runs) > 1:
+            messages = [replace(m, figures={**m.figures, "of_run": run.name}) for m in messages]
+        return clean_segments, messages
+
+    results = parallel_map(clean_run, runs, rows=sum(len(run.t_ns) for run in runs))
+    messages = tuple(message for _, messages in results for message in messages)
+    return [run for segments, _ in results for run in segments], messages
+
+
+def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]:
+    channels, messages = dict(run.sensors), []
+    for name, block in sensors.items():
+        if name in channels and channels[name].z.shape[1] == block.size:
+            channels[name], sensor_messages = samples.check_samples(name, block, channels[name])
+            messages += sensor_messages
+    return replace(run, sensors=channels) if messages else run, messages
