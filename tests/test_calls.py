@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import baqueano as bq
+from baqueano.calibration.at_rest import RestMeasurement
+from baqueano.calibration.result import Calibration
 from baqueano.errors import FileError, Misuse
-from baqueano.identify.noise.at_rest import RestMeasurement
 from baqueano.identify.noise.covariances import Noise
-from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 from baqueano.tune.tune_result import TuneResult

@@ -33,7 +33,7 @@ HAVE_ONE = """
     identify.design.plan: design_plan
     identify.design.room: contain_in_room room_of
     identify.fit: identify
-    identify.noise.at_rest: allan_deviation measure_at_rest
+    calibration.at_rest: allan_deviation measure_at_rest
     identify.noise.covariances: measure_noise
     identify.noise.comparison: compare_noise
     identify.design.signals: excitation

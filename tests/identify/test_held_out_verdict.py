@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.calibration.rest import begins_at_rest
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.selection.cross_validation import independent_motion_count, turning_points
 from baqueano.identify.validation import validate
 from baqueano.messages import text

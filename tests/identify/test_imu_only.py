@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias, std_of_tolerance
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.covariance.scale_uncertainty import scale_stds, std_of_gyro_bias, std_of_tolerance
 from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise

@@ -11,6 +11,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 import baqueano as bq
+from baqueano.calibration.at_rest import measure_at_rest
+from baqueano.calibration.result import CalibratedNumber, Calibration
 from baqueano.contracts.result import MAX_LINES, Result, shorten
 from baqueano.diagnostics import Severity, note
 from baqueano.drive import FirstDrive, TeachResult
@@ -18,9 +20,7 @@ from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import forecast
-from baqueano.identify.noise.at_rest import measure_at_rest
 from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
-from baqueano.identify.result.calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
 from baqueano.messages import language
 from baqueano.report import figures

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from baqueano.calibration.rest import with_gyro_bias_at_rest
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_truth
 from baqueano.identify.data.hand_measurements import with_hand_measurements
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.rest import with_gyro_bias_at_rest
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters
 from baqueano.identify.parameters.setup import Parameters, parameters_for_fit

@@ -20,16 +20,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import jackknife, with_jackknife
 from baqueano.identify.covariance.information import Information, information
-from baqueano.identify.covariance.scale_uncertainty import (
-    scale_stds,
-    std_of_gyro_bias,
-    with_systematic_errors,
-)
+from baqueano.identify.covariance.scale_uncertainty import with_systematic_errors
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import search_with_free_delay

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.rest import begins_at_rest
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
-from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH

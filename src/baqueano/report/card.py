@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import singledispatch
 from typing import TYPE_CHECKING
 
+from baqueano.calibration.result import Calibration
 from baqueano.compare import Comparison
 from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.result import Tabular
@@ -14,7 +15,6 @@ from baqueano.drive.closure import Closure
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
 from baqueano.identify.parameter_drift import ParameterHistory
-from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.result.fit_result import verdict_lines
 from baqueano.identify.validation import Validation
 from baqueano.messages import text, texts

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.calibration.at_rest import RestMeasurement
+from baqueano.calibration.result import Calibration
 from baqueano.compare import Comparison
 from baqueano.compare.comparison import RunComparison
 from baqueano.compare.corridor_forecast import CorridorForecast
@@ -16,10 +18,8 @@ from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
-from baqueano.identify.noise.at_rest import RestMeasurement
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.parameter_drift import ParameterHistory
-from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.validation import Validation
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _

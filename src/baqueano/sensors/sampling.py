@@ -19,6 +19,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
@@ -199,3 +200,11 @@ def _low_pass_step(sensor: Tree, low_passed: np.ndarray, motion: Motion, dt_s: V
     q_0 = a - tau_ratio * (4.0 * m - 3.0 * a - b) + curvature
     q_end = b - tau_ratio * (a - 4.0 * m + 3.0 * b) + curvature
     return q_end + (low_passed - q_0) * np.exp(-dt_s / tau_s)
+
+
+def sensor_range(block: Tree) -> np.ndarray | None:
+    """Return the largest magnitude (m,) of a reading inside the range of an IMU, or None for other sensors."""
+    if not has_field(block, "accel_limit"):
+        return None
+    step = np.array([block.accel_step, block.accel_step, block.gyro_step])
+    return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step

@@ -271,8 +271,8 @@ def _with_tolerances(
     vehicle_file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
     """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore these."""
+    from baqueano.calibration.tolerances import with_tolerance
     from baqueano.errors import UsageError
-    from baqueano.identify.covariance.scale_uncertainty import with_tolerance
     from baqueano.identify.imu_only import is_imu_only
 
     if not tolerances:

@@ -284,8 +284,8 @@ def calibrate(
     run: str, turns: int | None, map_: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.hand_turn_calibration import calibrate_by_hand_turns, is_turned_by_hand
-    from baqueano.identify.sensor_calibration import calibrate
+    from baqueano.calibration.against_truth import calibrate
+    from baqueano.calibration.hand_turns import calibrate_by_hand_turns, is_turned_by_hand
 
     vehicle_file, recorded_run = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
     if turns is not None or is_turned_by_hand(recorded_run):
@@ -355,7 +355,7 @@ def noise(
     run: str, from_s: float, to_s: float | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     update: bool, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.noise.at_rest import measure_at_rest
+    from baqueano.calibration.at_rest import measure_at_rest
 
     recorded_run = options.find_runs((run,), folder)[0]
     with show_activity(note("cli.averaging")):

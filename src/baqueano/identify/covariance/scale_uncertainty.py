@@ -6,107 +6,29 @@
     σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
 
 g is the gradient of the cost, A is the information. g_s is computed with measurements changed by ± RELATIVE_STEP, at
-the θ of the fit. With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. A data sheet's
-tolerance ± a is a uniform distribution, σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7). (3)
-is for the fixed zero of a car's gyro; W are the weights of its readings. σ is the standard error of the zero at rest
-if it was measured. Otherwise σ is estimated from the run by (4), and is at most the value of the data sheet.
+the θ of the fit. With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. (3) is for the
+fixed zero of a car's gyro; W are the weights of its readings. σ is the standard error of the zero at rest if it was
+measured. Otherwise σ is estimated from the run by (4), and is at most the value of the data sheet.
 """
 
-from collections.abc import Callable, Mapping
-from datetime import date
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, measured_std_of_gyro_bias, std_of_tolerance
 from baqueano.contracts.optional import has_field
-from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import segment_derivatives
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.data.segments import pseudo_inverse
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.statistics import HUBER
-from baqueano.sensors.imu import SCALE_TOLERANCE
-from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 RELATIVE_STEP = 1e-3  # part of a reading, and of 1 rad/s
-ZERO_RATE_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
 GYRO_CHANNEL = 2  # channel of an IMU
-DATA_SHEET_TOLERANCES = {"accel": SCALE_TOLERANCE, "gyro": SCALE_TOLERANCE}
-CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
-
-
-def std_of_tolerance(tolerance: float) -> float:
-    """Return the standard deviation of a value that lies within ± `tolerance`."""
-    return tolerance / np.sqrt(3.0)
-
-
-def scale_stds(
-    vehicle_file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None
-) -> np.ndarray:
-    """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance` (keys
-    "accel", "gyro"). Otherwise the standard error in the file is used, or the tolerance of a data sheet. Raise
-    UsageError for an unknown key, or a tolerance outside 0 to 1."""
-    tolerances, stds = dict(tolerance or {}), []
-    is_valid = all(kind in DATA_SHEET_TOLERANCES and 0.0 <= x < 1.0 for kind, x in tolerances.items())
-    if not is_valid:
-        raise UsageError(fault("tolerance.keys", given=tolerances, keys=DATA_SHEET_TOLERANCES))
-    for kind, field, entry in CHANNELS:
-        std = _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry)
-        if std is None or kind in tolerances:
-            std = std_of_tolerance(tolerances.get(kind, DATA_SHEET_TOLERANCES[kind]))
-        stds.append(std)
-    return np.array(stds)
-
-
-def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
-    """Return the file with standard deviations of scales: {"sensors.imu.gyro_scale": 0.01} means ± 1 % of the value.
-    Raise UsageError for a path that is not a scale of an IMU in the file, and for a tolerance outside 0 to 1."""
-    from baqueano.vehicle_file import Provenance
-
-    scale_paths = [
-        f"sensors.{name}.{field}"
-        for name, sensor in vehicle_file.sensors._asdict().items()
-        for field in ("gyro_scale", "accel_scale")
-        if has_field(sensor, field)
-    ]
-    values, origins = {}, {}
-    for path, relative_tolerance in tolerance.items():
-        if path not in scale_paths:
-            name = vehicle_file.name
-            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=name, valid=scale_paths))
-        if not 0.0 < relative_tolerance < 1.0:
-            raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))
-        value = np.asarray(value_at_path(vehicle_file, path), float)
-        std = np.abs(value) * std_of_tolerance(relative_tolerance)
-        values[path] = value.tolist()
-        origins[path] = Provenance(f"stated, ± {100.0 * relative_tolerance:g} %", date.today(), std.tolist())
-    return vehicle_file.with_values(values, origins) if values else vehicle_file
-
-
-def _measured_relative_std(vehicle_file: "VehicleFile", path: str, entry: int) -> float | None:
-    """Return the relative standard error of a scale, or None if it was not measured."""
-    origin = vehicle_file.provenance.get(path)
-    if origin is None or origin.sd is None:
-        return None
-    std, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, value_at_path(vehicle_file, path)))
-    relative = float(std[min(entry, len(std) - 1)] / abs(value[min(entry, len(value) - 1)]))
-    return relative if np.isfinite(relative) else None
-
-
-def std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float:
-    """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
-    std_rad_s = _measured_std_of_gyro_bias(vehicle_file, imu)
-    return std_of_tolerance(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
-
-
-def _measured_std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float | None:
-    origin = vehicle_file.provenance.get(f"sensors.{imu}.gyro_bias")
-    std_rad_s = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
-    return std_rad_s if np.isfinite(std_rad_s) else None
 
 
 def gyro_bias_covariance(
@@ -134,7 +56,7 @@ def gyro_bias_covariance(
         A = bread[np.ix_(positions, positions)]
         if not (np.isfinite(g).all() and np.isfinite(A).all()):
             continue  # a model that diverged
-        v, std = pseudo_inverse(A) @ g[positions], _measured_std_of_gyro_bias(vehicle_file, name)
+        v, std = pseudo_inverse(A) @ g[positions], measured_std_of_gyro_bias(vehicle_file, name)
         if std is None:
             std = _unmeasured_std_of_gyro_bias(score, power - float(g[positions] @ v))
         cov[np.ix_(positions, positions)] += std**2 * np.outer(v, v)

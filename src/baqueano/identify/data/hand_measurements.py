@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.hand_turns import ANGLE_STD_RAD
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -29,7 +30,7 @@ from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, Motion, seconds, sensor_slots
 from baqueano.symbolic import scan
 
-LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # accuracy of a tape and a line of chalk
+LENGTH_STD_M = 0.01  # accuracy of a tape
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
 SAMPLED_VEHICLES = 24  # simulated vehicles; with these, the error of σ is 15 %

@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.averaging import averaged_readings, durations_s, is_average
 from baqueano.runs.run import Channel, Run
+from baqueano.sensors.sampling import sensor_range
 from baqueano.signals import ByName, seconds
 from baqueano.vehicles.rk4 import MAX_ROW_S, row_counts
 
@@ -240,14 +240,6 @@ def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:
     measurements are not tested."""
     is_sensor = sensor in run.sensors
     return not is_sensor or bool(np.isin(z[np.isfinite(z)], run.sensors[sensor].z[:, entry]).all())
-
-
-def sensor_range(block: Tree) -> np.ndarray | None:
-    """Return the largest magnitude (m,) of a reading inside the range of an IMU, or None for other sensors."""
-    if not has_field(block, "accel_limit"):
-        return None
-    step = np.array([block.accel_step, block.accel_step, block.gyro_step])
-    return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step
 
 
 def offset_s(record: FitRecord) -> float:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.calibration.rest import is_at_rest
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
@@ -29,7 +30,6 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
-from baqueano.identify.data.rest import is_at_rest
 from baqueano.identify.noise.acceptance import Acceptance, accept_or_refit
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors

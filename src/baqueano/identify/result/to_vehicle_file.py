@@ -5,7 +5,7 @@ The bias b ± s of a run is not written if the bias b₀ ± s₀ of the file is 
     s > s₀   and   |b − b₀| ≤ K √(s² + s₀²),   K = CONTRADICTION_SIGMA                                    (1)
 
 With process noise, a drive determines the bias of a gyro only to a few hundredths of a rad/s. If the runs contain a
-rest, b₀ ± s₀ was measured there (data/rest.py). If the run contradicts the file, b is written, with s in place of s₀.
+rest, b₀ ± s₀ was measured there (calibration/rest.py). If the run contradicts the file, b is written, with s as s₀.
 The envelope is the range of each command and of each channel whose h depends on ν. It excludes readings beyond
 OUTLIER_SIGMA standard deviations from the model.
 """
@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.rest import speed_channels
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.record import FitRecord
-from baqueano.identify.data.rest import speed_channels
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.parameter import parameters
 from baqueano.signals import ByName

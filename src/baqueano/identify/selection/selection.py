@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.rest import begins_at_rest, with_gyro_bias_at_rest
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.information import marginal_information, marginal_std
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.rest import begins_at_rest, with_gyro_bias_at_rest
 from baqueano.identify.data.segments import dense
 from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.least_squares import Solution

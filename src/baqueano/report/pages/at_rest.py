@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.noise.at_rest import ChannelAtRest, RestMeasurement
+from baqueano.calibration.at_rest import ChannelAtRest, RestMeasurement
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from baqueano.calibration.at_rest import RestMeasurement
 from baqueano.compare import Comparison
 from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.calls import checked_call
@@ -13,7 +14,6 @@ from baqueano.diagnostics import fault
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.errors import UsageError
 from baqueano.identify import Fit
-from baqueano.identify.noise.at_rest import RestMeasurement
 from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.messages import texts
 from baqueano.messages.language import number

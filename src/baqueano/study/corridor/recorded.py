@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.calibration.against_truth import calibrate
 from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
-from baqueano.identify.sensor_calibration import calibrate
 from baqueano.messages.language import translate as _
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolation import interpolate_poses

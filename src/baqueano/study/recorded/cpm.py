@@ -5,18 +5,18 @@ delay is 0. The model begins with only a gain, viscous drag and the steering. It
 itself (selection/selection.py); the effect of the logged battery voltage is one of the candidates. The criterion is
 the speed of the whole other run, simulated from throttle and servo only, in the odometer's unit.
 
-The scale of the gyro and the clock of the camera are calibrated against the camera (identify/sensor_calibration.py).
+The scale of the gyro and the clock of the camera are calibrated against the camera (calibration/against_truth.py).
 First the clock shift that the map adds to the camera is removed, so that the camera has its raw clock.
 """
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from baqueano.calibration.against_truth import calibrate
+from baqueano.calibration.result import Calibration
 from baqueano.identify import FitOptions
-from baqueano.identify.result.calibration import Calibration
 from baqueano.identify.selection.choice import Choice, Decision
 from baqueano.identify.selection.selection import choose
-from baqueano.identify.sensor_calibration import calibrate
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.messages.language import number

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.noise.at_rest import measure_at_rest
+from baqueano.calibration.at_rest import measure_at_rest
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.calibration.against_truth import calibrate
 from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
-from baqueano.identify.sensor_calibration import calibrate
 from baqueano.numerics.statistics import batch_covariance, huber_regression, student_quantile
 from baqueano.runs import write_run
 from baqueano.runs.importing import import_run

@@ -17,19 +17,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.against_truth import GAP_S, IntegratedSignal, channel_of
+from baqueano.calibration.result import CalibratedNumber, Calibration
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
-from baqueano.identify.data.record import sensor_range
-from baqueano.identify.result.calibration import CalibratedNumber, Calibration
-from baqueano.identify.sensor_calibration import GAP_S, IntegratedSignal, channel_of
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.numerics.statistics import QUANTILE_95, chi_square, student_quantile
 from baqueano.runs.run import Run
+from baqueano.sensors.sampling import sensor_range
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -39,6 +38,7 @@ MIN_REST_S, WINDOW_S = 2.0, 0.5  # the shortest rest, and the windows that are t
 QUIET_QUANTILE, MAX_SCATTER_RATIO = 0.05, 3.0
 MIN_TURN_RAD_S = 0.02  # rad/s: a mean that differs by more from the mean of the first rest is a turn
 SCALE_TOLERANCE = 0.06  # of a scale: twice the tolerance of a data sheet
+ANGLE_STD_RAD = float(np.radians(2.0))  # accuracy of a line of chalk
 MARK_SIGMA = 4.0  # standard errors of placing the vehicle by hand
 
 

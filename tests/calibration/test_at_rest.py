@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.calibration.at_rest import measure_at_rest
 from baqueano.errors import UsageError
-from baqueano.identify.noise.at_rest import measure_at_rest
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from tests.codes import of_code

@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.calibration.hand_turns import calibrate_by_hand_turns, is_turned_by_hand
 from baqueano.cli import main
 from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.hand_turn_calibration import calibrate_by_hand_turns, is_turned_by_hand
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import load

@@ -7,7 +7,7 @@ A camera measures the pose (p, ψ) at t_i of its own clock. For many windows [t_
 
 o is the offset of the truth's clock, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
 the angle between the mark and the rolling direction. l is the position of the mark from the point without side slip.
-For a given o both are linear. Gauss-Newton starts from the best offset of a grid. Errors: covariance/clusters.py.
+For a given o both are linear. Gauss-Newton starts from the best offset of a grid. Errors: numerics/statistics.py.
 """
 
 from collections.abc import Callable
@@ -15,10 +15,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.result import (
+    GRID_S,
+    MAX_OFFSET_S,
+    CalibratedNumber,
+    Calibration,
+)
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.result.calibration import GRID_S, MAX_OFFSET_S, CalibratedNumber, Calibration
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.numerics.statistics import batch_covariance, huber_regression, student_quantile

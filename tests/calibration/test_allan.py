@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from baqueano.calibration.at_rest import allan_deviation, coefficients
 from baqueano.errors import UsageError
-from baqueano.identify.noise.at_rest import allan_deviation, coefficients
 from baqueano.numerics.statistics import chi_square
 from tests.codes import of_code
 

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.rest import REST_S
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.rest import REST_S
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
