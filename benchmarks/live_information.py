@@ -6,9 +6,9 @@ drive so far; a window always costs the same.
 
 import numpy as np
 
+from baqueano.design.information import DriveInformation
+from baqueano.design.live import WINDOW_TICKS, RecursiveInformation
 from baqueano.identify import excitation
-from baqueano.identify.design.information import DriveInformation
-from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation
 from baqueano.vehicle_file import load
 from benchmarks.harness import Bench, Case, measured
 

@@ -30,13 +30,13 @@ HAVE_ONE = """
     drive.first_drive: first_drive
     drive.mission: Mission pack perform
     drive.tasks: experiment repeat replay teach
-    identify.design.plan: design_plan
-    identify.design.room: contain_in_room room_of
+    design.plan: design_plan
+    design.room: contain_in_room room_of
     identify.fit: identify
     calibration.at_rest: allan_deviation measure_at_rest
     identify.noise.covariances: measure_noise
     identify.noise.comparison: compare_noise
-    identify.design.signals: excitation
+    simulate.excitation: excitation
     robot.emulated: emulate_vehicle
     robot.imu.driver: open_imu
     robot.uno.link: Uno

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from baqueano.identify.design import plan as planning
+from baqueano.design import plan as planning
 from baqueano.identify.result import assemble as summary
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load

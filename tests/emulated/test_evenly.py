@@ -8,7 +8,7 @@ from baqueano.compare.evenness import limits_of, share_at_limit, sign_changes, s
 from baqueano.drive import experiment, repeat
 from baqueano.guides.shapes import rectangle, sinuous_circle
 from baqueano.identify import identify
-from baqueano.identify.design.signals import excitation
+from baqueano.simulate.excitation import excitation
 from tests.emulated.robot import world_of
 
 

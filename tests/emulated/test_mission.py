@@ -10,7 +10,7 @@ from baqueano.compare import compare
 from baqueano.drive import experiment, repeat, teach
 from baqueano.guides import shapes
 from baqueano.identify import identify
-from baqueano.identify.design.signals import excitation
+from baqueano.simulate.excitation import excitation
 from tests.emulated.robot import world_of
 
 

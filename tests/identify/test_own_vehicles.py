@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from baqueano.block_checks import check
+from baqueano.design.plan import design_plan
+from baqueano.design.room import room_of
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.design.plan import design_plan
-from baqueano.identify.design.room import room_of
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.selection.selection import choose
 from baqueano.identify.selection.terms import terms_of

@@ -10,7 +10,6 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import FittedBlocks, record_of
-from baqueano.identify.design.signals import random_steps
 from baqueano.identify.estimation import prediction_error as prediction
 from baqueano.identify.estimation.prediction_error import FilterNoise, Prediction, maximum_likelihood
 from baqueano.identify.parameters.setup import ThetaShape
@@ -19,6 +18,7 @@ from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.statistics import chi_square_tail
 from baqueano.simulate import simulate
+from baqueano.simulate.excitation import random_steps
 from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
 

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.diagnostics import Verdict
-from baqueano.identify.design.vehicle_cloud import (
+from baqueano.design.vehicle_cloud import (
     planning_file,
     possible_vehicles,
     undetermined_damping,
     with_uncertain_gains,
 )
+from baqueano.diagnostics import Verdict
 from baqueano.vehicle_file import load
 
 

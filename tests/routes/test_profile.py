@@ -133,7 +133,7 @@ def test_a_jump_is_reported_with_its_place():
 
 
 def test_the_route_is_checked_against_the_walls_of_the_room():
-    from baqueano.identify.design.room import room_of
+    from baqueano.design.room import room_of
 
     small = load("small")
     lap = circle(0.5, 0.2)  # 1 m wide and to the left of its start

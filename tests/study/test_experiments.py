@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from baqueano.design.room import contain_in_room, room_of
+from baqueano.design.vehicle_cloud import possible_vehicles
 from baqueano.identify import excitation
-from baqueano.identify.design.room import contain_in_room, room_of
-from baqueano.identify.design.vehicle_cloud import possible_vehicles
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, signal_outcome, vehicles_around

@@ -13,10 +13,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from baqueano.design.information import DriveInformation
 from baqueano.diagnostics import fault
 from baqueano.identify import excitation
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.design.information import DriveInformation
 from baqueano.identify.parameters.free import free_parameter
 from baqueano.parameter import parameter
 from baqueano.runs import write_run

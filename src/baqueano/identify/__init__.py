@@ -6,12 +6,11 @@
     solve        the θ of least cost, with the noise estimated                       estimation/
     Fit          error bars, findings, verdict, vehicle file     identifiability/, covariance/, diagnostics/, result/
 
-fit.py composes them. Before a fit, design/ makes the drive; `excitation` makes a plain signal. After it, noise/
+fit.py composes them. Before a fit, `excitation` makes a signal, and baqueano/design/ the best one. After it, noise/
 measures the noise of the filter, validation.py judges held-out runs, and selection/ chooses the terms of a model.
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.design.signals import KINDS, excitation, random_steps
 from baqueano.identify.estimation.least_squares import solution_at
 from baqueano.identify.fit import conclude, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
@@ -19,6 +18,7 @@ from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.identify.options import FitOptions
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
+from baqueano.simulate.excitation import KINDS, excitation, random_steps
 
 __all__ = [
     "KINDS",

@@ -200,7 +200,7 @@ def examine(
     vehicle_file : VehicleFile, optional
         The vehicle that will drive it.
     room : Room, optional
-        Walls, as `identify.design.room.room_of` returns them; the route begins at the start of the room.
+        Walls, as `design.room.room_of` returns them; the route begins at the start of the room.
     backend : str
         "auto", "c", "python", or "numpy".
 

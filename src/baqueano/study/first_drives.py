@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import World
+from baqueano.design.room import room_of
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
-from baqueano.identify.design.room import room_of
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _

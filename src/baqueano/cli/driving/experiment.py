@@ -76,7 +76,7 @@ def command(
     vehicle_file = options.load_vehicle(vehicle, settings)
     kind, run_names = signal.replace("-", "_"), []
     if room is not None:
-        from baqueano.identify.design.room import room_of
+        from baqueano.design.room import room_of
 
         room_of(vehicle_file, room)  # before anything moves
 
@@ -136,7 +136,7 @@ def run_experiment(
 def _check_options(signal: str, rounds: int | None, update: bool) -> None:
     """Raise UsageError if the options conflict."""
     from baqueano.errors import UsageError
-    from baqueano.identify.design.signals import KINDS
+    from baqueano.simulate.excitation import KINDS
 
     kinds = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
     if signal.replace("_", "-") not in kinds:
@@ -156,9 +156,9 @@ def signal_of(
 
     The vehicle stays in the room `size`, if given. A designed signal always has a room, by default "2x2".
     """
-    from baqueano.identify.design.plan import design_plan
-    from baqueano.identify.design.room import contain_in_room, room_of
-    from baqueano.identify.design.signals import excitation
+    from baqueano.design.plan import design_plan
+    from baqueano.design.room import contain_in_room, room_of
+    from baqueano.simulate.excitation import excitation
 
     if kind == "designed":
         room = room_of(vehicle_file, size or "2x2")
@@ -191,10 +191,10 @@ def make_first_drive(
     If the fit is refused, or does not show how the vehicle stops, the file has only rough gains. Raise AnswerNo if
     the vehicle is wired wrongly or does not move, and the error of a stopped drive.
     """
+    from baqueano.design.vehicle_cloud import planning_file, undetermined_damping
     from baqueano.drive import estimate_first_drive, with_rough_gains
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
-    from baqueano.identify.design.vehicle_cloud import planning_file, undetermined_damping
 
     path = path_of("first-drive")
     print_message(note("cli.first-drive", name=vehicle_file.name))

@@ -19,8 +19,8 @@ from baqueano.messages.printable import baqueano_command, shell_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
+    from baqueano.design.room import Room
     from baqueano.guides.route import Route
-    from baqueano.identify.design.room import Room
     from baqueano.vehicle_file import VehicleFile
 
 NAME = "NAME"  # of routes.path, which loads numpy
@@ -369,7 +369,7 @@ def room_of_options(vehicle_file: "VehicleFile", room: str | None, start: str | 
         return None
     import numpy as np
 
-    from baqueano.identify.design.room import room_of
+    from baqueano.design.room import room_of
 
     x, y, degrees = pose_of(start or "0,0,0", "cli.start-unreadable")
     return room_of(vehicle_file, room, start=(x, y, float(np.radians(degrees))))

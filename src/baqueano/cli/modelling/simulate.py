@@ -40,10 +40,10 @@ def command(
     vehicle: str | None, settings: tuple[str, ...], signal: str, seconds: float, vehicles: int, model: bool, seed: int,
     backend: str, folder: str, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.design.signals import excitation
     from baqueano.runs import write_run
     from baqueano.runs.show import show
     from baqueano.simulate import simulate, simulate_many
+    from baqueano.simulate.excitation import excitation
 
     if vehicles > 1:
         options.refuse_together("--vehicles", "out", "model")

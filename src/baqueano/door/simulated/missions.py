@@ -182,7 +182,7 @@ def _plan_by_name(
             mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_replaced_blocks(request))
             return MissionPlan(mission, vehicle_file, name, seed=seed)
         case "experiment":
-            from baqueano.identify.design.signals import excitation
+            from baqueano.simulate.excitation import excitation
 
             length_s = min(_checked_number(request, "seconds", DEFAULT_DURATION_S), MAX_DURATION_S)
             signal = str(request.get("signal", "random_steps")).replace("-", "_")

@@ -5,7 +5,7 @@
   s(v) = v (delay + lag) + ∫₀ᵛ w dw / a(w),   a(w) = min(−ν̇_x(w), ν̇_x(−w))         coasting without command  (3)
 
 s(v) is at least STOPPING_S v. a is the smaller deceleration, of a forward and a backward motion. free is half the width
-of the space in which the body's origin can be (identify/design/room.py). With only commands and an IMU, Σ grows from
+of the space in which the body's origin can be (design/room.py). With only commands and an IMU, Σ grows from
 lap to lap. The drive therefore ends when the vehicle might touch a wall, before it touches one.
 """
 

@@ -62,7 +62,7 @@ TEMPLATES: dict[str, str] = {
     "front.width-mm": "The width {value:g} mm is out of range. Expected 20 to 2000 mm.",
     "drive.room-object": (
         'room = {value}: expected a room. Write room_of(vehicle_file, "2x2"), with room_of from '
-        "baqueano.identify.design.room."
+        "baqueano.design.room."
     ),
     "drive.text-unknown": (
         "This run does not contain the code of {role} {block}, because Python cannot find it. Write the "

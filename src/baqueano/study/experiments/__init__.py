@@ -15,7 +15,7 @@ within the file's limits, and the same function `contain` keeps them in the room
 from functools import partial
 from typing import Any
 
-from baqueano.identify.design.room import room_of
+from baqueano.design.room import room_of
 from baqueano.messages.language import translate as _
 from baqueano.study.experiments.drives import plan_signals, signal_outcome, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, merge, rows_of

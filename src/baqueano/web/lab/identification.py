@@ -1,6 +1,6 @@
 """Identify the parameters of a vehicle during a drive, in a worker process, from the rows that the page receives.
 
-The information of each window is exact (identify/design/live.py). A complete fit over all rows runs in a thread,
+The information of each window is exact (design/live.py). A complete fit over all rows runs in a thread,
 first after FIRST_FIT_S of driving, then each second or less often: it uses at most MAX_FIT_SHARE of the time. The
 expected errors follow from the information: at the values of the vehicle file before the first fit, at the fitted
 values afterwards. The fit determines the values, their standard errors and the verdict.
@@ -12,11 +12,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.design.information import DriveInformation
+from baqueano.design.live import (
+    WINDOW_TICKS,
+    MotionAdvisor,
+    RecursiveInformation,
+    information_bits,
+)
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.design.information import DriveInformation
-from baqueano.identify.design.live import WINDOW_TICKS, MotionAdvisor, RecursiveInformation, information_bits
 from baqueano.identify.fit import identify
 from baqueano.identify.parameters.free import FreeParameter, free_parameter
 from baqueano.runs.logs import Channel

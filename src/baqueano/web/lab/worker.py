@@ -190,7 +190,7 @@ def _routes(request: "JsonObject") -> "StoredRoutes":
 def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return a whole mission in JSON, with the texts of the vehicle file and of the blocks that it names."""
     from baqueano.drive.mission import Mission, pack
-    from baqueano.identify.design.signals import excitation
+    from baqueano.simulate.excitation import excitation
     from baqueano.vehicle_file import load
 
     vehicle_file, order, kind = load(request["vehicle"]), request["order"], request["kind"]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from baqueano.design.information import DriveInformation
+from baqueano.design.live import WINDOW_TICKS, RecursiveInformation, information_bits
 from baqueano.identify import excitation
-from baqueano.identify.design.information import DriveInformation
-from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation, information_bits
 from baqueano.vehicle_file import load
 
 EXACT = 1e-9  # relative

@@ -6,12 +6,12 @@ from scipy.stats import binom
 
 from baqueano.cli.driving.iterate import drive_in_rounds
 from baqueano.cli.driving.targets import LocalTarget
+from baqueano.design import plan as planning
+from baqueano.design.plan import design_plan
+from baqueano.design.room import room_of
 from baqueano.drive import first_drive, with_rough_gains
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.design import plan as planning
-from baqueano.identify.design.plan import design_plan
-from baqueano.identify.design.room import room_of
 from baqueano.identify.result import assemble as summary
 
 SURE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]")

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.design.room import CORRIDOR_SIGMA, Room, reach
+from baqueano.design.room import CORRIDOR_SIGMA, Room, reach
 
 LEVELS = (1, 2, 3, 5, 8, 13)
 RETURN_KINDS = 4  # kinds of return; the last kind is without a return

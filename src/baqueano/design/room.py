@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.identify.design.vehicle_cloud import VehicleCloud, possible_vehicles
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -157,7 +157,7 @@ def contain_in_room(
     `cloud` contains the possible vehicles; default: possible vehicles of `vehicle_file`, drawn with `seed`. Raise
     UsageError if `u` has another shape. Raise AnswerNo if these vehicles leave the room in spite of the replacements.
 
-    >>> from baqueano.identify.design.room import room_of
+    >>> from baqueano.design.room import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
     >>> safe = contain_in_room(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on

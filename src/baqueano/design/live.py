@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.design.compose import RETURN_KINDS, MotionPrimitive
+from baqueano.design.information import DriveInformation
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.design.compose import RETURN_KINDS, MotionPrimitive
-from baqueano.identify.design.information import DriveInformation
 from baqueano.symbolic import jacobian, scan
 from baqueano.symbolic.graph.tree import Shape, build, leaves, shape_of, values
 

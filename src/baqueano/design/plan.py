@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
-from baqueano.identify.design.compose import (
+from baqueano.design.compose import (
     Composer,
     MotionPrimitive,
     PrimitiveShape,
@@ -28,8 +26,8 @@ from baqueano.identify.design.compose import (
     mutated_primitives,
     random_primitives,
 )
-from baqueano.identify.design.information import DriveInformation, mean_error
-from baqueano.identify.design.room import (
+from baqueano.design.information import DriveInformation, mean_error
+from baqueano.design.room import (
     COAST_S,
     SAMPLE_S,
     VEHICLES,
@@ -37,7 +35,9 @@ from baqueano.identify.design.room import (
     contain_in_room,
     first_allowed_option,
 )
-from baqueano.identify.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
+from baqueano.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.numerics.parallel import parallel_map
@@ -118,7 +118,7 @@ def design_plan(
     Raise UsageError if a [command] limit is not finite or all limits are 0, or for less than 1 s of motion. Raise
     AnswerNo if the vehicle cannot be kept in the room.
 
-    >>> from baqueano.identify.design.room import room_of
+    >>> from baqueano.design.room import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
     >>> plan = design_plan(small, room_of(small, "2x2"), 2.0, progress=lambda text: True)  # True: the first one

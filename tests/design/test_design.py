@@ -3,19 +3,17 @@
 import numpy as np
 import pytest
 
-from baqueano.errors import AnswerNo, UsageError
-from baqueano.identify import excitation
-from baqueano.identify.design import plan as planning
-from baqueano.identify.design.compose import (
+from baqueano.design import plan as planning
+from baqueano.design.compose import (
     GENTLE_FACTOR,
     MotionPrimitive,
     PrimitiveShape,
     gentler_primitive,
     poses_in_map,
 )
-from baqueano.identify.design.information import DriveInformation, mean_error
-from baqueano.identify.design.plan import design_plan
-from baqueano.identify.design.room import (
+from baqueano.design.information import DriveInformation, mean_error
+from baqueano.design.plan import design_plan
+from baqueano.design.room import (
     MAX_SIDEWAYS_M_S2,
     Room,
     body_radius,
@@ -23,7 +21,9 @@ from baqueano.identify.design.room import (
     contain_in_room,
     room_of,
 )
-from baqueano.identify.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
+from baqueano.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.identify import excitation
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.provenance import ParameterCov
 from tests.codes import of_code

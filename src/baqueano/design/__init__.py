@@ -1,0 +1,9 @@
+"""Design an experiment: as much information about the vehicle as the room, the vehicle and the duration allow.
+
+plan            the drive of most information: `design_plan`
+compose         motion primitives, and their order in the room
+information     Fisher information of a drive, exactly, before the drive
+live            the same during a drive, and the motion to drive next
+vehicle_cloud   the vehicles that a file with its errors considers possible
+room            walls and limits, and signals that stay inside
+"""
