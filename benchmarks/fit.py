@@ -22,9 +22,9 @@ import numpy as np
 
 from baqueano import parallel
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.data.segments import Evaluation
-from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.estimation.search import FINE_DECREMENT
+from baqueano.numerics.least_squares import minimise
+from baqueano.numerics.normal_equations import Evaluation
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.simulate.system import System, with_parameters

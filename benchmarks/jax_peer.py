@@ -9,9 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from baqueano.identify.data.segments import Evaluation
-from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.estimation.search import FINE_DECREMENT
+from baqueano.numerics.least_squares import Solution, minimise
+from baqueano.numerics.normal_equations import Evaluation
 from benchmarks import peers
 
 BEND = 1.345

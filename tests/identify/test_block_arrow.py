@@ -6,17 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.data.segments import (
+from baqueano.identify.parameters.setup import ThetaLayout, arrow_layout
+from baqueano.identify.residuals import simulation as simulated
+from baqueano.numerics.least_squares import (
+    RIDGE,
+    _bounded_step,
+    _step,
+    minimise,
+)
+from baqueano.numerics.normal_equations import (
     BlockArrow,
     Evaluation,
-    ThetaLayout,
     add,
-    arrow_layout,
     diagonal_matrix,
     row_product,
 )
-from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
-from baqueano.identify.residuals import simulation as simulated
 
 
 def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):

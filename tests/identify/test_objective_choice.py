@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.estimation.least_squares import Evaluation, Solution
 from baqueano.identify.estimation.prediction_error import FilterNoise, MaximumLikelihood
 from baqueano.identify.result.objective_choice import LeaveOneOutComparison, choose_objective
+from baqueano.numerics.least_squares import Evaluation, Solution
 
 QUIET = np.ones(1)
 

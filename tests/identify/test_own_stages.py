@@ -17,7 +17,7 @@ from baqueano.identify import (
     random_steps,
     solve,
 )
-from baqueano.identify.estimation.least_squares import MAX_EVALUATIONS, minimise
+from baqueano.numerics.least_squares import MAX_EVALUATIONS, minimise
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 

@@ -10,14 +10,9 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.data.record import record_of
-from baqueano.identify.data.segments import (
-    ThetaLayout,
-    derivatives_without_start,
-    eliminate_starts,
-    pseudo_inverse,
-    split_record,
-)
+from baqueano.identify.data.record import record_of, split_record
+from baqueano.identify.parameters.setup import ThetaLayout, eliminate_starts
+from baqueano.numerics.normal_equations import derivatives_without_start, pseudo_inverse
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from tests.codes import of_code

@@ -11,13 +11,13 @@ measures the noise of the filter, validation.py judges held-out runs, and select
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.estimation.least_squares import solution_at
 from baqueano.identify.fit import conclude, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
 from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.identify.options import FitOptions
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
+from baqueano.numerics.least_squares import solution_at
 from baqueano.simulate.excitation import KINDS, excitation, random_steps
 
 __all__ = [

@@ -26,7 +26,6 @@ from baqueano.identify import imu_only
 from baqueano.identify.covariance.scale_uncertainty import gyro_bias_covariance
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import DUTY_STEP_PATH, duty_step_count, search_with_free_delay
-from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability.identifiable import finished_fit
 from baqueano.identify.options import FitOptions
@@ -36,6 +35,7 @@ from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_si
 from baqueano.identify.residuals.noise_level import min_sigma, sigma_of_rare_channels
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
+from baqueano.numerics.least_squares import Minimiser, minimise
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -30,7 +30,6 @@ from baqueano.identify.covariance.scale_uncertainty import with_systematic_error
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import search_with_free_delay
-from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability.identifiable import FinishedFit, finished_fit
 from baqueano.identify.options import FitOptions
@@ -48,6 +47,7 @@ from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_gy
 from baqueano.identify.residuals.noise_level import min_sigma, robust_sigma
 from baqueano.identify.result.assemble import fit_of
 from baqueano.identify.result.fit_result import Fit
+from baqueano.numerics.least_squares import Minimiser, minimise
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -16,7 +16,6 @@ import numpy as np
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import Evaluation, dense, eliminate
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability.identifiable import FinishedFit
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH, free_parameter, value
@@ -29,6 +28,7 @@ from baqueano.identify.result.objective_choice import (
     choose_objective,
     leave_one_out,
 )
+from baqueano.numerics.normal_equations import Evaluation, dense, eliminate
 from baqueano.symbolic import with_value
 
 

@@ -1,1 +1,7 @@
-"""Numerical tools without a vehicle: work on all cores, quantiles and robust statistics."""
+"""Numerical tools that know no vehicle and no run.
+
+least_squares      damped Gauss-Newton with bounds, on normal equations
+normal_equations   normal equations of segments, and the elimination of nuisance entries
+statistics         quantiles, robust spreads, covariances of estimates
+parallel           work on all cores
+"""

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify.data.record import FitRecord
-from baqueano.identify.data.segments import derivatives_without_start
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.normal_equations import derivatives_without_start
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import HUBER, covariance_of_changes
 

@@ -5,7 +5,7 @@
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
 
 (1) is the sandwich of an M-estimator. γ_c(l) in (2) is the autocovariance of ψ in channel c, L = 5 s or a tenth of a
-shorter run. (3) is for a run in K segments (segments.py) with q shared parameters; it does not change the
+shorter run. (3) is for a run in K segments with q shared parameters; it does not change the
 correlations. The sum of the autocorrelation over the first ticks decides if residuals are white. If a channel has
 fewer than MIN_MEASUREMENTS, ψ² is set to 1, which is its mean if σ is correct. docs/derivations/robust_covariance.md
 gives the reasons. Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, inflation_factors
-from baqueano.identify.data.segments import pseudo_inverse
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import dot, gram, inner, parallel_map
 from baqueano.numerics.statistics import HUBER, covariance_of_changes
 

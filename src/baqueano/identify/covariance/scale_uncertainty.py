@@ -20,8 +20,8 @@ from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, measured_std_of_gyr
 from baqueano.contracts.optional import has_field
 from baqueano.identify.covariance.clusters import segment_derivatives
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.data.segments import pseudo_inverse
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.statistics import HUBER
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ timestamp, and the model's h is evaluated with that delay (vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ GAP_STEPS = 2.5  # median steps, above which a step is a gap
 ROW_TOLERANCE = 1e-6  # of a row: rounding
 MAX_EARLY_FRACTION = 0.02  # of a step: a timestamp this close to a tick is treated as equal to it
 MAX_CLOCK_OFFSET_S = 0.25  # the largest clock offset that a fit estimates
+MIN_SEGMENT_ROWS = 10  # for the start of a segment, at most six numbers
 MAX_INTERVAL_RATIO = 2.0  # of the median interval of means: a longer one is not used if the clock is free
 
 
@@ -252,6 +254,29 @@ def offset_s(record: FitRecord) -> float:
 def offset_rows(record: FitRecord) -> int:
     """Return the number of past rows that `offset_s` needs."""
     return int(np.ceil(offset_s(record) / float(np.median(record.dt_s)))) + 2
+
+
+def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
+    """Return segments of about `segment_s` [s]. Each segment after the first has a lead of `lead_s` [s]. The lead does
+    not contain measurements. It is at least one row long, because a reading between ticks is interpolated between rows.
+    Raise UsageError for segments of less than MIN_SEGMENT_ROWS."""
+    ends = np.cumsum(record.dt_s)
+    shortest_s = MIN_SEGMENT_ROWS * float(np.median(record.dt_s))
+    if segment_s < shortest_s:
+        raise UsageError(
+            fault("segment.short", length_s=segment_s, rows=MIN_SEGMENT_ROWS, shortest_s=shortest_s)
+        )
+    count = max(1, round(float(ends[-1]) / segment_s))
+    edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
+    edges = np.unique(np.concatenate([[0], edges, [len(ends)]]))
+    segments = []
+    for first, last in pairwise(edges):
+        begin = int(np.searchsorted(ends, ends[first] - lead_s))
+        begin = max(min(begin, int(first) - 1), 0)
+        lead = int(first) - begin
+        segment = record.part(slice(begin, int(last))).with_mask(np.arange(int(last) - begin) >= lead)
+        segments.append(segment._replace(lead=lead))
+    return segments
 
 
 class FittedBlocks(NamedTuple):

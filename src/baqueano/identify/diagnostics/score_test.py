@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.data.segments import Evaluation, pseudo_inverse
-from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.least_squares import minimise
+from baqueano.numerics.normal_equations import Evaluation, pseudo_inverse
 from baqueano.numerics.parallel import cache_slices
 from baqueano.numerics.statistics import HUBER
 

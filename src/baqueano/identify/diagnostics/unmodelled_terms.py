@@ -28,8 +28,16 @@ from baqueano.identify.covariance.scale_uncertainty import GYRO_CHANNEL
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state, read_sensors
-from baqueano.identify.residuals.motion import Motions, mean_columns, motion_rows
+from baqueano.identify.parameters.setup import ThetaShape
+from baqueano.identify.residuals.motion import (
+    Motions,
+    blocks_in_row,
+    example,
+    initial_state,
+    mean_columns,
+    motion_rows,
+    read_sensors,
+)
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.numerics.parallel import parallel_map, prefetch
 from baqueano.symbolic import scan

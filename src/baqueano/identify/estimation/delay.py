@@ -22,10 +22,10 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.identify.covariance.information import information
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import ROUGH_DECREMENT, Search, Task, best_search, search
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.least_squares import Solution
 from baqueano.vehicles.drivetrain import mix, quantise
 
 GRID_STEP_S = 0.025

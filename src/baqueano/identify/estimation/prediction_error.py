@@ -26,11 +26,17 @@ from baqueano.identify.covariance.information import (
     covariance_of,
 )
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.segments import Evaluation, add, arrow_layout, dense, diagonal_matrix
-from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
+from baqueano.identify.parameters.setup import arrow_layout
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _
+from baqueano.numerics.least_squares import DAMPING, Solution, minimise
+from baqueano.numerics.normal_equations import (
+    Evaluation,
+    add,
+    dense,
+    diagonal_matrix,
+)
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import chi_square_tail
 

@@ -23,11 +23,10 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.segments import eliminate_starts
 from baqueano.identify.estimation.delay import with_bound_flags
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
-from baqueano.identify.parameters.setup import Parameters
+from baqueano.identify.parameters.setup import Parameters, eliminate_starts
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import parallel_map
 from baqueano.sensors.imu import SCALE_TOLERANCE

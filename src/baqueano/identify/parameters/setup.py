@@ -1,21 +1,26 @@
-"""Set up θ, the second stage of a fit: its meaning, its start, its bounds, and the rows that it is fitted to."""
+"""Set up θ, the second stage of a fit: its meaning, its start, its bounds, and the rows that it is fitted to.
 
-from collections.abc import Callable, Mapping, Sequence
+    θ = (shared by all runs | of each run | start of each segment)                                        (1)
+
+A simulation without correction drifts away, because of its heading error and of process noise. So a long run is split
+into segments of a few seconds, each with its own start (multiple shooting, Bock 1983). The starts are nuisance
+parameters. Before its first measurement a segment has a lead, in which delayed commands and sensors fill their buffers.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
 from baqueano.identify.data.averaging import (
     ROW_MEAN,
     WEIGHT_COLUMNS,
-    AveragedSignal,
-    average_step,
     longest_interval_s,
 )
 from baqueano.identify.data.record import (
@@ -26,8 +31,8 @@ from baqueano.identify.data.record import (
     offset_s,
     past_rows_of,
     record_of,
+    split_record,
 )
-from baqueano.identify.data.segments import ThetaLayout, split_record
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     FreeParameter,
@@ -36,20 +41,21 @@ from baqueano.identify.parameters.free import (
     free_parameter,
     frozen_columns,
     has_offset,
-    substitute,
     value,
 )
 from baqueano.messages.printable import baqueano_command
+from baqueano.numerics.normal_equations import ArrowLayout, eliminate
 from baqueano.numerics.parallel import parallel_map
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import constant_signal, measures_pose, step_signal
-from baqueano.signals import ByName, Motion
-from baqueano.symbolic import with_value
+from baqueano.sensors.sampling import measures_pose
+from baqueano.signals import ByName
 from baqueano.vehicles.freedoms import coasting_axes
 
 BIASES = ("accel_bias", "gyro_bias")
 POSE_SEGMENT_S = 5.0  # length of a segment if a pose is used: a simulated heading drifts away
 LEAD_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state remains
+# number of entries of segments above which (3) is faster than one solve of full size
+MIN_SEGMENT_ENTRIES = 48
 START_NAMES = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 
@@ -97,6 +103,45 @@ class ThetaShape(NamedTuple):
     def size(self) -> int:
         """Return the length of θ of one segment."""
         return len(self.shared) + len(self.by_run) + len(self.start)
+
+
+class ThetaLayout(NamedTuple):
+    """Indices in θ of the entries of each segment."""
+
+    shared_count: int
+    run_entry_count: int
+    start_size: int
+    runs: tuple[int, ...]  # of each segment
+
+    @property
+    def first_start(self) -> int:
+        """Return the index of the first start."""
+        return self.shared_count + self.run_entry_count * (max(self.runs) + 1)
+
+    @property
+    def size(self) -> int:
+        """Return the length of θ."""
+        return self.first_start + self.start_size * len(self.runs)
+
+    @property
+    def indices(self) -> list[np.ndarray]:
+        """Return for each segment the indices of its entries in θ."""
+        s, o, q = self.shared_count, self.run_entry_count, self.start_size
+        first = self.first_start
+        return [
+            np.concatenate(
+                [
+                    np.arange(s),
+                    np.arange(s + run * o, s + (run + 1) * o),
+                    np.arange(first + k * q, first + (k + 1) * q),
+                ]
+            )
+            for k, run in enumerate(self.runs)
+        ]
+
+    def start_slice(self, k: int) -> slice:
+        """Return the slice of θ with the start of segment k."""
+        return slice(self.first_start + k * self.start_size, self.first_start + (k + 1) * self.start_size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,6 +208,35 @@ def layout_of(shape: ThetaShape, records: Sequence[FitRecord]) -> ThetaLayout:
     """Return the indices in θ of the entries of each segment."""
     runs = tuple(record.run for record in records)
     return ThetaLayout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
+
+
+def eliminate_starts(
+    bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and B (r, r) of the shared entries and of the entries by run, with the starts
+    eliminated: (2) of numerics/normal_equations.py."""
+    return eliminate(
+        bread, meat, layout.first_start, [layout.start_slice(k) for k in range(len(layout.runs))]
+    )
+
+
+def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | None:
+    """Return the parts of θ, and of `extra_count` shared entries after it, or None if few entries belong to
+    segments."""
+    count, o, q = len(layout.runs), layout.run_entry_count, layout.start_size
+    segment_entries = layout.first_start + np.arange(count * q).reshape(count, q)
+    if layout.runs == tuple(range(count)):  # runs of one segment: entries of the run belong to it
+        segment_entries = np.hstack(
+            [layout.shared_count + np.arange(count * o).reshape(count, o), segment_entries]
+        )
+    if count < 2 or segment_entries.size < MIN_SEGMENT_ENTRIES:
+        return None
+    is_segment_entry = np.zeros(layout.size + extra_count, bool)
+    is_segment_entry[segment_entries] = True
+    shared, index_in_part = np.flatnonzero(~is_segment_entry), np.zeros(len(is_segment_entry), int)
+    index_in_part[shared] = np.arange(len(shared))
+    index_in_part[segment_entries] = np.arange(segment_entries.shape[1])
+    return ArrowLayout(shared, segment_entries, is_segment_entry, index_in_part)
 
 
 def records_of(
@@ -296,74 +370,3 @@ def sigma_from_option(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.n
     if not np.all(np.isfinite(sigmas) & (sigmas > 0.0)):
         raise UsageError(fault("sigma.negative", value=sigmas.tolist()))
     return sigmas
-
-
-def blocks_in_row(
-    blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray, row: np.ndarray
-) -> FittedBlocks:
-    """Return the blocks with the parameters of θ, and with the voltage at the end of the row if it was logged."""
-    blocks = substitute(blocks, shape.paths, theta)
-    return with_value(blocks, "model.drivetrain.battery_v", row[-1]) if shape.has_voltage else blocks
-
-
-def vehicle_at_start(blocks: FittedBlocks, shape: ThetaShape) -> Callable[[np.ndarray], Tree]:
-    """Return the function θ → vehicle at the start of a segment."""
-
-    def start(theta: np.ndarray) -> Any:
-        blocks_at = substitute(blocks, shape.paths, theta)
-        at_start = np.zeros(len(START_NAMES))
-        for k, i in enumerate(shape.start):
-            at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(START_NAMES))[i]
-        nu = at_start[:3] if any(i < 3 for i in shape.start) else None
-        eta = at_start[3:] if any(i >= 3 for i in shape.start) else None
-        return blocks_at.model.init(eta, nu)
-
-    return start
-
-
-def example(blocks: FittedBlocks, shape: ThetaShape) -> np.ndarray:
-    """Return θ (p,) with the present values of the blocks."""
-    values = [value(blocks, path) for path in shape.paths]
-    return np.array([*values, *np.zeros(shape.size - len(values))])
-
-
-def initial_state(
-    blocks: FittedBlocks, shape: ThetaShape
-) -> Callable[[np.ndarray], tuple[Any, tuple[Tree, ...]]]:
-    """Return the function θ → (vehicle at the start of a segment, constant signal of each sensor before it)."""
-    vehicle_at = vehicle_at_start(blocks, shape)
-
-    def start(theta: np.ndarray) -> tuple[Any, tuple[Tree, ...]]:
-        blocks_at, vehicle = substitute(blocks, shape.paths, theta), vehicle_at(theta)
-        motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
-        signals: list[Tree] = []
-        for name, sensor in zip(blocks.sensors._fields, blocks_at.sensors, strict=True):
-            h = sensor.h(motion)
-            signal = constant_signal(sensor, h)
-            is_mean = name in shape.means or name in shape.clock_means
-            signals.append(AveragedSignal(*signal, np.zeros(len(h)), h) if is_mean else signal)
-        return vehicle, tuple(signals)
-
-    return start
-
-
-def read_sensor(
-    sensor: Tree, signal: Tree, motion: Motion, dt_s: Value, weights: np.ndarray | None
-) -> tuple[Tree, np.ndarray]:
-    """Return the signal of a sensor and h (m,): a mean by its `weights`, or h at the end of the row without them."""
-    if weights is None:
-        return step_signal(sensor, signal, motion, dt_s)
-    return average_step(sensor, signal, motion, dt_s, weights)
-
-
-def read_sensors(
-    sensors: ByName[Tree],
-    signals: tuple[Tree, ...],
-    motion: Motion,
-    dt_s: Value,
-    weights: Sequence[np.ndarray | None],
-) -> tuple[list[np.ndarray], tuple[Tree, ...]]:
-    """Return h (m,) of each sensor as `read_sensor` does, and the signals."""
-    rows = zip(sensors, signals, weights, strict=True)
-    stepped = [read_sensor(sensor, signal, motion, dt_s, w) for sensor, signal, w in rows]
-    return [h for _, h in stepped], tuple(signal for signal, _ in stepped)

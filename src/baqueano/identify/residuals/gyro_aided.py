@@ -24,7 +24,8 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.parameters.setup import ThetaShape, blocks_in_row, example, initial_state
+from baqueano.identify.parameters.setup import ThetaShape
+from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.numerics.statistics import MAD

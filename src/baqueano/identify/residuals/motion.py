@@ -1,25 +1,80 @@
-"""Simulate the motion of a model under the commands of a record, without residuals."""
+"""Simulate a model row by row: its start, the readings of its sensors, and its motion without residuals."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import Tree, Value
 from baqueano.identify.data.added_channels import VOLTAGE_KEY
-from baqueano.identify.data.averaging import instant_weights
+from baqueano.identify.data.averaging import AveragedSignal, average_step, instant_weights
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import substitute, value
-from baqueano.identify.parameters.setup import (
-    ThetaShape,
-    blocks_in_row,
-    example,
-    initial_state,
-    read_sensors,
-)
-from baqueano.signals import Motion, sensor_slots
-from baqueano.symbolic import scan
+from baqueano.identify.parameters.setup import START_NAMES, ThetaShape
+from baqueano.sensors.sampling import constant_signal, step_signal
+from baqueano.signals import ByName, Motion, sensor_slots
+from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
+
+
+def blocks_in_row(
+    blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray, row: np.ndarray
+) -> FittedBlocks:
+    """Return the blocks with the parameters of θ, and with the voltage at the end of the row if it was logged."""
+    blocks = substitute(blocks, shape.paths, theta)
+    return with_value(blocks, "model.drivetrain.battery_v", row[-1]) if shape.has_voltage else blocks
+
+
+def example(blocks: FittedBlocks, shape: ThetaShape) -> np.ndarray:
+    """Return θ (p,) with the present values of the blocks."""
+    values = [value(blocks, path) for path in shape.paths]
+    return np.array([*values, *np.zeros(shape.size - len(values))])
+
+
+def initial_state(
+    blocks: FittedBlocks, shape: ThetaShape
+) -> Callable[[np.ndarray], tuple[Any, tuple[Tree, ...]]]:
+    """Return the function θ → (vehicle at the start of a segment, constant signal of each sensor before it)."""
+
+    def start(theta: np.ndarray) -> tuple[Any, tuple[Tree, ...]]:
+        blocks_at, at_start = substitute(blocks, shape.paths, theta), np.zeros(len(START_NAMES))
+        for k, i in enumerate(shape.start):
+            at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(START_NAMES))[i]
+        nu = at_start[:3] if any(i < 3 for i in shape.start) else None
+        eta = at_start[3:] if any(i >= 3 for i in shape.start) else None
+        vehicle = blocks_at.model.init(eta, nu)
+        motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
+        signals: list[Tree] = []
+        for name, sensor in zip(blocks.sensors._fields, blocks_at.sensors, strict=True):
+            h = sensor.h(motion)
+            signal = constant_signal(sensor, h)
+            is_mean = name in shape.means or name in shape.clock_means
+            signals.append(AveragedSignal(*signal, np.zeros(len(h)), h) if is_mean else signal)
+        return vehicle, tuple(signals)
+
+    return start
+
+
+def read_sensor(
+    sensor: Tree, signal: Tree, motion: Motion, dt_s: Value, weights: np.ndarray | None
+) -> tuple[Tree, np.ndarray]:
+    """Return the signal of a sensor and h (m,): a mean by its `weights`, or h at the end of the row without them."""
+    if weights is None:
+        return step_signal(sensor, signal, motion, dt_s)
+    return average_step(sensor, signal, motion, dt_s, weights)
+
+
+def read_sensors(
+    sensors: ByName[Tree],
+    signals: tuple[Tree, ...],
+    motion: Motion,
+    dt_s: Value,
+    weights: Sequence[np.ndarray | None],
+) -> tuple[list[np.ndarray], tuple[Tree, ...]]:
+    """Return h (m,) of each sensor as `read_sensor` does, and the signals."""
+    rows = zip(sensors, signals, weights, strict=True)
+    stepped = [read_sensor(sensor, signal, motion, dt_s, w) for sensor, signal, w in rows]
+    return [h for _, h in stepped], tuple(signal for signal, _ in stepped)
 
 
 class MotionState(NamedTuple):

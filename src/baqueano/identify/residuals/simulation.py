@@ -24,16 +24,19 @@ from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, delayed_average
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.data.segments import Evaluation, ThetaLayout, add, arrow_layout, diagonal_matrix
-from baqueano.identify.parameters.setup import (
-    ThetaShape,
+from baqueano.identify.parameters.setup import ThetaShape, arrow_layout, layout_of
+from baqueano.identify.residuals.motion import (
+    Motions,
     blocks_in_row,
     example,
     initial_state,
+    mean_columns,
+    motion_kernel,
+    motion_rows,
     read_sensors,
 )
-from baqueano.identify.residuals.motion import Motions, mean_columns, motion_kernel, motion_rows
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
+from baqueano.numerics.normal_equations import Evaluation, add, diagonal_matrix
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import HUBER
 from baqueano.sensors.sampling import difference
@@ -99,8 +102,7 @@ class Residuals:
         row_count = sum(len(record.dt_s) for record in self.records)
         # per segment the input rows (N, q) of its kernel, and 1 at each measurement (N, m)
         self.rows = parallel_map(lambda x: _rows(x, self.names, shape), self.records, rows=row_count)
-        parts = len(shape.shared), len(shape.by_run), len(shape.start)
-        self.layout = ThetaLayout(*parts, tuple(record.run for record in self.records))
+        self.layout = layout_of(shape, self.records)
         self._index, self._places = self.layout.indices, arrow_layout(self.layout)
         self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands

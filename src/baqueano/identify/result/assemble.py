@@ -11,7 +11,6 @@ from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
 from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.segments import pseudo_inverse
 from baqueano.identify.diagnostics import diagnose
 from baqueano.identify.diagnostics.residual_checks import Diagnosis
 from baqueano.identify.identifiability.identifiable import (
@@ -29,6 +28,7 @@ from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
 from baqueano.messages.language import translate as _
+from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import parallel_map
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance

@@ -30,7 +30,6 @@ from baqueano.identify.covariance.clusters import (
     block_edges,
     segment_derivatives,
 )
-from baqueano.identify.data.segments import derivatives_without_start
 from baqueano.identify.estimation.prediction_error import (
     BETA,
     InnovationDerivatives,
@@ -42,6 +41,7 @@ from baqueano.identify.estimation.prediction_error import (
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.verdict import MAX_NOISE_RATIO
 from baqueano.messages.language import number
+from baqueano.numerics.normal_equations import derivatives_without_start
 from baqueano.numerics.parallel import gram
 from baqueano.numerics.statistics import HUBER, covariance_of_changes, student_quantile
 

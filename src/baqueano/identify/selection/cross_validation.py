@@ -22,9 +22,9 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parameters.setup import ThetaShape
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.least_squares import Solution, minimise
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import HUBER, covariance_of_changes, student_quantile
 from baqueano.runs.run import Run

@@ -22,9 +22,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.information import marginal_information, marginal_std
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.segments import dense
 from baqueano.identify.dataset import sensors_of
-from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import Task, search
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
@@ -60,6 +58,8 @@ from baqueano.identify.selection.terms import (
 )
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
+from baqueano.numerics.least_squares import Solution
+from baqueano.numerics.normal_equations import dense
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 

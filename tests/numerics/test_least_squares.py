@@ -8,8 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from baqueano.identify.covariance.information import information
-from baqueano.identify.data.segments import Evaluation
-from baqueano.identify.estimation.least_squares import minimise
+from baqueano.numerics.least_squares import minimise
+from baqueano.numerics.normal_equations import Evaluation
 
 
 def of(residuals, slopes):

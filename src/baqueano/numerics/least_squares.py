@@ -11,7 +11,7 @@ undamped step is too short by E ψ' / E w = 1/1.17 on normal noise; o corrects t
 both directions (5) is at a kink of a delay or a dead zone. It stays there, and the search continues without it. (5)
 is tested if steps no longer reduce the cost and (4) is not met. An entry at its bound whose step would cross the
 bound is removed from (1). A step that crosses bounds is solved again with these entries at their bounds. H of many
-segments is an arrow (data/segments.py). Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
+segments is an arrow (normal_equations.py). Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for w.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano.identify.data.segments import BlockArrow, Evaluation, dense, row_product
+from baqueano.numerics.normal_equations import (
+    BlockArrow,
+    Evaluation,
+    dense,
+    row_product,
+)
 
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MAX_EVALUATIONS = 80  # evaluations
