@@ -6,9 +6,10 @@ import pytest
 
 from baqueano.drive import experiment
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise import acceptance as accepted_noise
-from baqueano.identify.noise.acceptance import NormalisedSquare, simulated_errors
+from baqueano.identify.noise import held_out as accepted_noise
+from baqueano.identify.noise.held_out import NormalisedSquare
 from baqueano.messages import text
+from baqueano.simulate.assumed_noise import simulated_errors
 from baqueano.vehicle_file import load
 
 SMALL = load("small")

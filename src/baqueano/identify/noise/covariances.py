@@ -30,8 +30,8 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
-from baqueano.identify.noise.acceptance import Acceptance, accept_or_refit
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
+from baqueano.identify.noise.held_out import Acceptance, accept_or_refit
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.result.fit_result import Fit
