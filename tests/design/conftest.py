@@ -1,11 +1,3 @@
-"""Fixtures: the small vehicle."""
+"""Fixtures: the small vehicle of the tests of a fit."""
 
-import pytest
-
-from baqueano.vehicle_file import load
-
-
-@pytest.fixture(scope="session")
-def small():
-    """Return the small vehicle of the garage."""
-    return load("small")
+from tests.identify.conftest import small  # noqa: F401

@@ -11,8 +11,9 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.imu_only import fit_imu_only, is_imu_only
-from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
+from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
+from baqueano.numerics.slow_part import slow_part
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import car_file, car_values, drive_group, run_of_vehicle

@@ -12,10 +12,10 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.hand_measurements import drift_std, read_line
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
+from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.edit import override
 from tests.codes import of_code

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.validation import validate
 from baqueano.runs.run import Run, TruthLog
+from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import parse
 
 LEFT_M, RIGHT_M, TRACK_M, SLIDE_S, LATE_S = 0.118, 0.121, 0.62, 0.12, 0.04

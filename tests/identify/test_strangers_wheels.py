@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify.selection.selection import choose
-from baqueano.identify.validation import validate
 from baqueano.runs.run import Channel, Run
+from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import parse
 
 MASS_KG, INERTIA_KG_M2, TRACK_M, PUSH_N, DRAG, SCRUB, GRIP = 1.4, 0.011, 0.18, 5.2, 3.4, 0.004, 60.0

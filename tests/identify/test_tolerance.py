@@ -8,7 +8,7 @@ from baqueano.calibration.tolerances import scale_stds, with_tolerance
 from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
-from baqueano.identify.identifiability.identifiable import SCALE_STD
+from baqueano.identify.identifiability import SCALE_STD
 from baqueano.vehicle_file import load
 from tests.codes import of_code
 

@@ -20,8 +20,6 @@ from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import forecast
-from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
-from baqueano.identify.validation import validate
 from baqueano.messages import language
 from baqueano.report import figures
 from baqueano.report.canvas import Canvas, at_width, with_width
@@ -31,6 +29,8 @@ from baqueano.report.pages.result_page import page_of
 from baqueano.report.plots import drawings_of
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
+from baqueano.validation.held_out import validate
+from baqueano.validation.parameter_drift import ParameterChange, ParameterHistory
 from tests.figure_files import width_mm
 from tests.study.test_controllers import result as compared_controllers
 

@@ -4,10 +4,10 @@
     Parameters   θ: the free parameters, their start and bounds                      parameters/
     Residuals    z − h(θ) in every row of the runs                                   residuals/, noise level
     solve        the θ of least cost, with the noise estimated                       estimation/
-    Fit          error bars, findings, verdict, vehicle file     identifiability/, covariance/, diagnostics/, result/
+    Fit          error bars, findings, verdict, vehicle file     identifiability.py, covariance/, diagnostics/, result/
 
 fit.py composes them. Before a fit, `excitation` makes a signal, and baqueano/design/ the best one. After it, noise/
-measures the noise of the filter, validation.py judges held-out runs, and selection/ chooses the terms of a model.
+measures the noise of the filter, selection/ chooses the terms of a model, and baqueano/validation/ judges other runs.
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of

@@ -27,7 +27,7 @@ from baqueano.identify.covariance.scale_uncertainty import gyro_bias_covariance
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import DUTY_STEP_PATH, duty_step_count, search_with_free_delay
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import finished_fit
+from baqueano.identify.identifiability import finished_fit
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
 from baqueano.identify.parameters.setup import Parameters, sigma_from_option

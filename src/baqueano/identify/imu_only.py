@@ -31,7 +31,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import search_with_free_delay
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import FinishedFit, finished_fit
+from baqueano.identify.identifiability import FinishedFit, finished_fit
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY_PATH,

@@ -17,7 +17,7 @@ from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
-from baqueano.identify.identifiability.identifiable import FinishedFit
+from baqueano.identify.identifiability import FinishedFit
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH, free_parameter, value
 from baqueano.identify.residuals.noise_level import sigma_of_file
 from baqueano.identify.result.assemble import fit_of, is_only_autocorrelated, verdict_basis

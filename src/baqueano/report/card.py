@@ -14,9 +14,7 @@ from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
-from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.identify.result.fit_result import verdict_lines
-from baqueano.identify.validation import Validation
 from baqueano.messages import text, texts
 from baqueano.messages.language import shown_unit
 from baqueano.messages.language import translate as _
@@ -26,6 +24,8 @@ from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.tune import TuneResult
+from baqueano.validation.held_out import Validation
+from baqueano.validation.parameter_drift import ParameterHistory
 from baqueano.vehicle_file.block_check import BlockCheck
 from baqueano.vehicle_file.file import VehicleFile
 

@@ -17,7 +17,7 @@ from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.identify.validation import Validation
+    from baqueano.validation.held_out import Validation
 
 CHANNEL_LABELS = {
     "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),

@@ -19,8 +19,6 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
 from baqueano.identify.noise.covariances import Noise
-from baqueano.identify.parameter_drift import ParameterHistory
-from baqueano.identify.validation import Validation
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report import figures
@@ -38,6 +36,8 @@ from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import Ensemble
 from baqueano.tune import TuneResult
 from baqueano.tune.tune_result import FACTORS
+from baqueano.validation.held_out import Validation
+from baqueano.validation.parameter_drift import ParameterHistory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

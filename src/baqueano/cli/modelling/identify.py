@@ -148,7 +148,7 @@ def command(
     fit = result.fit if choose else result
     validation = _validate_fit(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
     if validation is not None:
-        from baqueano.identify.validation import refit_with_cost, with_cost_advice
+        from baqueano.validation.cost_advice import refit_with_cost, with_cost_advice
 
         with show_activity(note("cli.judging", runs=len(validation_runs))):
             start_file, changes = (fit.vehicle_file, result.refit_arguments) if choose else (vehicle_file, {})
@@ -333,7 +333,7 @@ def _validate_fit(fit: "Fit", validation_runs: "list[Run]") -> Any:
     """Return the validation of the fit on held-out runs; None without such runs."""
     if not validation_runs:
         return None
-    from baqueano.identify.validation import validate
+    from baqueano.validation.held_out import validate
 
     with show_activity(note("cli.judging", runs=len(validation_runs))):
         return validate(fit, validation_runs)
@@ -366,7 +366,7 @@ def _fit_over_time(
     runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", table: Path | None,
     report: ReportFiles, update: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.parameter_drift import parameter_history
+    from baqueano.validation.parameter_drift import parameter_history
 
     with show_steps() as begin:
         drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)

@@ -386,7 +386,7 @@ def wear(
     report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify import FitOptions
-    from baqueano.identify.parameter_drift import Drift, parameter_history
+    from baqueano.validation.parameter_drift import Drift, parameter_history
 
     recorded_runs, fit_options = options.find_runs(runs, folder), FitOptions(backend=backend)
     with show_steps() as begin:

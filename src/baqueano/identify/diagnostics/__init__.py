@@ -9,7 +9,7 @@ from baqueano.identify.diagnostics import channel_map, gains, residual_checks
 from baqueano.runs.diagnostics.physical_units import CURVE_CODE
 
 if TYPE_CHECKING:
-    from baqueano.identify.identifiability.identifiable import FinishedFit
+    from baqueano.identify.identifiability import FinishedFit
 
 UNIT_CODES = {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}
 

@@ -36,7 +36,7 @@ from baqueano.runs.diagnostics.signal_map import (
 )
 
 if TYPE_CHECKING:
-    from baqueano.identify.identifiability.identifiable import FinishedFit
+    from baqueano.identify.identifiability import FinishedFit
 
 MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
 DIVERGED_PREDICTION = 1e6  # SI units: a model with a larger prediction is treated as diverged

@@ -3,13 +3,12 @@
     ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its derivative                        (1)
     r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
     r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands produce at the ν_x of (1)                (3)
-    e = ω_z − h(ν_ψ),   S_e(f) = N (1 + ρ P_τ(f)),   N, ρ, τ by Whittle's likelihood                       (4)
-    ω̂ = h(ν_ψ) + F⁻¹ [ρ P_τ/(1 + ρ P_τ)] F e,   P_τ of an Ornstein-Uhlenbeck process of variance 1         (5)
+    ω̂ = h(ν_ψ) + slow part of (ω_z − h(ν_ψ))      numerics/slow_part.py                                  (4)
 
 With (1), an error of the steering does not affect the speed through ν_ψ. A noisy ω_z as a regressor would bias its
 coefficients towards 0, so it leads only the first search. Then ω̂ leads, the mean of the true rate given gyro and
-model ("regression calibration"). If the model's rate is correct, ρ = 0 and the model leads. Channels are weighted by
-(4) of noise_level.py. Sources: Carroll, Ruppert, Stefanski and Crainiceanu 2006; Whittle 1953; Wiener 1949.
+model ("regression calibration"). If the model's rate is correct, there is no slow part and the model leads. Channels
+are weighted by (4) of noise_level.py. Source: Carroll, Ruppert, Stefanski and Crainiceanu 2006.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +27,7 @@ from baqueano.identify.parameters.setup import ThetaShape
 from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
-from baqueano.numerics.statistics import MAD
+from baqueano.numerics.slow_part import slow_part
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
@@ -37,11 +36,6 @@ from baqueano.symbolic.scan import Scan
 SETTLING_LAGS = 3.0  # time constants after which a motor has settled
 # entries of a row beyond those of the simulation: ω_z and its derivative, at the end of the row
 EXTRA_COLUMNS = 2
-RATIOS = np.geomspace(1.0 / 64.0, 1024.0, 33)  # ρ, and τ in ticks
-TIME_CONSTANTS = np.geomspace(0.5, 256.0, 19)
-CLIP_SIGMA = 6.0
-MIN_LOG_GAIN = 2.0
-MIN_ROWS = 64  # rows of a segment, below which only the gyro gives the yaw rate
 
 
 class GyroAidedState(NamedTuple):
@@ -216,43 +210,3 @@ def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
     """Return True for an IMU as the only sensor of a vehicle whose velocity is a state."""
     is_imu_only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
     return is_imu_only and optional.attribute(blocks.model, "turning_arm_m") is not None
-
-
-def slow_part(e: np.ndarray) -> np.ndarray:
-    """Return the slow part (N,) of residuals e (N,) at uniform ticks.  (4), (5)"""
-    n = len(e)
-    if n < MIN_ROWS:
-        return e
-    limit = CLIP_SIGMA * MAD * float(np.median(np.abs(e - np.median(e))))
-    clipped_errors = np.clip(e, np.median(e) - limit, np.median(e) + limit)
-    spectrum = np.fft.rfft(
-        np.concatenate([clipped_errors, clipped_errors[::-1]])
-    )  # mirrored, so that its ends meet
-    ratio = _most_likely_ratio(np.abs(np.fft.rfft(clipped_errors - clipped_errors.mean()))[1:] ** 2 / n, n)
-    if ratio is None:
-        return np.zeros(n)
-    power = ratio[0] * _spectrum(ratio[1], 2 * n)
-    return np.asarray(np.fft.irfft(spectrum * (power / (1.0 + power)), 2 * n)[:n])
-
-
-def _most_likely_ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
-    """Return ρ and τ of a periodogram without its mean, or None if white noise explains it equally well.  (4)"""
-    white_cost = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
-    best_cost, best_pair = white_cost - MIN_LOG_GAIN, None
-    for time_constant in TIME_CONSTANTS:
-        relative = 1.0 + RATIOS[:, None] * _spectrum(float(time_constant), n)[None, 1:]
-        costs = np.sum(np.log(relative), axis=1)
-        noise = np.mean(periodogram / relative, axis=1)
-        costs = costs + len(periodogram) * np.log(np.maximum(noise, 1e-300))
-        k = int(np.argmin(costs))
-        if costs[k] < best_cost:
-            best_cost, best_pair = float(costs[k]), (float(RATIOS[k]), float(time_constant))
-    return best_pair
-
-
-def _spectrum(time_constant: float, n: int) -> np.ndarray:
-    """Return P_τ (n/2 + 1,) at the frequencies of a transform of n ticks, τ = `time_constant` ticks.  (5)"""
-    a = np.exp(-1.0 / time_constant)
-    return np.asarray(
-        (1.0 - a * a) / (1.0 - 2.0 * a * np.cos(2.0 * np.pi * np.arange(n // 2 + 1) / n) + a * a)
-    )

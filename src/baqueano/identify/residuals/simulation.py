@@ -157,7 +157,16 @@ class Residuals:
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Return the Huber cost, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
-        return self._sum(theta, HUBER)
+        if len(self.rows) == 1 and not self._prior.any():
+            return Evaluation(*self.scan.normal_equations(self.rows[0], theta, HUBER))
+        cost, g = 0.5 * float(self._prior @ theta**2), self._prior * theta
+        H = diagonal_matrix(self._prior, self._places)
+        parts = self._map_segments(lambda rows, index: self.scan.normal_equations(rows, theta[index], HUBER))
+        for (c, g_r, _), index in zip(parts, self._index, strict=True):
+            cost += c
+            g[index] += g_r
+        add(H, self._index, [H_r for _, _, H_r in parts])
+        return Evaluation(cost, g, H)
 
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
         """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of(rows)`."""
@@ -168,31 +177,6 @@ class Residuals:
             return float(np.sum(clipped_residuals * (r - 0.5 * clipped_residuals)))
 
         return sum(self._map_segments(of))
-
-    def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
-        """Return Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per segment for each residual."""
-
-        def of(rows: np.ndarray, index: np.ndarray, weight: np.ndarray, factor: np.ndarray) -> np.ndarray:
-            rows = _fill(rows, self._weights, weight * factor)
-            return self.scan.normal_equations(rows, theta[index], None).hessian
-
-        H = np.zeros((self.size, self.size))
-        for part, index in zip(self._map_segments(of, self.weights, factors), self._index, strict=True):
-            H[np.ix_(index, index)] += part
-        return H
-
-    def _sum(self, theta: np.ndarray, huber: float | None) -> Evaluation:
-        if len(self.rows) == 1 and not self._prior.any():
-            return Evaluation(*self.scan.normal_equations(self.rows[0], theta, huber))
-        prior = self._prior if huber is not None else np.zeros(self.size)
-        cost, g = 0.5 * float(prior @ theta**2), prior * theta
-        H = diagonal_matrix(prior, self._places)
-        parts = self._map_segments(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
-        for (c, g_r, _), index in zip(parts, self._index, strict=True):
-            cost += c
-            g[index] += g_r
-        add(H, self._index, [H_r for _, _, H_r in parts])
-        return Evaluation(cost, g, H)
 
     def _start_prior(self) -> np.ndarray:
         """Return the weight (p,) of a prior at 0 for start velocities of segments and of runs that begin without

@@ -13,7 +13,7 @@ from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose
 from baqueano.identify.diagnostics.residual_checks import Diagnosis
-from baqueano.identify.identifiability.identifiable import (
+from baqueano.identify.identifiability import (
     FinishedFit,
     has_one_mean,
     missing_command,

@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
 
 
-def percent_text(part: float, digits: int = 1) -> str:
+def percent_text(part: float) -> str:
     """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller value."""
     if np.isnan(part):
         return "-"
-    return f"{number(100.0 * part):.{digits}f} %" if part > -1.0 else _("below -100 %")
+    return f"{number(100.0 * part):.1f} %" if part > -1.0 else _("below -100 %")
 
 
 def ratio_text(ratio: float) -> str:

@@ -25,6 +25,7 @@ from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
+    BATTERY_EFFECT,
     DELAY_PATH,
     LAG_PATH,
     MAX_DELAY_S,
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
-BATTERY_EFFECT_PATH = "model.drivetrain.battery_effect"
 # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
 DELAY_GRID_S = 0.025
 TRIAL_S, TICK_S, SHORT_STEP_S = 1.0, 0.005, 1e-6  # of (1): duration, step, and the step for the change of ν̇
@@ -247,7 +247,7 @@ def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bo
         gain = Term(N_("unequal motors"), ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
         terms += [gain, _term(N_("battery sag"), "model.drivetrain.sag", 0.05)]
     if battery:
-        terms.append(_term(N_("battery voltage"), BATTERY_EFFECT_PATH, 0.5, 1.0))
+        terms.append(_term(N_("battery voltage"), BATTERY_EFFECT, 0.5, 1.0))
     return terms
 
 
@@ -265,6 +265,6 @@ def separation_problem(term: Term, x: np.ndarray, std: np.ndarray) -> Diagnostic
     κ is known to ± 0.5 and, within its error, between 0 and 1."""
     half_width = QUANTILE_95 * float(std[0])
     is_separated = 2.0 * half_width <= 1.0 and -half_width <= x[0] <= 1.0 + half_width
-    if is_separated or term.paths != (BATTERY_EFFECT_PATH,):
+    if is_separated or term.paths != (BATTERY_EFFECT,):
         return None
     return note("term.battery-not-separable", value=x[0], half=half_width)

@@ -15,7 +15,7 @@ from baqueano.report.page import Headline, Page, Section, Table, draw
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from baqueano.identify.parameter_drift import ParameterHistory
+    from baqueano.validation.parameter_drift import ParameterHistory
 
 
 def page_of_drift(history: "ParameterHistory") -> Page:

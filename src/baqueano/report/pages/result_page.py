@@ -14,7 +14,6 @@ from baqueano.diagnostics import fault
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.errors import UsageError
 from baqueano.identify import Fit
-from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -30,6 +29,7 @@ from baqueano.report.run_report import page_of_run
 from baqueano.routes import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
+from baqueano.validation.parameter_drift import ParameterHistory
 
 MAX_HEADLINES = 4  # runs: more do not fit into one row
 

@@ -17,7 +17,6 @@ from baqueano.calibration.result import Calibration
 from baqueano.identify import FitOptions
 from baqueano.identify.selection.choice import Choice, Decision
 from baqueano.identify.selection.selection import choose
-from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -25,6 +24,7 @@ from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.study.recorded.bars import criterion_row
+from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:

@@ -7,16 +7,16 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.validation import (
+from baqueano.numerics.statistics import student_quantile
+from baqueano.runs.run import Channel, Run
+from baqueano.simulate import simulate
+from baqueano.validation.held_out import (
     ChannelMetrics,
     Validation,
     _ChannelError,
     _evidence_against,
     validate,
 )
-from baqueano.numerics.statistics import student_quantile
-from baqueano.runs.run import Channel, Run
-from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
 from tests.codes import of_code
 

@@ -1,4 +1,4 @@
-"""Validate a fit on held-out runs, simulated from the commands only, and recommend one of two costs.
+"""Validate a fit on held-out runs, simulated from the commands only.
 
     e = z − h(θ̂),   error = √ mean e²,   explained = 1 − Σ e² / Σ (z − z̄)²                                 (1)
     noise² = mean e_own² + max(0, w² − w_own²),   w² = ½ mean (e_{k+1} − e_k)²                            (2)
@@ -6,7 +6,6 @@
     g_b − ḡ_own > t_{1−α/B} s_own √(1 + 1/B_own)   and   mean_{block b} e² > 2 noise²                      (4)
     error² − s² > χ²_{1,1−α} n² / (T / SHORT_BLOCK_S),   s² = mean (z − z̄)²,
                   n² = min(noise², s²), or w² if the own runs are explained by less than 0 too            (5)
-    D = Σ_c (ẽ_c² − ê_c²)/n_c² / Σ_c ê_c²/n_c²,   ê by simulation error, ẽ by innovations                 (6)
 
 Biases, clocks, the mount of a truth, and a start in motion are estimated on each run. (2) contains the residual on the
 fitted runs, and the excess of this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly
@@ -14,9 +13,9 @@ larger (3), or one block fulfils (4). REFUSED: explained is significantly below 
 motion of a command that moved in the fit; then segments of the fitted runs decide the cost (objective_choice.py).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,7 +28,6 @@ from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import PROCESS_NOISE_PATH
 from baqueano.identify.parameters.setup import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.identify.result.verdict import percent_text, ratio_text
@@ -45,7 +43,7 @@ from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+    pass
 
 MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the error is the model's
 FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a correct model
@@ -313,59 +311,3 @@ def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelErro
     return _ChannelError(
         float(np.mean(e**2)) if len(e) else 0.0, white, np.array(g), np.array(begins), block_s
     )
-
-
-COMPARED = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too-short")
-
-
-def is_fit_by_innovations(fit: Fit) -> bool:
-    """Return True if the fit minimised the innovations: then its parameters include the process noise."""
-    return any(name.startswith(PROCESS_NOISE_PATH) for name in fit.names)
-
-
-def with_cost_advice(
-    fit: Fit, runs: Sequence[Run], validation: Validation, refit: Callable[[str], Fit]
-) -> Fit:
-    """Return the fit with a note on the cost that the held-out `runs` recommend. `validation` is the validation of the
-    fit on these runs, and `refit(cost)` returns the fit with another cost. The fit is returned unchanged if its notes
-    do not compare costs, or if the validation is inconclusive. If the other fit is refused, or has the same cost, the
-    note that compares costs is removed."""
-    at = next((k for k, message in enumerate(fit.notes) if message.code in COMPARED), None)
-    if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
-        return fit
-    other = refit("simulation" if is_fit_by_innovations(fit) else "innovations")
-    if other.verdict == Verdict.REFUSED or is_fit_by_innovations(other) == is_fit_by_innovations(fit):
-        return replace(fit, notes=fit.notes[:at] + fit.notes[at + 1 :])
-    both = [validation, validate(other, runs)]
-    simulation, innovations = reversed(both) if is_fit_by_innovations(fit) else both
-    advice = _advice(100.0 * relative_error_change(simulation, innovations))
-    if advice.code == "cost.held-out-smaller" and not is_fit_by_innovations(fit):
-        advice = note("cost.try-innovations", fix="--cost innovations", cause=advice)
-    return replace(fit, notes=(*fit.notes[:at], advice, *fit.notes[at + 1 :]))
-
-
-def refit_with_cost(
-    runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **how: Any
-) -> Callable[[str], Fit]:
-    """Return a function that fits the runs with a given cost, without diagnostics. All other `options` and the
-    arguments `how` of `identify` are unchanged."""
-    return lambda cost: identify(
-        runs, vehicle_file, options=replace(options, cost=cost, diagnose=False), **how
-    )
-
-
-def relative_error_change(simulation: Validation, innovations: Validation) -> float:
-    """Return D, the relative change of the squared error if the innovations replace the simulation error.  (6)"""
-    squares = {(f.run, f.channel): f.error**2 for f in innovations.figures}
-    pairs = [
-        (f.error**2 / f.noise**2, squares[f.run, f.channel] / f.noise**2)
-        for f in simulation.figures
-        if f.noise > 0.0 and (f.run, f.channel) in squares
-    ]
-    before, after = np.sum(pairs, axis=0) if pairs else (1.0, 1.0)
-    return float(after / before - 1.0)
-
-
-def _advice(percent: float) -> Diagnostic:
-    code = "cost.held-out-smaller" if percent < 0.0 else "cost.held-out-larger"
-    return note(code, percent=abs(percent))

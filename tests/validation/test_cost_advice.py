@@ -9,17 +9,11 @@ from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.selection.choice import Choice
-from baqueano.identify.validation import (
-    ChannelMetrics,
-    Validation,
-    is_fit_by_innovations,
-    relative_error_change,
-    validate,
-    with_cost_advice,
-)
 from baqueano.messages import text
 from baqueano.runs import write_run
 from baqueano.symbolic import with_value
+from baqueano.validation.cost_advice import is_fit_by_innovations, relative_error_change, with_cost_advice
+from baqueano.validation.held_out import ChannelMetrics, Validation, validate
 from tests.identify.true_drives import CASE_FLOOR, case_drives, case_file
 
 FREE = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
@@ -92,7 +86,7 @@ def test_identify_prints_the_recommendation_by_held_out_runs(
     advice = note("cost.held-out-larger", percent=3.0)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        import_module("baqueano.identify.validation"),
+        import_module("baqueano.validation.cost_advice"),
         "with_cost_advice",
         lambda fit, runs, validation, refit: replace(fit, notes=(advice, *refit("innovations").notes[:0])),
     )

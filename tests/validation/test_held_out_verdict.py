@@ -11,10 +11,10 @@ import pytest
 from baqueano.calibration.rest import begins_at_rest
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.selection.cross_validation import independent_motion_count, turning_points
-from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
 from baqueano.study.truth import TruthWorld, draw_robots
+from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load, override
 
 RATE_HZ, VOLTS = 200.0, 12.0

@@ -9,7 +9,7 @@ from collections import Counter
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.validation import ADVISED_S, validate
+from baqueano.validation.held_out import ADVISED_S, validate
 from tests.identify.true_drives import case_drives, case_file
 
 pytestmark = pytest.mark.long

@@ -5,8 +5,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
-from baqueano.identify.parameter_drift import Drift, parameter_history
 from baqueano.simulate import simulate
+from baqueano.validation.parameter_drift import Drift, parameter_history
 from tests.codes import of_code
 from tests.identify.true_drives import case_drives, case_file
 

@@ -1,1 +1,0 @@
-"""Identifiability of parameters, and advice on unobservable parameters."""

@@ -1,0 +1,6 @@
+"""Validate a fit on data that it did not use.
+
+held_out          errors of a simulation of held-out runs, against the noise
+cost_advice       the cost that these errors recommend
+parameter_drift   parameters run by run, and the ones that changed
+"""
