@@ -18,10 +18,10 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.identify.selection.selection import choose
-from baqueano.identify.selection.terms import terms_of
 from baqueano.messages import texts
 from baqueano.runs.run import Channel, Run
+from baqueano.selection.choose import choose
+from baqueano.selection.terms import terms_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from tests.codes import refused

@@ -10,8 +10,8 @@ import math
 import numpy as np
 import pytest
 
-from baqueano.identify.selection.selection import choose
 from baqueano.runs.run import Channel, Run
+from baqueano.selection.choose import choose
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import parse
 

@@ -8,9 +8,9 @@ import pytest
 from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.selection.choice import Choice
 from baqueano.messages import text
 from baqueano.runs import write_run
+from baqueano.selection.choice import Choice
 from baqueano.symbolic import with_value
 from baqueano.validation.cost_advice import is_fit_by_innovations, relative_error_change, with_cost_advice
 from baqueano.validation.held_out import ChannelMetrics, Validation, validate
@@ -94,7 +94,7 @@ def test_identify_prints_the_recommendation_by_held_out_runs(
     for seed, name in enumerate(("one", "two")):
         write_run(case_run(seed, 10.0, name=name), tmp_path / f"{name}.mcap")
     monkeypatch.setattr(
-        import_module("baqueano.identify.selection.selection"),
+        import_module("baqueano.selection.choose"),
         "choose",
         lambda runs, file, **how: Choice((), identify(runs, file, ["model.mass_kg"]), ""),
     )

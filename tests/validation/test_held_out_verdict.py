@@ -10,9 +10,9 @@ import pytest
 
 from baqueano.calibration.rest import begins_at_rest
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.selection.cross_validation import independent_motion_count, turning_points
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
+from baqueano.selection.cross_validation import independent_motion_count, turning_points
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load, override

@@ -6,8 +6,9 @@
     solve        the θ of least cost, with the noise estimated                       estimation/
     Fit          error bars, findings, verdict, vehicle file     identifiability.py, covariance/, diagnostics/, result/
 
-fit.py composes them. Before a fit, `excitation` makes a signal, and baqueano/design/ the best one. After it, noise/
-measures the noise of the filter, selection/ chooses the terms of a model, and baqueano/validation/ judges other runs.
+fit.py composes them, and this folder is one fit. Before it, design/ makes the drive, and `excitation` a plain signal;
+calibration/ measures the sensors. After it, noise/ measures the noise of the filter and forecast.py the errors ahead.
+Many fits: selection/ chooses the terms of a model, validation/ judges the fit on other runs.
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of

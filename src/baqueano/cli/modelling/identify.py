@@ -305,7 +305,7 @@ def _select_terms(
     """Return the model with the terms that held-out data, or the `validation_runs` if there are any, support."""
     from baqueano.errors import UsageError
     from baqueano.identify.imu_only import is_imu_only
-    from baqueano.identify.selection.selection import choose
+    from baqueano.selection.choose import choose
 
     if other_options := _plain_fit_options(arguments):
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=other_options))

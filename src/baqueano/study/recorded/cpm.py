@@ -2,7 +2,7 @@
 
 From the garage's file of this car only the dimensions are used. Gyro and odometer are treated as perfect, and the
 delay is 0. The model begins with only a gain, viscous drag and the steering. Its other terms are chosen on the run
-itself (selection/selection.py); the effect of the logged battery voltage is one of the candidates. The criterion is
+itself (selection/choose.py); the effect of the logged battery voltage is one of the candidates. The criterion is
 the speed of the whole other run, simulated from throttle and servo only, in the odometer's unit.
 
 The scale of the gyro and the clock of the camera are calibrated against the camera (calibration/against_truth.py).
@@ -15,22 +15,22 @@ from typing import TYPE_CHECKING
 from baqueano.calibration.against_truth import calibrate
 from baqueano.calibration.result import Calibration
 from baqueano.identify import FitOptions
-from baqueano.identify.selection.choice import Choice, Decision
-from baqueano.identify.selection.selection import choose
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
+from baqueano.selection.choice import Choice, Decision
+from baqueano.selection.choose import choose
 from baqueano.study.recorded.bars import criterion_row
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.identify.selection.choice import Choice
     from baqueano.runs import Run
+    from baqueano.selection.choice import Choice
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 SENSORS_USED = ("odometer", "imu[2]")

@@ -9,12 +9,12 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
 from baqueano.identify.result.fit_result import Fit
-from baqueano.identify.selection.terms import Term
 from baqueano.messages import text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.selection.terms import Term
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

@@ -36,8 +36,18 @@ from baqueano.identify.parameters.free import (
 from baqueano.identify.parameters.setup import parameters_for_fit
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
-from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of
-from baqueano.identify.selection.cross_validation import (
+from baqueano.messages import text
+from baqueano.messages.language import translate as _
+from baqueano.numerics.least_squares import Solution
+from baqueano.numerics.normal_equations import dense
+from baqueano.runs.run import Run
+from baqueano.selection.choice import (
+    Choice,
+    Decision,
+    TermResult,
+    channels_of,
+)
+from baqueano.selection.cross_validation import (
     GAP_S,
     HeldOutFolds,
     PairedComparison,
@@ -46,7 +56,7 @@ from baqueano.identify.selection.cross_validation import (
     jackknife,
     paired_comparison,
 )
-from baqueano.identify.selection.terms import (
+from baqueano.selection.terms import (
     MIN_LAG_S,
     Term,
     candidate_terms,
@@ -56,11 +66,6 @@ from baqueano.identify.selection.terms import (
     with_terms,
     without_terms,
 )
-from baqueano.messages import text
-from baqueano.messages.language import translate as _
-from baqueano.numerics.least_squares import Solution
-from baqueano.numerics.normal_equations import dense
-from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 
 if TYPE_CHECKING:

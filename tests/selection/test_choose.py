@@ -16,19 +16,19 @@ from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.selection.cross_validation import Score, paired_comparison
-from baqueano.identify.selection.selection import choose
-from baqueano.identify.selection.terms import (
-    BATTERY_EFFECT_PATH,
+from baqueano.messages import text
+from baqueano.messages.language import use_language
+from baqueano.runs import write_run
+from baqueano.runs.run import Channel
+from baqueano.selection.choose import choose
+from baqueano.selection.cross_validation import Score, paired_comparison
+from baqueano.selection.terms import (
+    BATTERY_EFFECT,
     Term,
     separation_problem,
     terms_of,
     without_terms,
 )
-from baqueano.messages import text
-from baqueano.messages.language import use_language
-from baqueano.runs import write_run
-from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from tests.codes import of_code
@@ -298,7 +298,7 @@ def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file
     ("x", "sd", "separable"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
 )
 def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, sd, separable):
-    battery = Term("battery voltage", (BATTERY_EFFECT_PATH,), (0.0,), ((0.5,),))
+    battery = Term("battery voltage", (BATTERY_EFFECT,), (0.0,), ((0.5,),))
     assert (separation_problem(battery, np.array([x]), np.array([sd])) is None) == separable
     assert (
         separation_problem(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd]))
