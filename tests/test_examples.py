@@ -35,7 +35,7 @@ HAVE_ONE = """
     identify.fit: identify
     calibration.at_rest: allan_deviation measure_at_rest
     identify.noise.covariances: measure_noise
-    identify.noise.held_out: compare_noise
+    validation.noise_comparison: compare_noise
     simulate.excitation: excitation
     robot.emulated: emulate_vehicle
     robot.imu.driver: open_imu

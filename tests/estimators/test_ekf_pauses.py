@@ -7,7 +7,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.estimators.pauses import rows_of_ticks, silent_times
-from baqueano.identify.noise.process_noise import example_filter_tick
+from baqueano.runs.filter_ticks import example_filter_tick
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block, scan
 from tests.ekf_file import with_ekf

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.compare.errors import wrap
-from baqueano.identify.noise.process_noise import ticks_of
+from baqueano.runs.filter_ticks import ticks_of
 from baqueano.simulate import simulate
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load, parse

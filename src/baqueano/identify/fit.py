@@ -106,8 +106,8 @@ def identify(
     is_custom = residuals is not Residuals
     if is_custom and options.gyro_leads:
         raise UsageError(fault("imu-only.others", others=["residuals"]))
+    settings = {"options": options, "solver": solver, "progress": progress}
     if not is_custom and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
-        settings = {"options": options, "solver": solver, "progress": progress}
         return imu_only.fit_imu_only(runs, vehicle_file, free, use, **settings)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
@@ -117,16 +117,7 @@ def identify(
     if steps is None:
         return conclude(data, parameters, task, end, options)
     stepped_file = vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps})
-    fit = identify(
-        runs,
-        stepped_file,
-        free,
-        use=use,
-        options=options,
-        residuals=residuals,
-        solver=solver,
-        progress=progress,
-    )
+    fit = identify(runs, stepped_file, free, use=use, residuals=residuals, **settings)
     return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
 
 

@@ -177,3 +177,21 @@ def pseudo_inverse(A: np.ndarray, rcond: float = 1e-12) -> np.ndarray:
     diagonal = np.diagonal(A)
     root = np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
     return np.linalg.pinv(A / np.outer(root, root), rcond=rcond, hermitian=True) / np.outer(root, root)
+
+
+def sum_of_segments(
+    parts: Sequence[Evaluation],
+    indices: Sequence[np.ndarray],
+    x: np.ndarray,
+    prior: np.ndarray,
+    layout: ArrowLayout | None,
+) -> Evaluation:
+    """Return the cost at x (p,), its gradient (p,) and its Hessian (p, p), summed over the segments and the weights
+    `prior` (p,) of a prior at 0. `indices` are the entries of each segment."""
+    cost, g = 0.5 * float(prior @ x**2), prior * x
+    H = diagonal_matrix(prior, layout)
+    for part, index in zip(parts, indices, strict=True):
+        cost += part.cost
+        g[index] += part.gradient
+    add(H, indices, [dense(part.hessian) for part in parts])
+    return Evaluation(cost, g, H)

@@ -343,7 +343,7 @@ def _noise_of_fit(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", b
     """Return Q and R. If the truth is known, held-out runs select R: from the truth, or from the innovations."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise.covariances import measure_noise
-    from baqueano.identify.noise.held_out import compare_noise
+    from baqueano.validation.noise_comparison import compare_noise
 
     with show_activity(note("cli.measuring-noise")):
         noise = measure_noise(fit, runs, held_out=validation_runs, backend=backend)

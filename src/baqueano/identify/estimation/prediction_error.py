@@ -33,9 +33,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.least_squares import DAMPING, Solution, minimise
 from baqueano.numerics.normal_equations import (
     Evaluation,
-    add,
-    dense,
-    diagonal_matrix,
+    sum_of_segments,
 )
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import chi_square_tail
@@ -111,14 +109,10 @@ class Prediction:
 
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """Return J, its gradient and its Hessian with respect to x.  (1), (2)"""
-        cost, g = 0.0, np.zeros(len(x))
-        H = diagonal_matrix(g, arrow_layout(self.simulation.layout, len(x) - self.size))
-        parts, indices = self._map_segments(x, _segment_cost), self._indices()
-        for part, index in zip(parts, indices, strict=True):
-            cost += part.cost
-            g[index] += part.gradient
-        add(H, indices, [dense(part.hessian) for part in parts])
-        return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
+        parts, no_prior = self._map_segments(x, _segment_cost), np.zeros(len(x))
+        places = arrow_layout(self.simulation.layout, len(x) - self.size)
+        total = sum_of_segments(parts, self._indices(), x, no_prior, places)
+        return total if np.isfinite(total.cost) else total._replace(cost=np.inf)
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:
         """Return for each segment e (N, m), 0 without a measurement."""

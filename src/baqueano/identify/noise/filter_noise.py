@@ -28,14 +28,13 @@ from baqueano.identify.noise.accelerometer_misfit import accelerometer_share, fo
 from baqueano.identify.noise.process_noise import (
     TICKS,
     coordinate_search,
-    example_filter_tick,
     log_det_and_square,
     robust_square,
-    ticks_of,
     total_cost,
 )
 from baqueano.identify.noise.speed_error import with_speed_error
 from baqueano.numerics.statistics import white_std
+from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, value_at_path, with_value

@@ -18,10 +18,10 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
-from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.identify.residuals.motion import open_loop
-from baqueano.runs.run import Run, age_s
-from baqueano.signals import Estimate, Slot, Tick, seconds, sensor_slots
+from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
+from baqueano.runs.run import Run
+from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
 
@@ -139,32 +139,6 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
         return belief, total
 
     return step
-
-
-def example_filter_tick(ekf: Tree) -> Tick:
-    """Return a tick with the correct shapes for a trace, with every sensor of the filter but without measurements."""
-    slots = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
-    return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(slots))(**slots))
-
-
-def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
-    """Return the first `max_ticks` ticks of the run as one tree with a leading axis. Pauses are split into rows without
-    measurements."""
-    t_ns = run.t_ns[:max_ticks]
-    slots: dict[str, Tree] = {}
-    for name, sensor in ekf.sensors._asdict().items():
-        has, z, age = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size)), np.zeros(len(t_ns))
-        channel = run.sensors.get(name)
-        if channel is not None:
-            tick_index = np.searchsorted(t_ns, channel.arrival_ns)
-            is_inside = (tick_index < len(t_ns)) & np.isfinite(channel.z).all(axis=1)
-            z[tick_index[is_inside]], has[tick_index[is_inside]] = channel.z[is_inside], 1.0
-            age[tick_index[is_inside]] = age_s(channel.t_ns[is_inside], t_ns[tick_index[is_inside]])
-        slots[name] = (has, z, age)
-    u = np.where(np.isfinite(run.applied[:max_ticks]), run.applied[:max_ticks], 0.0)
-    rows: Any = {name: Slot(*slot) for name, slot in slots.items()}
-    columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))
-    return rows_of_ticks(Tick(*columns), ekf.rate_hz)[0]
 
 
 def _motion_rms(fit: "Fit", run: Run) -> np.ndarray:

@@ -21,7 +21,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.estimators.augmented.state import SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.velocity_readings import velocity_readings
-from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
+from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds

@@ -36,7 +36,7 @@ from baqueano.identify.residuals.motion import (
     read_sensors,
 )
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
-from baqueano.numerics.normal_equations import Evaluation, add, diagonal_matrix
+from baqueano.numerics.normal_equations import Evaluation, sum_of_segments
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import HUBER
 from baqueano.sensors.sampling import difference
@@ -159,14 +159,10 @@ class Residuals:
         """Return the Huber cost, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
         if len(self.rows) == 1 and not self._prior.any():
             return Evaluation(*self.scan.normal_equations(self.rows[0], theta, HUBER))
-        cost, g = 0.5 * float(self._prior @ theta**2), self._prior * theta
-        H = diagonal_matrix(self._prior, self._places)
-        parts = self._map_segments(lambda rows, index: self.scan.normal_equations(rows, theta[index], HUBER))
-        for (c, g_r, _), index in zip(parts, self._index, strict=True):
-            cost += c
-            g[index] += g_r
-        add(H, self._index, [H_r for _, _, H_r in parts])
-        return Evaluation(cost, g, H)
+        parts = self._map_segments(
+            lambda rows, index: Evaluation(*self.scan.normal_equations(rows, theta[index], HUBER))
+        )
+        return sum_of_segments(parts, self._index, theta, self._prior, self._places)
 
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
         """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of(rows)`."""

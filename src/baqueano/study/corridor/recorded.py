@@ -17,8 +17,8 @@ import numpy as np
 from baqueano.calibration.against_truth import calibrate
 from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
-from baqueano.identify.noise.process_noise import example_filter_tick, ticks_of
 from baqueano.messages.language import translate as _
+from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolation import interpolate_poses
 from baqueano.study.corridor.result import Instant

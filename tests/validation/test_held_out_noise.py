@@ -7,8 +7,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import identify, measure_noise, random_steps
-from baqueano.identify.noise.held_out import compare_noise
 from baqueano.simulate import simulate
+from baqueano.validation.noise_comparison import compare_noise
 from tests.codes import of_code
 from tests.ekf_file import with_ekf
 
