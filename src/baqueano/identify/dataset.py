@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from baqueano.calibration.rest import with_gyro_bias_at_rest
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_truth
@@ -155,16 +156,9 @@ def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Non
     n = vehicle_file.vehicle.commands
     for run in runs:
         if run.applied.shape[1] != n:
-            raise UsageError(
-                fault(
-                    "runs.other-vehicle",
-                    "--vehicle FILE",
-                    run=run.name,
-                    commands=run.applied.shape[1],
-                    vehicle=vehicle_file.name,
-                    expected=n,
-                )
-            )
+            names: JsonObject = {"run": run.name, "vehicle": vehicle_file.name}
+            counts: JsonObject = {"commands": run.applied.shape[1], "expected": n}
+            raise UsageError(fault("runs.other-vehicle", "--vehicle FILE", **names, **counts))
 
 
 def sensors_of(

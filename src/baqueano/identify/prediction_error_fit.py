@@ -119,23 +119,15 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     solution = likely.solution._replace(
         theta=likely.theta, evaluation=evaluation, bound=likely.solution.bound[:p]
     )
-    evaluations = first.search.evaluations + likely.evaluations
-    search = first.search._replace(
-        solution=solution, autocorrelation=likely.info.autocorrelation, evaluations=evaluations
-    )
+    rho, evaluations = likely.info.autocorrelation, first.search.evaluations + likely.evaluations
+    search = first.search._replace(solution=solution, autocorrelation=rho, evaluations=evaluations)
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     blocks, findings = with_value(first.blocks, PROCESS_NOISE_PATH, std), first.findings
     if choice.contradicted:
         findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
-    second = first._replace(
-        blocks=blocks,
-        search=search,
-        info=info,
-        is_explained_by_floor=choice.explains,
-        is_filtered=True,
-        findings=findings,
-    )
+    second = first._replace(blocks=blocks, search=search, info=info, findings=findings)
+    second = second._replace(is_explained_by_floor=choice.explains, is_filtered=True)
     return PredictionErrorFit(second, likely, choice, prediction.axes, with_noise)
 
 

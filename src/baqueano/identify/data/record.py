@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.averaging import averaged_readings, durations_s, is_average
@@ -163,15 +163,9 @@ def _measurements(
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, valid=run.sensors))
     if channel.z.shape[1] != block.size:
+        sizes: JsonObject = {"entries": channel.z.shape[1], "size": block.size}
         raise UsageError(
-            fault(
-                "runs.other-size",
-                run=run.name,
-                sensor=name,
-                entries=channel.z.shape[1],
-                kind=type(block).__name__,
-                size=block.size,
-            )
+            fault("runs.other-size", run=run.name, sensor=name, kind=type(block).__name__, **sizes)
         )
     m, row_count = block.size, len(row_s)
     z, has = np.zeros((row_count, m)), np.zeros((row_count, m))

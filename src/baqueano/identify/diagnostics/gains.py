@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import entries, value
@@ -60,19 +60,12 @@ def gain_findings(
 
 
 def _noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
-    return [
-        note(
-            "file.quiet",
-            Severity.WARNING,
-            "",
-            label,
-            guess=_unit(was / now),
-            sigma=float(now),
-            times=float(now / was),
-        )
-        for label, was, now in zip(labels, file_sigma, sigma, strict=True)
-        if was > 0.0 and SILENT_RATIO < now / was < QUIET_RATIO
-    ]
+    findings = []
+    for label, was, now in zip(labels, file_sigma, sigma, strict=True):
+        if was > 0.0 and SILENT_RATIO < now / was < QUIET_RATIO:
+            figures: JsonObject = {"guess": _unit(was / now), "sigma": float(now), "times": float(now / was)}
+            findings.append(note("file.quiet", Severity.WARNING, "", label, **figures))
+    return findings
 
 
 def _scalar_gain_findings(

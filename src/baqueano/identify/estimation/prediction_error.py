@@ -31,10 +31,7 @@ from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _
 from baqueano.numerics.least_squares import DAMPING, Solution, minimise
-from baqueano.numerics.normal_equations import (
-    Evaluation,
-    sum_of_segments,
-)
+from baqueano.numerics.normal_equations import Evaluation, sum_of_segments
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import chi_square_tail
 

@@ -17,12 +17,7 @@ from baqueano.identify.covariance.information import WHITE_LIMIT, autocorrelatio
 from baqueano.identify.residuals.noise_level import informative_rows, robust_sigma
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
-from baqueano.numerics.least_squares import (
-    MAX_EVALUATIONS,
-    Minimiser,
-    Solution,
-    minimise,
-)
+from baqueano.numerics.least_squares import MAX_EVALUATIONS, Minimiser, Solution, minimise
 
 MAX_ROUNDS = 15  # of σ
 SIGMA_TOLERANCE = 5e-3  # relative change of σ below which it is final

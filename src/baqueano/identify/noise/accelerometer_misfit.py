@@ -117,20 +117,14 @@ def _series(
             <= channel_of.keys()
         ):
             continue
-        accelerometer_channel = channel_of[accelerometer[:2]]
-        gyro_channels = [channel_of[gyro.name, k] for k in gyro.rows]
-        z = np.stack([c.measured for c in gyro_channels], axis=1) - gyro.at_rest
-        r = np.stack(
-            [channel_of[wheels.name, k].measured - channel_of[wheels.name, k].predicted for k in wheels.rows],
-            axis=1,
-        )
+        acceleration, slope = channel_of[accelerometer[:2]], accelerometer[2]
+        of_gyro, of_wheels = ([channel_of[one.name, k] for k in one.rows] for one in (gyro, wheels))
+        z = np.stack([c.measured for c in of_gyro], axis=1) - gyro.at_rest
+        r = np.stack([c.measured - c.predicted for c in of_wheels], axis=1)
         pairs = (
-            (channel_of[wheels.name, wheels.rows[0]].t_s, r @ wheels.inverse[FORWARD]),
-            (
-                accelerometer_channel.t_s,
-                (accelerometer_channel.measured - accelerometer_channel.predicted) / accelerometer[2],
-            ),
-            (gyro_channels[0].t_s, z @ gyro.inverse[YAW]),
+            (of_wheels[0].t_s, r @ wheels.inverse[FORWARD]),
+            (acceleration.t_s, (acceleration.measured - acceleration.predicted) / slope),
+            (of_gyro[0].t_s, z @ gyro.inverse[YAW]),
         )
         series = [TimeSeries(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in pairs]
         if min(len(signal.t_s) for signal in series) >= 2 * MIN_WINDOW_SAMPLES:

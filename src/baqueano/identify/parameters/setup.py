@@ -18,11 +18,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
-from baqueano.identify.data.averaging import (
-    ROW_MEAN,
-    WEIGHT_COLUMNS,
-    longest_interval_s,
-)
+from baqueano.identify.data.averaging import ROW_MEAN, WEIGHT_COLUMNS, longest_interval_s
 from baqueano.identify.data.record import (
     MAX_CLOCK_OFFSET_S,
     FitRecord,
@@ -126,18 +122,11 @@ class ThetaLayout(NamedTuple):
     @property
     def indices(self) -> list[np.ndarray]:
         """Return for each segment the indices of its entries in θ."""
-        s, o, q = self.shared_count, self.run_entry_count, self.start_size
-        first = self.first_start
-        return [
-            np.concatenate(
-                [
-                    np.arange(s),
-                    np.arange(s + run * o, s + (run + 1) * o),
-                    np.arange(first + k * q, first + (k + 1) * q),
-                ]
-            )
-            for k, run in enumerate(self.runs)
+        s, o = self.shared_count, self.run_entry_count
+        rows = [
+            (slice(s + run * o, s + (run + 1) * o), self.start_slice(k)) for k, run in enumerate(self.runs)
         ]
+        return [np.r_[:s, of_run, of_segment] for of_run, of_segment in rows]
 
     def start_slice(self, k: int) -> slice:
         """Return the slice of θ with the start of segment k."""

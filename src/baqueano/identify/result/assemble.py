@@ -238,17 +238,9 @@ def _channels(
         t_s, h, z, has = (np.concatenate(column) for column in zip(*rows, strict=True))
         shares = [explained_variance(z[w, c], h[w, c], sigma[c]) for c, w in enumerate(has.T)]
         readings = np.where(has, z, np.nan)
+        std, rho = sigma.tolist(), autocorrelation.tolist()
         return [
-            ChannelFit(
-                run_name,
-                *label,
-                t_s,
-                readings[:, c],
-                h[:, c],
-                float(sigma[c]),
-                shares[c],
-                float(autocorrelation[c]),
-            )
+            ChannelFit(run_name, *label, t_s, readings[:, c], h[:, c], std[c], shares[c], rho[c])
             for c, label in enumerate(labels)
         ]
 

@@ -268,16 +268,12 @@ class Fit(Result):
 
     def run_by_run(self) -> list["TableRow"]:
         """Return one flat row per run and entry of the run; sd is None if the run does not determine the entry."""
-        return [
-            {
-                "run": run,
-                "name": name,
-                "estimate": float(x[k]),
-                "sd": float(sd[k]) if np.isfinite(sd[k]) else None,
-            }
-            for k, name in enumerate(self.run_entry_names)
-            for run, x, sd in zip(self.runs, self.run_entries, self.run_entry_sd, strict=False)
-        ]
+        rows: list[TableRow] = []
+        for k, name in enumerate(self.run_entry_names):
+            for run, x, sd in zip(self.runs, self.run_entries[:, k], self.run_entry_sd[:, k], strict=False):
+                std = float(sd) if np.isfinite(sd) else None
+                rows.append({"run": run, "name": name, "estimate": float(x), "sd": std})
+        return rows
 
     def _per_run_lines(self) -> list[str]:
         """Return lines on the entries of each run that the user requested; biases and starts are excluded."""
@@ -297,17 +293,9 @@ class Fit(Result):
         for name in dict.fromkeys(row["name"] for row in rows):
             x = [row["estimate"] for row in rows if row["name"] == name]
             unit = _(" s, to be added to its timestamps") if name.startswith("clock.") else ""
-            out.append(
-                _(
-                    "{name} of {runs} runs: {median:.5g}, {low:.5g} to {high:.5g}{unit}",
-                    name=name,
-                    runs=len(x),
-                    median=float(np.median(x)),
-                    low=min(x),
-                    high=max(x),
-                    unit=unit,
-                )
-            )
+            figures: TableRow = {"runs": len(x), "median": float(np.median(x)), "low": min(x), "high": max(x)}
+            figures |= {"name": name, "unit": unit}
+            out.append(_("{name} of {runs} runs: {median:.5g}, {low:.5g} to {high:.5g}{unit}", **figures))
         return [*out, ""] if out else []
 
     def _channel_lines(self) -> list[str]:
@@ -321,15 +309,8 @@ class Fit(Result):
             label = _("{channel} of {run}", channel=label, run=c.run) if len(self.runs) > 1 else label
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
-            explained_text = percent_text(c.explained)
-            out.append(
-                _(
-                    "{channel}: noise {noise}, the model explains {part}",
-                    channel=label,
-                    noise=noise,
-                    part=explained_text,
-                )
-            )
+            details = {"channel": label, "noise": noise, "part": percent_text(c.explained)}
+            out.append(_("{channel}: noise {noise}, the model explains {part}", **details))
         return out
 
     def _channels_together(self) -> list[str]:
