@@ -22,9 +22,9 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
-from baqueano.numerics.parallel import dot
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.numerics.parallel import dot
 from baqueano.numerics.statistics import prediction_limit
 from baqueano.vehicle_file.units import CHANNEL_UNITS
 
