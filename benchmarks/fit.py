@@ -20,9 +20,9 @@ from unittest.mock import patch
 
 import numpy as np
 
-from baqueano import parallel
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.estimation.search import FINE_DECREMENT
+from baqueano.numerics import parallel
 from baqueano.numerics.least_squares import minimise
 from baqueano.numerics.normal_equations import Evaluation
 from baqueano.runs import Run

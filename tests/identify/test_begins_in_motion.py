@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.setup import records_of
+from baqueano.identify.parameters.theta import records_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.parameters.setup import ThetaLayout, arrow_layout
+from baqueano.identify.parameters.theta import ThetaLayout, arrow_layout
 from baqueano.identify.residuals import simulation as simulated
 from baqueano.numerics.least_squares import (
     RIDGE,

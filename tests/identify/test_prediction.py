@@ -12,7 +12,7 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.estimation import prediction_error as prediction
 from baqueano.identify.estimation.prediction_error import FilterNoise, Prediction, maximum_likelihood
-from baqueano.identify.parameters.setup import ThetaShape
+from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals import innovations as prediction_kernel
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals

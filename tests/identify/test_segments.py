@@ -11,7 +11,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import record_of, split_record
-from baqueano.identify.parameters.setup import ThetaLayout, eliminate_starts
+from baqueano.identify.parameters.theta import ThetaLayout, eliminate_starts
 from baqueano.numerics.normal_equations import derivatives_without_start, pseudo_inverse
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate

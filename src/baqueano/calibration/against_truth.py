@@ -15,12 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.calibration.result import (
-    GRID_S,
-    MAX_OFFSET_S,
-    CalibratedNumber,
-    Calibration,
-)
+from baqueano.calibration.result import GRID_S, MAX_OFFSET_S, CalibratedNumber, Calibration
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError

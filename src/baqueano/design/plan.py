@@ -27,14 +27,7 @@ from baqueano.design.compose import (
     random_primitives,
 )
 from baqueano.design.information import DriveInformation, mean_error
-from baqueano.design.room import (
-    COAST_S,
-    SAMPLE_S,
-    VEHICLES,
-    Room,
-    contain_in_room,
-    first_allowed_option,
-)
+from baqueano.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contain_in_room, first_allowed_option
 from baqueano.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError

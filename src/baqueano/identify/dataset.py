@@ -13,7 +13,7 @@ from baqueano.identify.data.hand_measurements import with_hand_measurements
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters
-from baqueano.identify.parameters.setup import Parameters, parameters_for_fit
+from baqueano.identify.parameters.theta import Parameters, parameters_for_fit
 from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.diagnostics.cleaning import clean
 from baqueano.runs.maps.columns import KINDS
@@ -220,13 +220,9 @@ def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Dia
     channels: dict[str, Channel] = {}
     for run in runs:
         channels |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
-    return [
-        note("use.not-in-file", sensor=name, vehicle=vehicle_file.name, kind=_kind(name, channel))
-        for name, channel in channels.items()
-        if name not in vehicle_file.sensors._fields and name not in NON_MOTION_CHANNELS
-    ]
-
-
-def _kind(name: str, channel: Channel) -> str:
-    """Return the likely kind of a sensor, from its name or its number of channels; "…" if unknown."""
-    return name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")
+    notes = []
+    for name, channel in channels.items():
+        if name not in vehicle_file.sensors._fields and name not in NON_MOTION_CHANNELS:
+            kind = name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")
+            notes.append(note("use.not-in-file", sensor=name, vehicle=vehicle_file.name, kind=kind))
+    return notes

@@ -30,7 +30,7 @@ from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability import finished_fit
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
-from baqueano.identify.parameters.setup import Parameters, sigma_from_option
+from baqueano.identify.parameters.theta import Parameters, sigma_from_option
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.noise_level import min_sigma, sigma_of_rare_channels
 from baqueano.identify.residuals.simulation import Residuals

@@ -26,7 +26,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.delay import with_bound_flags
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
-from baqueano.identify.parameters.setup import Parameters, eliminate_starts
+from baqueano.identify.parameters.theta import Parameters, eliminate_starts
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import parallel_map
 from baqueano.sensors.imu import SCALE_TOLERANCE
@@ -300,8 +300,12 @@ def unobservable_reason(
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
     path = parameter.path
     if collinear:
-        how, apart = _hand_measurement_note(parameter), _separation((parameter, *collinear))
-        others = _names(collinear)
+        by, others, apart = (
+            parameter.definition.measured_by,
+            _names(collinear),
+            _separation((parameter, *collinear)),
+        )
+        how = note("identifiability.by-hand", by=by) if by else note("identifiability.fix-one")
         return note("identifiability.tied", subject=path, others=others, at=value, how=how, apart=apart)
     if parameter.definition.role == "scale":
         return note("identifiability.scale", subject=path, at=value, needs=_needed_motion(parameter))
@@ -334,11 +338,6 @@ def _motion_note(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
     if len(axes) == 1 and len(frictions) > 1:
         return note("identifiability.few-speeds") if axes == {0} else note("identifiability.few-turn-rates")
     return ""
-
-
-def _hand_measurement_note(parameter: FreeParameter) -> Diagnostic:
-    by = parameter.definition.measured_by
-    return note("identifiability.by-hand", by=by) if by else note("identifiability.fix-one")
 
 
 def _separation(parameters: Sequence[FreeParameter]) -> Diagnostic | str:

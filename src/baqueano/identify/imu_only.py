@@ -42,7 +42,7 @@ from baqueano.identify.parameters.free import (
     has_offset,
     requested_paths,
 )
-from baqueano.identify.parameters.setup import parameters_for_fit
+from baqueano.identify.parameters.theta import parameters_for_fit
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_gyro_aided
 from baqueano.identify.residuals.noise_level import min_sigma, robust_sigma
 from baqueano.identify.result.assemble import fit_of

@@ -19,12 +19,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano.numerics.normal_equations import (
-    BlockArrow,
-    Evaluation,
-    dense,
-    row_product,
-)
+from baqueano.numerics.normal_equations import BlockArrow, Evaluation, dense, row_product
 
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MAX_EVALUATIONS = 80  # evaluations

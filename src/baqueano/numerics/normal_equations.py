@@ -186,8 +186,8 @@ def sum_of_segments(
     prior: np.ndarray,
     layout: ArrowLayout | None,
 ) -> Evaluation:
-    """Return the cost at x (p,), its gradient (p,) and its Hessian (p, p), summed over the segments and the weights
-    `prior` (p,) of a prior at 0. `indices` are the entries of each segment."""
+    """Return cost, gradient (p,) and Hessian (p, p) at x (p,), summed over the segments. `indices` are the entries of
+    each segment, `prior` (p,) the weights of a prior at 0."""
     cost, g = 0.5 * float(prior @ x**2), prior * x
     H = diagonal_matrix(prior, layout)
     for part, index in zip(parts, indices, strict=True):

@@ -26,14 +26,8 @@ from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.search import Task, search
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import (
-    DELAY_PATH,
-    LAG_PATH,
-    MIN_LAG,
-    free_parameters,
-    has_offset,
-)
-from baqueano.identify.parameters.setup import parameters_for_fit
+from baqueano.identify.parameters.free import DELAY_PATH, LAG_PATH, MIN_LAG, free_parameters, has_offset
+from baqueano.identify.parameters.theta import parameters_for_fit
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text
@@ -41,12 +35,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.least_squares import Solution
 from baqueano.numerics.normal_equations import dense
 from baqueano.runs.run import Run
-from baqueano.selection.choice import (
-    Choice,
-    Decision,
-    TermResult,
-    channels_of,
-)
+from baqueano.selection.choice import Choice, Decision, TermResult, channels_of
 from baqueano.selection.cross_validation import (
     GAP_S,
     HeldOutFolds,

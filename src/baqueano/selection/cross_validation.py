@@ -22,7 +22,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.parameters.setup import ThetaShape
+from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.least_squares import Solution, minimise
 from baqueano.numerics.parallel import parallel_map
@@ -243,13 +243,9 @@ def independent_motion_count(runs: Sequence[Run], command: int) -> float:
     piece_count = 0.0
     for run, x in zip(runs, u, strict=True):
         if np.any(x != 0.0):
-            piece_count += min(1.0 + turning_points(x, swing), max(1.0, _duration_s(run) / SHORT_BLOCK_S))
+            duration_s = run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)  # with the first tick
+            piece_count += min(1.0 + turning_points(x, swing), max(1.0, duration_s / SHORT_BLOCK_S))
     return piece_count
-
-
-def _duration_s(run: Run) -> float:
-    """Return the duration of all ticks of the run [s], including the first tick."""
-    return run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)
 
 
 def turning_points(x: np.ndarray, swing: float) -> int:

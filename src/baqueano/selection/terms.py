@@ -17,7 +17,7 @@ explained in docs/derivations/d_optimal_design.md.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -93,7 +93,7 @@ def with_terms(vehicle_file: "VehicleFile", terms: Sequence[Term], fitted: dict[
     values = {field: np.asarray(value_at_path(blocks, field), float).tolist() for field in sorted(fields)}
     if LAG_PATH in values and LAG_PATH not in fitted:
         values[LAG_PATH] = 0.0
-    changes = {k: v for k, v in values.items() if not _same(v, vehicle_file.value(k))}
+    changes = {k: v for k, v in values.items() if not np.array_equal(v, vehicle_file.value(k))}
     return vehicle_file.with_values(changes) if changes else vehicle_file
 
 
@@ -178,8 +178,9 @@ def _drive(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
 def _field_terms(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Term]:
     """Return the terms that the fields of the model define.  (1)"""
     by_name: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
+    has_track = getattr(getattr(blocks.model, "friction", None), "track_m", 0.0) != 0.0
     for field, p in all_parameters(blocks.model, "model"):
-        if not p.term or p.role == "gain" or (field.startswith(WHEEL_FRICTIONS) and not _track_width(blocks)):
+        if not p.term or p.role == "gain" or (field.startswith(WHEEL_FRICTIONS) and not has_track):
             continue
         for path in entries(blocks, field):
             neutral = value(blocks, path) if p.neutral is None else p.neutral
@@ -206,10 +207,6 @@ def _search_starts(
         sensitivity = max(sensitivity, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
     fractions = SPEED_FRACTIONS if sensitivity > 1e-9 else ()
     return tuple(neutral + fraction / sensitivity for fraction in fractions)
-
-
-def _track_width(blocks: FittedBlocks) -> float:
-    return float(getattr(getattr(blocks.model, "friction", None), "track_m", 0.0))
 
 
 def _cross_talk_terms(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
@@ -253,11 +250,6 @@ def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bo
 
 def _term(name: str, path: str, *starts: float) -> Term:
     return Term(name, (path,), (0.0,), tuple((float(start),) for start in starts))
-
-
-def _same(a: Any, b: Any) -> bool:
-    x, y = np.asarray(a, float), np.asarray(b, float)
-    return x.shape == y.shape and bool(np.all(x == y))
 
 
 def separation_problem(term: Term, x: np.ndarray, std: np.ndarray) -> Diagnostic | None:

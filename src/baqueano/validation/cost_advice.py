@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.diagnostics import Severity, Verdict, note
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH
@@ -45,7 +45,8 @@ def with_cost_advice(
         return replace(fit, notes=fit.notes[:at] + fit.notes[at + 1 :])
     both = [validation, validate(other, runs)]
     simulation, innovations = reversed(both) if is_fit_by_innovations(fit) else both
-    advice = _advice(100.0 * relative_error_change(simulation, innovations))
+    percent = 100.0 * relative_error_change(simulation, innovations)
+    advice = note("cost.held-out-smaller" if percent < 0.0 else "cost.held-out-larger", percent=abs(percent))
     if advice.code == "cost.held-out-smaller" and not is_fit_by_innovations(fit):
         advice = note("cost.try-innovations", fix="--cost innovations", cause=advice)
     return replace(fit, notes=(*fit.notes[:at], advice, *fit.notes[at + 1 :]))
@@ -71,8 +72,3 @@ def relative_error_change(simulation: Validation, innovations: Validation) -> fl
     ]
     before, after = np.sum(pairs, axis=0) if pairs else (1.0, 1.0)
     return float(after / before - 1.0)
-
-
-def _advice(percent: float) -> Diagnostic:
-    code = "cost.held-out-smaller" if percent < 0.0 else "cost.held-out-larger"
-    return note(code, percent=abs(percent))

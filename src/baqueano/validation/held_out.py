@@ -28,7 +28,7 @@ from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.setup import POSE_SEGMENT_S
+from baqueano.identify.parameters.theta import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.identify.result.verdict import percent_text, ratio_text
 from baqueano.messages import text, verdict_line

@@ -50,7 +50,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
     segments = problem.sensitivities(theta)
     autocorrelation = autocorrelation_sums([r for r, _, _ in segments], problem.has)
     is_autocorrelated = bool(np.any(autocorrelation > WHITE_LIMIT))
-    is_sparse = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < MIN_MEASUREMENTS
+    is_sparse = problem.counts < MIN_MEASUREMENTS
 
     def segment_sums(segment: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         r, d, _ = segment

@@ -24,7 +24,7 @@ from baqueano.identify.diagnostics.gains import gain_findings
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import FreeParameter, value
-from baqueano.identify.parameters.setup import start_theta
+from baqueano.identify.parameters.theta import start_theta
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.runs.diagnostics.physical_units import MAX_UNIT_RATIO, compare_gyro
 from baqueano.runs.diagnostics.signal_map import (

@@ -125,7 +125,7 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
         is_second_larger = sizes[second_axis] > sizes[main_axis]
         if is_second_larger and MAX_GAIN_RATIO * sizes[main_axis] < file_sizes[main_axis]:
             axes = {
-                k: note(f"axis.{AXIS_NAMES[i]}") for k, i in (("expected", main_axis), ("found", second_axis))
+                k: note(f"axis.{AXIS_NAMES[i]}") for k, i in (("expected", main_axis), ("value", second_axis))
             }
             findings.append(note("file.swapped", Severity.WARNING, "", f"u[{j}]", **axes))
             continue

@@ -28,7 +28,7 @@ from baqueano.identify.covariance.scale_uncertainty import GYRO_CHANNEL
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.parameters.setup import ThetaShape
+from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import (
     Motions,
     blocks_in_row,
@@ -220,13 +220,11 @@ def _force_columns(
 
     def columns() -> TermColumns:
         D = all_columns().reshape(-1, len(candidates)).T  # (K, N m)
-        return [_label(candidates[k]) for k in shown], D if len(shown) == len(candidates) else D[shown]
+        axes, forces = ("x", "y", "psi"), [candidates[k] for k in shown]
+        labels = [(f"{force.code}, {axes[force.axis]}", force.description) for force in forces]
+        return labels, D if len(shown) == len(candidates) else D[shown]
 
     return columns
-
-
-def _label(force: Force) -> LabelledTerm:
-    return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.description
 
 
 def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:

@@ -100,12 +100,13 @@ def _search_delay_grid(
 def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Search:
     """Return `end` with θ at the best delay of a finer grid, which extends one step of the first grid to both
     sides.  (2)"""
-    best = end
+    best, counts = end, task.problem.counts
     while 2.0 * step_s > MAX_FINE_TICKS * tick_s and not best.stopped:
         step_s, middle = 0.5 * step_s, best
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
-                best = _better_search(task, best, _search_at_fixed_delay(task, middle, i, delay_s))
+                end = _search_at_fixed_delay(task, middle, i, delay_s)
+                best = min(best, end, key=lambda one: one.log_sigma_sum(counts))
     centre_s, fine_s = best.solution.theta[i], FINE_TICKS * tick_s
     task = task._replace(problem=best.problem)
     middle = solution = _solution_at_delay(task, best.solution.theta, i, centre_s)
@@ -164,11 +165,6 @@ def _search_at_fixed_delay(task: Task, nearest: Search, i: int, delay_s: float) 
     """Return the search with this fixed delay, started at the end of `nearest`."""
     is_fixed = np.arange(len(task.start)) == i
     return search(task, _with_value(nearest.solution.theta, i, delay_s), is_fixed, nearest, rough=True)
-
-
-def _better_search(task: Task, first: Search, second: Search) -> Search:
-    counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
-    return second if second.log_sigma_sum(counts) < first.log_sigma_sum(counts) else first
 
 
 def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search]:

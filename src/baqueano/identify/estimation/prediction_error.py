@@ -26,7 +26,7 @@ from baqueano.identify.covariance.information import (
     covariance_of,
 )
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.setup import arrow_layout
+from baqueano.identify.parameters.theta import arrow_layout
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _

@@ -79,7 +79,7 @@ class Search(NamedTuple):
 def best_search(task: Task, begin: np.ndarray) -> Search:
     """Return the search from `begin` (p,). If its result is not plausible, return the best of several searches."""
     best_end = search(task, begin)
-    signal, counts = task.problem.signal_std(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
+    signal, counts = task.problem.signal_std(), task.problem.counts
     fields = [path.partition("[")[0] for path in task.problem.shape.shared]
     is_gain = np.array([field.endswith(GAIN_NAMES) for field in fields], dtype=bool)
     for factor in RESTART_FACTORS if is_gain.any() and task.again else ():

@@ -1,1 +1,5 @@
-"""Free parameters of a fit, and the layout of θ."""
+"""Define θ.
+
+free    free parameters: paths of the vehicle file, with bounds and units
+theta   their place in θ, beside the entries of each run and segment, and the rows of the fit
+"""

@@ -7,8 +7,8 @@
 
 With (1), an error of the steering does not affect the speed through ν_ψ. A noisy ω_z as a regressor would bias its
 coefficients towards 0, so it leads only the first search. Then ω̂ leads, the mean of the true rate given gyro and
-model ("regression calibration"). If the model's rate is correct, there is no slow part and the model leads. Channels
-are weighted by (4) of noise_level.py. Source: Carroll, Ruppert, Stefanski and Crainiceanu 2006.
+model ("regression calibration"). If the model's rate is correct, its error is white and the model leads. Channels are
+weighted by (4) of noise_level.py. Source: Carroll, Ruppert, Stefanski and Crainiceanu 2006.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
-from baqueano.identify.parameters.setup import ThetaShape
+from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel

@@ -24,7 +24,7 @@ from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.setup import ThetaShape
+from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state, read_sensor
 from baqueano.sensors.sampling import difference, low_pass_s
 from baqueano.signals import ByName, Motion

@@ -10,7 +10,7 @@ from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.averaging import AveragedSignal, average_step, instant_weights
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import substitute, value
-from baqueano.identify.parameters.setup import START_NAMES, ThetaShape
+from baqueano.identify.parameters.theta import START_NAMES, ThetaShape
 from baqueano.sensors.sampling import constant_signal, step_signal
 from baqueano.signals import ByName, Motion, sensor_slots
 from baqueano.symbolic import scan, with_value

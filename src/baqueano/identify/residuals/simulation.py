@@ -24,7 +24,7 @@ from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, delayed_average
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.parameters.setup import ThetaShape, arrow_layout, layout_of
+from baqueano.identify.parameters.theta import ThetaShape, arrow_layout, layout_of
 from baqueano.identify.residuals.motion import (
     Motions,
     blocks_in_row,
@@ -120,13 +120,18 @@ class Residuals:
 
     @classmethod
     def from_parameters(cls, parameters: Any, backend: str = "auto") -> Self:
-        """Return the residuals of `parameters` (setup.Parameters) over all their rows."""
+        """Return the residuals of `parameters` (parameters/theta.py) over all their rows."""
         return cls(parameters.blocks, parameters.shape, parameters.records, backend)
 
     @property
     def labels(self) -> list[str]:
         """Return the names (m,) of the channels, such as "imu[2]"."""
         return [f"{name}[{i}]" for name, m in zip(self.names, self.sizes, strict=True) for i in range(m)]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Return the number (m,) of measurements of each channel, over all runs."""
+        return np.sum([has.sum(axis=0) for has in self.has], axis=0)
 
     def signal_std(self) -> np.ndarray:
         """Return the standard deviation (m,) of the measurements of each channel, over all runs."""

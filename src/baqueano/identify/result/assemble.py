@@ -21,7 +21,7 @@ from baqueano.identify.identifiability import (
     weak_reason,
 )
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter, substitute, value
-from baqueano.identify.parameters.setup import START_NAMES
+from baqueano.identify.parameters.theta import START_NAMES
 from baqueano.identify.residuals.noise_level import sigma_of_file
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
@@ -87,10 +87,12 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     )
     sigma_by_sensor = np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1])
     commands = end.vehicle_file.command.names
+    start = np.array([value(end.blocks, parameter.path) for parameter in end.requested])
+    start[end.in_theta] = end.task.start[: len(end.in_theta)]
     fit = Fit(
         names=evidence.names,
         units=tuple(parameter.unit for parameter in end.requested),
-        start=_start(end),
+        start=start,
         estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
         bound=evidence.bound,
@@ -217,12 +219,6 @@ def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.n
     ordered_values = np.full(len(end.requested), frozen_value, dtype=float)
     ordered_values[end.in_theta] = values
     return ordered_values
-
-
-def _start(end: FinishedFit) -> np.ndarray:
-    start = np.array([value(end.blocks, parameter.path) for parameter in end.requested])
-    start[end.in_theta] = end.task.start[: len(end.in_theta)]
-    return start
 
 
 def _channels(

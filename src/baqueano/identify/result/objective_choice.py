@@ -69,7 +69,8 @@ def choose_objective(
 ) -> ObjectiveChoice:
     """Return the choice of the cost. `times` (m,) is the sensor noise without the process noise, relative to the noise
     in the file; 0 if the file does not contain it."""
-    odds: JsonObject = {"ratio": float(likely.ratio), "chance": _p_value_text(likely.p_value)}
+    chance = f"{number(likely.p_value):.2g}" if likely.p_value >= 1e-6 else "< 1e-6"
+    odds: JsonObject = {"ratio": float(likely.ratio), "chance": chance}
     if likely.p_value >= FLOOR_P_VALUE:
         return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)
     odds["floor"] = _process_noise_text(likely, axes)
@@ -101,10 +102,6 @@ def _process_noise_text(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
             error = f" ± {number(sd / (2.0 * np.sqrt(v))):.1g}" if np.isfinite(sd) else ""
             messages.append(f"{number(float(np.sqrt(v))):.2g}{error} {UNITS[axis]}")
     return ", ".join(messages)
-
-
-def _p_value_text(p: float) -> str:
-    return f"{number(p):.2g}" if p >= 1e-6 else "< 1e-6"
 
 
 class LeaveOneOutComparison(NamedTuple):

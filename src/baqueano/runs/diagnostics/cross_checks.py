@@ -66,10 +66,7 @@ def cross_check(run: Run, m: "ColumnMap") -> list[ImportFinding]:
         findings += limit_findings(m.sensors[name], channel, run)
     findings += commands(run, m)
     if run.truth is not None:
-        findings += [
-            *_channel_findings("truth", run.truth.t_ns, run.truth.eta),
-            *truth_findings(run.truth),
-        ]
+        findings += [*_channel_findings("truth", run.truth.t_ns, run.truth.eta), *truth_findings(run.truth)]
     return findings + motion_findings(run, m)
 
 

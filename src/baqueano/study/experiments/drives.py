@@ -9,7 +9,7 @@ from baqueano.design.information import NUISANCE_STD, mean_error, unknowns
 from baqueano.design.plan import design_plan
 from baqueano.design.room import VEHICLES, Room, contain_in_room
 from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
-from baqueano.simulate.excitation import KINDS, excitation
+from baqueano.identify import KINDS, excitation
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, SignalErrors
 from baqueano.study.identification.bound import (
