@@ -140,11 +140,11 @@ def _trial(name: str, logs: list[np.ndarray], per_block: int) -> NoiseTrial:
     for run_logs in logs:
         rows = len(run_logs) // per_block * per_block
         blocks.append(run_logs[:rows, [0, 2]].reshape(-1, per_block, 2).sum(axis=1))
-    measured = max(1.0, float(count.sum()))
-    nis = float(square.sum() / measured)
+    count_of_entries = max(1.0, float(count.sum()))
+    nis = float(square.sum() / count_of_entries)
     total, weight = np.concatenate(blocks).T
     std = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
-    likelihood = float(-0.5 * np.sum(log_det + square) / measured)
+    likelihood = float(-0.5 * np.sum(log_det + square) / count_of_entries)
     return NoiseTrial(name, nis, nis - QUANTILE_95 * std, nis + QUANTILE_95 * std, likelihood)
 
 
