@@ -96,11 +96,11 @@ def tune(
         worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, nominal_gains, seed)
     else:
         rehearsal = nominal
-    fresh = None
+    fresh_seeds = None
     if options.get("estimator"):
-        fresh = _cost_on_new_seeds(rehearsal, descents[0].gains, options.get("seed", 0))
+        fresh_seeds = _cost_on_new_seeds(rehearsal, descents[0].gains, options.get("seed", 0))
     return _tune_result(
-        vehicle_file, rehearsal, descents, initial_gains, worst, fresh, options.get("controller")
+        vehicle_file, rehearsal, descents, initial_gains, worst, fresh_seeds, options.get("controller")
     )
 
 
@@ -166,13 +166,13 @@ def rank_by_worst_case(
 
 def _cost_on_new_seeds(rehearsal: Objective, gains: np.ndarray, seed: int) -> FreshSeeds:
     """Return the cost with noise of new seeds, which the search did not use, and the cost of the search."""
-    fresh = rehearsal.nominal().with_seeds(seed + SEED_OFFSET, VALIDATION_SEEDS)
-    return FreshSeeds(VALIDATION_SEEDS, fresh.cost(gains), rehearsal.nominal().cost(gains))
+    test_objective = rehearsal.nominal().with_seeds(seed + SEED_OFFSET, VALIDATION_SEEDS)
+    return FreshSeeds(VALIDATION_SEEDS, test_objective.cost(gains), rehearsal.nominal().cost(gains))
 
 
 def _tune_result(
     vehicle_file: "VehicleFile", rehearsal: Objective, descents: list[Descent], initial: list[np.ndarray],
-    worst: WorstCase | None, fresh: FreshSeeds | None, controller: Any,
+    worst: WorstCase | None, fresh_seeds: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
     space, best_descent = rehearsal.space, descents[0]
     around = _relative_costs(rehearsal, best_descent)
@@ -197,7 +197,7 @@ def _tune_result(
         around,
         speed_m_s,
         worst,
-        fresh,
+        fresh_seeds,
     )
 
 

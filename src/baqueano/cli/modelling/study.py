@@ -161,7 +161,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
 @options.seed
 @click.option(
     "--seeds", "seed_count", type=numbers.count, default=100, show_default=True,
-    help="Robots, from --seed on.",
+    help="Number of robots, with seeds counted from --seed.",
 )  # fmt: skip
 @click.option(
     "--with",
@@ -366,7 +366,7 @@ def estimation(
     show_default=True,
     help=("Number of vehicles, counted from --seed, about 8 s each."),
 )
-@click.option("--recordings/--no-recordings", default=True, help="Also use windows of real drives.")
+@click.option("--recordings/--no-recordings", default=True, help="Also test with parts of recorded drives.")
 @options.backend
 @options.as_json
 def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:

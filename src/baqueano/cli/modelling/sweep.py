@@ -66,11 +66,15 @@ BLOCK_OPTIONS = [
 )
 @click.option(
     "--aside", "aside_m", type=numbers.Number("m", low=-100.0), default=0.0, show_default=True,
-    help="Start of the drive, left of the route [m].",
+    help="Distance to the left of the route at the start of the drive [m].",
 )  # fmt: skip
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
               help="Alignment of the estimated path with the true path.")  # fmt: skip
-@click.option("--reference", metavar="CELL", help="Cell to compare the others with; default: the first.")
+@click.option(
+    "--reference",
+    metavar="CELL",
+    help="Combination of blocks with which the others are compared; default: the first.",
+)
 @keep
 @cluster
 @options.backend

@@ -75,7 +75,7 @@ from baqueano.messages.printable import baqueano_command
     type=numbers.Number("m^2", exclude_low=False),
     default=0.0,
     show_default=True,
-    help="Weight of the command [m^2]: the cost of a tick at its limit.",
+    help="Weight of the command [m^2]: the cost of one tick with the command at its limit.",
 )
 @click.option(
     "--aside",
@@ -83,7 +83,7 @@ from baqueano.messages.printable import baqueano_command
     type=numbers.Number("m", exclude_low=False),
     default=0.1,
     show_default=True,
-    help="Start of the drive, behind and beside the route [m]; 0 and --jerk 0 give the paper's cost.",
+    help="Distance behind and beside the route at the start of the drive [m]; 0 and --jerk 0 give the paper's cost.",
 )
 @click.option(
     "--radian",

@@ -19,7 +19,7 @@ NAMES = {  # option: its values, help; names and ranges as in robot/uno/settings
     "left-encoder": (REVERSED_HELP, "Order of the wires A and B of this encoder."),
     "right-encoder": (REVERSED_HELP, "Order of the wires A and B of this encoder."),
     "encoder-plugs": (SWAPPED, "Order of left and right."),
-    "mark": ("high|low", "Output of the lap mark's sensor when it is over the tape."),
+    "mark": ("high|low", "Level at the output of the lap-mark sensor when it is over the tape."),
     "battery-ratio": ("RATIO", "Voltage of the battery divided by that of A0: 3 for 20 kΩ and 10 kΩ."),
     "kick-ms": ("MS", "Shortest duration of the kick of a wheel that starts [ms]."),
     "dither": ("SHARE", "Dither: duty that is alternately added and subtracted, against stiction."),
