@@ -37,8 +37,8 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     Raises
     ------
     UsageError
-        For fewer than two points, a point that is not finite, or a speed that is not positive. Also for neighbours that
-        are equal, or farther apart than 20 m.
+        If there are fewer than two points, a point is not finite, or the speed is not positive. If two neighbours are
+        equal, or farther apart than 20 m.
 
     Examples
     --------

@@ -59,7 +59,7 @@ TEMPLATES: dict[str, str] = {
     "cli.cut-empty": (
         "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {from_s:g} s to {to_s:g} s."
     ),
-    "cli.stopped": "The vehicle was stopped: {cause}. The recording until then is in {path}. To see it: {fix}",
+    "cli.stopped": "The vehicle was stopped: {cause}. The recording up to the stop is in {path}. To see it: {fix}",
     "cli.route-stored": (
         "The route is stored as {path}. To check it with your vehicle: {check}. To drive it: {repeat}"
     ),

@@ -6,8 +6,8 @@ TEMPLATES: dict[str, str] = {
         "BAQUEANO_DATA to the folder that contains {first}"
     ),
     "study.not-a-third": (
-        "{subject} is the best with a known pose: its error is {ratio:.2f} of the error of {reference}, at "
-        "most {high:.2f}. Expected a third or less."
+        "{subject} is the best with a known pose: its error is {ratio:.2f} times that of {reference} "
+        "(95 % interval: up to {high:.2f}). Expected a third or less."
     ),
     "study.no-interval": (
         "{robots} robots are too few for an interval, so no controller is evaluated. Give more --seeds."
