@@ -293,6 +293,8 @@ def test_id12_each_broken_block_gives_the_expected_diagnostic_codes(tmp_path, ca
         alike = [finding for finding in findings if finding.code == code]
         assert any(figures.items() <= figures_of(finding).items() for finding in alike), findings
     assert all(finding.figures["place"].startswith("mine.py line ") for finding in findings)
+    keys = [(f.code, f.subject, *map(f.figures.get, ("what", "of", "name"))) for f in findings]
+    assert len({*keys}) == len(keys), "a fault of many ticks is reported once"
 
 
 def figures_of(diagnostic):

@@ -214,7 +214,7 @@ def test_es1_the_printed_matrices_of_the_paper_are_refused_with_a_correction(nam
 
 def test_a_missing_block_parameter_is_reported_at_construction():
     file = with_papers_pd(gains="beta = 2.0\ngamma = 0.3")
-    with refused("vehicle.lacks-found-by", FileError, file="small.toml", role="controller", keys="alpha"):
+    with refused("vehicle.lacks-estimates", FileError, file="small.toml", role="controller", keys="alpha"):
         file.controller()
     assert file.controller(alpha=2.0).alpha == 2.0
 

@@ -35,6 +35,7 @@ class Trial:
         self.block = block
         self.block_class = type(block)
         self.faults = dict.fromkeys(outside_accesses(self.block_class))
+        self._fault_keys: set[tuple[str, ...]] = set()
         self._frozen_fields = _freeze(_fields(block))
         self._calls_of: dict[tuple[str, Diagnostic], int] = {}
         if not _is_frozen_dataclass(self.block_class):
@@ -49,7 +50,11 @@ class Trial:
         return any(fault_.code in INCOMPLETE_CODES for fault_ in self.faults)
 
     def add_fault(self, code: str, method_name: str = "", **figures: Any) -> None:
-        """Store a diagnostic for the author, with its place in the code."""
+        """Store a diagnostic for the author, with its place in the code; the same fault at a later tick only once."""
+        key = code, method_name, *(str(figures.get(name, "")) for name in ("what", "of", "name"))
+        if key in self._fault_keys:
+            return
+        self._fault_keys.add(key)
         place_text = (
             place(getattr(self.block_class, method_name, self.block_class))
             if method_name

@@ -366,7 +366,7 @@ def _controller_with_gains(vehicle_file: VehicleFile) -> Controller | None:
     try:
         return vehicle_file.controller()
     except FileError as error:
-        if error.diagnostic.code == "vehicle.lacks-found-by":
+        if error.diagnostic.code == "vehicle.lacks-estimates":
             return None
         raise
 

@@ -6,6 +6,7 @@ A block receives `vehicle`, `sensors` and the route if it has fields of these na
 
 from dataclasses import replace
 from math import ceil
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ from baqueano.vehicles.rk4 import row_rate_hz
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-FINDING_COMMANDS = {"controller": "baqueano tune --update", "estimator": "baqueano identify last --update"}
+FINDING_COMMANDS = {"controller": ("tune", "--update"), "estimator": ("identify", "last", "--update")}
 
 DEFAULT_KINDS = {
     "estimator": "augmented_ekf",
@@ -188,18 +189,25 @@ def role_table(
     return RoleTable(block_class, values, [k for k in missing_names if k not in table])
 
 
-def missing_values(file: str, role: str, keys: list[str], kind: OwnBlock | None) -> FileError:
+def missing_values(
+    file: str, path: Path | None, role: str, keys: list[str], kind: OwnBlock | None
+) -> FileError:
     """Return the error of a block without its values; a class from Python can also be given as an object."""
     if isinstance(kind, type) and not kind.__module__.startswith("baqueano."):
         call = f"{role}={kind.__name__}({', '.join(f'{key}=1.0' for key in keys)})"
         return FileError(
             fault("block.lacks-arguments", call, file=file, role=role, keys=keys, block=kind.__name__)
         )
-    advice = FINDING_COMMANDS.get(role, "")
+    words = FINDING_COMMANDS.get(role, ())
     if role == "controller" and isinstance(kind, str):
-        advice = baqueano_command("tune", "--controller", kind, "--update")
-    code = "vehicle.lacks-found-by" if advice else "vehicle.lacks"
-    return FileError(fault(code, advice, file=file, role=role, keys=keys))
+        words = "tune", "--controller", kind, "--update"
+    if not words:
+        return FileError(fault("vehicle.lacks", file=file, role=role, keys=keys))
+    folder = Path.cwd()
+    is_default = path is None or path == folder / "vehicle.toml"
+    shown_path = path.relative_to(folder) if path and path.is_relative_to(folder) else path
+    advice = baqueano_command(*words, *(() if is_default else ("--vehicle", shown_path)))
+    return FileError(fault("vehicle.lacks-estimates", advice, file=file, role=role, keys=keys))
 
 
 def construct(

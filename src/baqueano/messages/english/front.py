@@ -10,7 +10,7 @@ TEMPLATES: dict[str, str] = {
         "Type: {fix}"
     ),
     "call.missing": "{call}() needs more arguments: {names}. Type: {fix}",
-    "call.positions": "{call}() accepts at most {most} arguments without names. Type: {fix}",
+    "call.positions": "Too many arguments of {call}() without names: at most {most}. Type: {fix}",
     "call.order": "The arguments of {call}() are in the wrong order. Type: {fix}",
     "call.unknown": "{call}() does not accept {value}. {near}. Type: {fix}",
     "call.kind": "{call}(): {name} = {value}; expected {expected:word}. Type: {fix}",

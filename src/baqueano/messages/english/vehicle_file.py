@@ -52,8 +52,10 @@ TEMPLATES: dict[str, str] = {
     "block.lacks-arguments": (
         "{block} needs {keys}. Give an object with its values, such as {fix}, or write them into [{role}] of {file}."
     ),
-    "vehicle.lacks": "{file} [{role}] needs {keys}. Write it into the file.",
-    "vehicle.lacks-found-by": "{file} [{role}] needs {keys}. Write it into the file, or measure it: {fix}",
+    "vehicle.lacks": "{file} [{role}] needs {keys}. Write the values into the file.",
+    "vehicle.lacks-estimates": (
+        "{file} [{role}] needs {keys}. Write the values into the file, or compute them: {fix}"
+    ),
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
