@@ -327,6 +327,7 @@ def test_invalid_diagnostic_data_are_refused(data):
         ("doubt.clock-later", "recording.clock-later"), ("seen.not", "identifiability.not"),
         ("led.others", "imu-only.others"), ("unseen-runs.off", "validation.off"),
         ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
+        ("imu.found", "imu.answers"), ("service.told-to-end", "service.ended-by-process"),
     ],
 )  # fmt: skip
 def test_the_code_of_an_old_message_is_replaced_by_its_new_code(then, now):

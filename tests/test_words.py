@@ -237,6 +237,13 @@ def test_no_figure_of_a_message_is_a_verb_of_saying():
     assert not names, f"name the figure: {sorted(names)}"
 
 
+def test_no_code_of_a_message_is_a_verb_of_saying():
+    codes = [
+        code for code in templates() if {*re.split(r"[.-]", code)} & (VERBS - {"held"})
+    ]  # held out, held low
+    assert not codes, f"name the event or the value: {codes}"
+
+
 SPEECH = {"say", "tell", "ask", "hear", "want", "know", "believe", "feel"}  # of a function or an argument
 
 

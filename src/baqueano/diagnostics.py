@@ -83,7 +83,7 @@ class StopReason(StrEnum):
     UNO_DISARMED = "uno.disarmed"
     UNO_DEAF = "uno.arming-not-confirmed"
     UNO_SILENT = "uno.silent"
-    UNO_UNHEARD = "uno.not-heard-yet"
+    UNO_UNHEARD = "uno.silent-so-far"
     UNO_ABSENT = "uno.does-not-answer"
     LINE_NOISY = "uno.line-noisy"
     STANDSTILL = "computer.stood-still"
@@ -98,7 +98,7 @@ class StopReason(StrEnum):
     IMU_SILENT = "imu.silent"
     IMU_BUS_HELD = "imu.bus-held"
     IMU_BUS_STILL_HELD = "imu.bus-still-held"
-    SERVICE_ENDED = "service.told-to-end"
+    SERVICE_ENDED = "service.ended-by-process"
     MISSION_UNFINISHED = "service.mission-unfinished"
     MISSION_UNFINISHED_AT = "service.mission-unfinished-at"  # with the line of the block's file
     NOT_CHECKED = "service.not-checked"
@@ -110,6 +110,10 @@ MAX_CAUSES = 16  # most levels of diagnostics within a diagnostic
 FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
+    ("imu.found", "imu.answers"), ("imu.bus-cannot-be-asked", "imu.bus-unusable"),
+    ("uno.not-heard-yet", "uno.silent-so-far"), ("service.told-to-end", "service.ended-by-process"),
+    ("drive.says-failed", "drive.diagnostic-failed"), ("bus.pinctrl-said", "bus.pinctrl-answer"),
+    ("noise.found-again", "noise.estimated-again"), ("fit.nothing-seen", "fit.nothing-identifiable"),
 )  # fmt: skip
 FORMER_FIGURES = {  # figure in older runs and robots → its present name
     "known": "valid", "meant": "similar", "heard": "received", "held": "content", "asked": "requested",

@@ -130,7 +130,7 @@ HEAD = b"# closed = false\nt_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s\n"
         (HEAD + b"0,0,0,0,0,0,0,5\n1,1,0,0,0,0,0,5\n", "route.uneven"),
         (HEAD + b"0,0,0,0,0,0,0\n0,1,0,0,0,0,0\n", "route.times"),
         (HEAD + b"0,0,0,0,0,0,0\n1,nan,0,0,0,0,0\n", "route.not-number"),
-        (HEAD[17:] + b"0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n", "route.closed-unsaid"),
+        (HEAD[17:] + b"0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n", "route.closed-missing"),
     ],
 )
 def test_a_wrong_route_is_refused_before_the_drive(baqueano, lab, tmp_path, content, code):

@@ -80,7 +80,7 @@ def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp
     foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
     vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]
     with connect(str(vehicle.door.path)) as remote:
-        vehicle.door.broadcast({"is": "event", "level": "info", "said": note("imu.found")})
+        vehicle.door.broadcast({"is": "event", "level": "info", "said": note("imu.answers")})
         vehicle.door.broadcast(vehicle.done(foreign, id="another"))  # before this drive begins
         remote.send(do="ping", token=1)
         end = time.monotonic() + PATIENCE_S

@@ -70,7 +70,7 @@ def test_a_right_turn_during_calibration_is_reported(robot):
 
 def test_a_vehicle_that_is_not_lifted_ends_the_calibration(robot):
     Hand(robot)
-    with refused("calibrate.not-felt", AnswerNo, what="the lift of the front", within_s=8.0):
+    with refused("calibrate.no-motion", AnswerNo, what="the lift of the front", within_s=8.0):
         calibration(robot, lambda text: None)
 
 

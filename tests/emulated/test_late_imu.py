@@ -65,7 +65,7 @@ def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
     look_around(service, robot, round((FIND_PERIOD_S + 1.0) * 20))
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
     events = [m["said"] for m in service.messages if m["is"] == "event"]
-    assert [event.code for event in events[1:]] == ["imu.found"]
+    assert [event.code for event in events[1:]] == ["imu.answers"]
     assert service.texts == [text(event) for event in events]
     done, run = drive(service, spin())
     assert done["why"] is None

@@ -53,7 +53,7 @@ def test_noise_contradicted_by_an_unseen_run_is_estimated_again_over_all_runs(fi
     noisy = drive_fit(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     noise = measure_noise(*fit, held_out=[noisy])
     assert noise.accepted is not None
-    assert noise.accepted.message.code in ("noise.found-again", "noise.still-off")
+    assert noise.accepted.message.code in ("noise.estimated-again", "noise.still-off")
     assert "imu[2]" in noise.accepted.message.figures["nis"]
     imu_filter = measure_noise(*fit)
     assert variance(noise) + np.sum(noise.fields["velocity_walk_std"][2] ** 2) > 2.0 * (

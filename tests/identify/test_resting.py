@@ -117,7 +117,7 @@ def test_a_more_certain_bias_in_the_file_is_not_replaced(fit):
     assert fitted_file.value(PATH) == fit.file.value(PATH)
     assert PATH not in fitted_file.provenance
     assert fitted_file.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
-    assert ("bias.file-knows-better", PATH) in [(note.code, note.subject) for note in fit.notes]
+    assert ("bias.file-better", PATH) in [(note.code, note.subject) for note in fit.notes]
     assert any(name in fitted_file.provenance for name in ("sensors.imu.accel_bias", "model.friction.linear"))
 
 
@@ -136,4 +136,4 @@ def test_a_bias_measured_at_rest_replaces_that_of_a_drive_on_a_rough_floor():
     assert fitted_file.value(PATH) == pytest.approx(0.03, abs=0.002)
     assert fitted_file.provenance[PATH].sd < 0.1 * fit.run_entry_sd[0, fit.run_entry_names.index(PATH)]
     assert fitted_file.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
-    assert not {"bias.file-knows-better", "bias.contradicts-file"} & {note.code for note in fit.notes}
+    assert not {"bias.file-better", "bias.contradicts-file"} & {note.code for note in fit.notes}

@@ -115,10 +115,10 @@ def test_unsuitable_runs_are_refused_with_a_reason(case, case_run):
     for code, runs in cases.items():
         with pytest.raises(UsageError, check=of_code(code)):
             identify(runs, case)
-    with pytest.raises(UsageError, check=of_code("truth.not-held")):
+    with pytest.raises(UsageError, check=of_code("truth.absent")):
         identify(replace(run, truth=None), case, use=["truth"])
     without_rows = type(run.truth)(*(column[:0] for column in run.truth))
-    with pytest.raises(UsageError, check=of_code("truth.not-held", run="cut")):
+    with pytest.raises(UsageError, check=of_code("truth.absent", run="cut")):
         identify([run, replace(run, name="cut", truth=without_rows)], case, use=["truth"])
     with pytest.raises(UsageError, check=of_code("runs.no-sensor", sensor="imu")):
         identify([run, replace(run, name="deaf", sensors={})], case, use=["imu"])

@@ -265,7 +265,7 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
         (
             "# closed = true\n",
             "",
-            "route.closed-unsaid",
+            "route.closed-missing",
         ),
         ("psi_rad,", "psi,", "route.no-column"),
         ("\n0.1,", "\n-0.1,", "route.times"),

@@ -253,7 +253,7 @@ def other(code, **figures):
         (RATE, '"wz", unit = "rad"',
          wrong(f"{GYRO} unit", "'rad'", "expect.measures-or-rate", measures="angular rate")),
         (RATE, '"wz", unit = "radps"',
-         wrong(f"{GYRO} unit", "'radps'", "expect.known-unit-of", near="rad/s, rad, mrad/s")),
+         wrong(f"{GYRO} unit", "'radps'", "expect.listed-unit-of", near="rad/s, rad, mrad/s")),
         (RATE, '"wz", unit = "raw"', missing(f"{GYRO} scale", "expect.scale")),
         ('{ column = "wz", unit = "rad/s" }', '"wz"', wrong(GYRO, "'wz'", "expect.entry")),
         ('column = "wz"', 'quaternion = ["x"], column = "wz"',

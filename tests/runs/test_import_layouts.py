@@ -151,7 +151,7 @@ def test_an_angle_that_exceeds_one_turn_is_not_unwrapped(board):
             'unit = "counts", counts_per_turn = 600, derivative = true',
             ("expect.measures-or-rolls", {}),
         ),
-        (f'unit = "pulse", counts_per_turn = 600, {COUNTER}', ("expect.known-unit-of", {})),
+        (f'unit = "pulse", counts_per_turn = 600, {COUNTER}', ("expect.listed-unit-of", {})),
         (f'unit = "m", {COUNTER}', ("expect.radius", {})),
     ],
 )

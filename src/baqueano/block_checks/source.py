@@ -16,7 +16,7 @@ OUTSIDE_MODULES = {  # forbidden module → replacement
 OUTSIDE_CALLS = {
     "print": note("outside.prints"),
     "open": note("outside.files"),
-    "input": note("outside.asks"),
+    "input": note("outside.input"),
 }
 
 

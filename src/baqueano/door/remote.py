@@ -346,11 +346,11 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
     """
     with connect(host, do="stop", why=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_TIMEOUT_S):
-            raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
+            raise RobotUnreachable(fault("remote.stop-unconfirmed", host=host))
         if not remote.wait(lambda: _is_stopped(remote), STOP_TIMEOUT_S):
             raise AnswerNo(
                 fault(
-                    "remote.stop-not-seen",
+                    "remote.stop-not-reached",
                     host=host,
                     within_s=STOP_TIMEOUT_S,
                     state=remote.state.get("state", "none"),

@@ -84,7 +84,7 @@ class Recording:
             diagnostic = self.diagnostics[role](state)
         except Exception as error:
             del self.diagnostics[role]
-            diagnostic = note("drive.says-failed", Severity.WARNING, role=role, error=error_text(error))
+            diagnostic = note("drive.diagnostic-failed", Severity.WARNING, role=role, error=error_text(error))
         if diagnostic is not None:
             self._event(
                 t_ns, "warning" if diagnostic.severity == Severity.WARNING else "info", role, diagnostic

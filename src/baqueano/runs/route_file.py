@@ -192,4 +192,4 @@ def _is_closed(path: Path) -> bool:
         match = _CLOSED.match(line)
         if match:
             return match[1].lower() == "true"
-    raise FileError(fault("route.closed-unsaid", path=path))
+    raise FileError(fault("route.closed-missing", path=path))

@@ -250,7 +250,7 @@ def test_a_bus_that_stays_blocked_at_imu_start_is_an_error(lines, monkeypatch, t
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     bench = Bench(monkeypatch, tmp_path)
     bench.bus.sda_low = lines([0, 0], scl_held=True)
-    with refused("imu.bus-cannot-be-asked", RobotUnreachable):
+    with refused("imu.bus-unusable", RobotUnreachable):
         start(bench)
 
 

@@ -235,7 +235,7 @@ def test_a_blocked_bus_at_start_is_distinguished_from_a_missing_chip(bench):
 
     b = bench()
     b.bus.sda_low = True
-    with refused("imu.bus-cannot-be-asked", RobotUnreachable):
+    with refused("imu.bus-unusable", RobotUnreachable):
         start(b)
 
 

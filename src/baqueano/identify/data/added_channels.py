@@ -63,7 +63,7 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
     for run in runs:
         truth = run.truth
         if truth is None or not np.isfinite(truth.nu if has_velocity else truth.eta).any():
-            raise UsageError(fault("truth.not-held", run=run.name))
+            raise UsageError(fault("truth.absent", run=run.name))
         channel = Channel(truth.t_ns, truth.t_ns, truth.nu if has_velocity else truth.eta)
         runs_with_truth.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
     block = Velocity() if has_velocity else Pose()

@@ -96,7 +96,7 @@ def accept_or_refit(
     disagreeing, code = [square for square in decisive if square.disagrees], "noise.holds"
     figures: JsonObject = {"runs": runs, "nis": _figures(decisive)}
     if disagreeing:
-        ekf, code = refit(), "noise.found-again"
+        ekf, code = refit(), "noise.estimated-again"
         kernel, names = _filter_scan(ekf, backend), {square.name for square in disagreeing}
         squares = nis_of(ekf, validation_runs, kernel)
         again = [square for square in squares if square.name in names or square.disagrees]

@@ -52,7 +52,7 @@ class Prior(NamedTuple):
     def message(self) -> Diagnostic:
         """Return a message on the value that is written, and the reason."""
         details: JsonObject = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
-        code = "bias.contradicts-file" if self.contradicted else "bias.file-knows-better"
+        code = "bias.contradicts-file" if self.contradicted else "bias.file-better"
         return note(code, subject=self.path, **details)
 
 

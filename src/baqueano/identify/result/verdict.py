@@ -144,7 +144,7 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
     free_count, weak_count = len(e.names) - e.frozen, int(np.sum(e.poorly_identified))
     missing_count = free_count - int(np.sum(np.isfinite(e.estimate)))
     if free_count and missing_count == free_count:
-        return [note("fit.nothing-seen", ERROR, requested=free_count)]
+        return [note("fit.nothing-identifiable", ERROR, requested=free_count)]
     if missing_count > MAX_UNOBSERVABLE_SHARE * free_count:
         return [note("fit.most-unseen", ERROR, unidentified=missing_count, requested=free_count)]
     if missing_count + weak_count > MAX_UNOBSERVABLE_SHARE * free_count:

@@ -25,7 +25,7 @@ TEMPLATES: dict[str, str] = {
         "at all. Are its unit, scale and sign right? Or fit without this channel: name the other "
         "channels with {fix}"
     ),
-    "fit.nothing-seen": (
+    "fit.nothing-identifiable": (
         "the data determine none of the {requested} parameters. Do axes, signs and units agree with the file?"
     ),
     "fit.most-unseen": "the data do not determine {unidentified} of {requested} parameters",
@@ -110,7 +110,7 @@ TEMPLATES: dict[str, str] = {
         "{subject} differs from the file's {value:.4g} ± {std:.2g}{unit} by more than noise explains. The new value is "
         "written, with its error ± {sd:.2g}"
     ),
-    "bias.file-knows-better": (
+    "bias.file-better": (
         "{subject}: the error from the runs, ± {sd:.2g}{unit}, is larger than the error in the file, ± "
         "{std:.2g}. The file keeps its value {value:.4g}. To measure the bias, leave the vehicle at "
         "rest for 3 s"

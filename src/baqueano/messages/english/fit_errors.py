@@ -226,7 +226,7 @@ TEMPLATES: dict[str, str] = {
         "simulation's truth. Import it with [truth] in the map: {fix}. Without such a pose, a gyro can be "
         "calibrated by turns by hand, in a run without commands."
     ),
-    "truth.not-held": (
+    "truth.absent": (
         "{run} does not contain the truth: only a simulation contains it, or a recording with a camera. "
         "Remove truth from {arg[use]}."
     ),

@@ -1,8 +1,8 @@
 """English names of parameters, and of the most informative motions, on the page of live identification."""
 
 TEMPLATES: dict[str, str] = {
-    "known.label": "{meaning:word}{entry}",
-    "known.needs": "missing: {motion:word}",
+    "parameter.label": "{meaning:word}{entry}",
+    "parameter.needs": "missing: {motion:word}",
     "motion.straight-steady": "drive straight forward at {percent:.0f} % and return, {t_s:g} s",
     "motion.straight-steps": "drive straight in short pulses, forward and then backward, {t_s:g} s",
     "motion.straight-ramp": (

@@ -51,7 +51,7 @@ TEMPLATES: dict[str, str] = {
         "noise: the covariances are inconsistent with a simulation of the fitted vehicle (NEES {nees}): "
         "too small for {too_sure}, too large for {too_careful}."
     ),
-    "noise.found-again": f"{INCONSISTENT_NOISE_TEXT}.",
+    "noise.estimated-again": f"{INCONSISTENT_NOISE_TEXT}.",
     "noise.still-off": f"{INCONSISTENT_NOISE_TEXT}: too small for {{too_sure}}, too large for {{too_careful}}.",
     "noise.lifted": "{subject}: {lifted} of {of} variances were raised to the lower limit",
     "noise.correlations-reduced": "{subject}: correlations were reduced, so that the matrix is positive definite",

@@ -167,7 +167,7 @@ class _Pins:
             for number, function, level in LINE_PATTERN.findall(reply)
         }
         if len(lines) != 2:
-            raise RobotUnreachable(fault("bus.pinctrl-said", pins=BOTH, value=repr(reply)))
+            raise RobotUnreachable(fault("bus.pinctrl-answer", pins=BOTH, value=repr(reply)))
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:

@@ -364,9 +364,7 @@ def find_chip(path: str, addresses: tuple[int, ...]) -> tuple[I2cDevice, int, tu
     if device is not None:
         return *device, () if outcome is None else (outcome.text,)
     if stuck and outcome is not None:
-        raise RobotUnreachable(
-            note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.message)
-        )
+        raise RobotUnreachable(note("imu.bus-unusable", Severity.ERROR, path=path, cause=outcome.message))
     addresses_text = " and ".join(f"0x{address:02X}" for address in addresses)
     raise RobotUnreachable(fault("imu.no-answer", requested=addresses_text, path=path))
 

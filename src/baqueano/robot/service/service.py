@@ -166,7 +166,7 @@ class Service:
         self.set_watchdog_timeout(HANG_TIMEOUT_S)
         self._find_ns = self.now_ns() + round(FIND_PERIOD_S * NANOSECONDS)
         if self._no_imu != previous_reason:
-            diagnostic = self._no_imu or note("imu.found")
+            diagnostic = self._no_imu or note("imu.answers")
             self._send_event("warning", diagnostic)
             self.log(text(diagnostic))
 

@@ -100,7 +100,7 @@ class ImuReader:
             at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HAND_FACTOR * STILL_RAD_S
             if at_rest and _is_steady(accel, gyro, HAND_FACTOR) and accepts(accel.mean(axis=0)):
                 return accel.mean(axis=0)
-        raise AnswerNo(fault("calibrate.not-felt", what=quantity, within_s=TIMEOUT_S))
+        raise AnswerNo(fault("calibrate.no-motion", what=quantity, within_s=TIMEOUT_S))
 
 
 def _is_steady(accel: np.ndarray, gyro: np.ndarray, factor: float = 1.0) -> bool:

@@ -325,9 +325,9 @@ class _Parser:
             raise self.error(f"{key} unit", None, advice)
         unit_ = unit(name)
         if unit_ is None:
-            near, advice = near_units(name), note("expect.known-unit", near=near_units(name) or all_units())
+            near, advice = near_units(name), note("expect.listed-unit", near=near_units(name) or all_units())
             if measures:
-                code = "expect.known-unit-of" if near else "expect.measures"
+                code = "expect.listed-unit-of" if near else "expect.measures"
                 advice = note(code, near=near, measures=measures, valid=units_of(measures))
             raise self.error(f"{key} unit", name, advice)
         if unit_.measures == "raw" and "scale" not in spec:

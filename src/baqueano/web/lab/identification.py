@@ -283,7 +283,7 @@ class DriveIdentification:
             "path": free.short, "label": label_of(free).to_json(),
             "unit": "" if free.unit == "1" else free.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
             "guess": float(self._drive_information.nominal[self._drive_information.unknowns.names.index(free.path)]),
-            "needs": note("known.needs", motion=free.shown_by).to_json() if is_missing else None,
+            "needs": note("parameter.needs", motion=free.shown_by).to_json() if is_missing else None,
         }  # fmt: skip
 
     def _fit_json(self, drive_fit: FitOfDrive) -> "JsonObject":
@@ -320,9 +320,9 @@ class DriveIdentification:
 def label_of(parameter: FreeParameter) -> Diagnostic:
     """Return the name of a parameter as a diagnostic to show to people."""
     if parameter.label:
-        return note("known.label", meaning=parameter.label, entry="")
+        return note("parameter.label", meaning=parameter.label, entry="")
     entry = f" [{', '.join(map(str, parameter.entry))}]" if parameter.entry else ""
-    return note("known.label", meaning=parameter.definition.meaning, entry=entry)
+    return note("parameter.label", meaning=parameter.definition.meaning, entry=entry)
 
 
 def _rounded_list(sd: np.ndarray) -> list[float]:

@@ -118,6 +118,6 @@ TEMPLATES: dict[str, str] = {
     "outside.threads": "a block runs only when the loop calls step(), once per tick",
     "outside.starts": "a block cannot start other programs",
     "outside.prints": "a block cannot print; put the value into its output",
-    "outside.asks": "a block cannot ask the user",
+    "outside.input": "a block cannot ask the user",
     "outside.state": "keep memory in the state",
 }

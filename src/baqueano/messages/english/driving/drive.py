@@ -99,7 +99,7 @@ TEMPLATES: dict[str, str] = {
         "step {number} of the drive is {value}: expected a time above 0 s and {commands} finite numbers."
     ),
     "drive.no-steps": "the list of steps is empty: give at least one (seconds, command).",
-    "drive.says-failed": "diagnostic() of the {role} failed: {error}. It is not called again in this drive.",
+    "drive.diagnostic-failed": "diagnostic() of the {role} failed: {error}. It is not called again in this drive.",
     "mpc.no-solver": "osqp is not installed, and the controller mpc needs its solver. Type: {fix}",
     "mpc.old-plan": (
         "The solver of mpc did not find a command in time. The plan of the previous tick continues, for at "

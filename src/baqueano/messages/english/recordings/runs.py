@@ -120,7 +120,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "map.no-tomlkit": "Writing a map needs tomlkit, which keeps its comments. Type: {fix}",
     "map.not-toml": "{path} is not valid TOML: {error}. Correct that line.",
-    "route.closed-unsaid": (
+    "route.closed-missing": (
         "{path}: it is unclear whether the route is closed. Write as its first line # closed = true, or # closed = "
         "false"
     ),

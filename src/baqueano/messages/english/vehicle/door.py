@@ -47,10 +47,10 @@ TEMPLATES: dict[str, str] = {
     "remote.no-sockets": (
         "{path}: this system does not support file sockets. Name the vehicle by its host name."
     ),
-    "remote.stop-not-heard": (
+    "remote.stop-unconfirmed": (
         "{host} did not confirm the stop. Type the command again, or use the switch of the vehicle."
     ),
-    "remote.stop-not-seen": (
+    "remote.stop-not-reached": (
         "{host} confirmed the stop, but did not reach the state STOPPED within {within_s:g} s: "
         "its last state was {state}. A drive in preparation ends before the vehicle moves. Look "
         "at the vehicle, then type: baqueano robot status {host}"

@@ -11,7 +11,7 @@ TEMPLATES: dict[str, str] = {
         "make demo there, and .venv/bin/baqueano"
     ),
     "emulated.no-packages": "--robot emulated: the emulator needs Debian packages. Type: {fix}",
-    "bus.pinctrl-said": "pinctrl get {pins} answered {value}: expected one line per pin.",
+    "bus.pinctrl-answer": "pinctrl get {pins} answered {value}: expected one line per pin.",
     "bus.pinctrl-refused": "pinctrl set {pin} {options} answered: {reply}",
     "bus.not-given-back": "GPIO 2 and 3 could not be set back to I2C mode{because}. Type: {fix}",
     "bus.too-late": "{command} did not finish within {all_s:g} s. Type: {fix}",
@@ -187,7 +187,7 @@ TEMPLATES: dict[str, str] = {
     "calibrate.not-still": (
         "{what:word}: the vehicle moved during {within_s:g} s. Put it down, do not touch it, and try again."
     ),
-    "calibrate.not-felt": (
+    "calibrate.no-motion": (
         "{what:word}: the IMU did not measure this motion within {within_s:g} s. Type the same line again."
     ),
     "calibrate.turned-right": (

@@ -65,7 +65,7 @@ TEMPLATES: dict[str, str] = {
     "service.unforeseen": "{error}",
     "calibration.stopped": "the calibration was stopped: {cause}.",
     "hardware.note": "{words}",
-    "imu.found": "the IMU answers now",
+    "imu.answers": "the IMU answers now",
     "imu.held": (
         "The I2C bus is stuck low. While the vehicle is at rest, nine clock pulses are sent on SCL as a "
         "GPIO. They free the bus from a chip in the middle of a byte. If that does not help, disconnect "
@@ -90,7 +90,7 @@ TEMPLATES: dict[str, str] = {
         "The IMU did not store its settings: it answers {value}, expected {expected}. Disconnect its supply for a "
         "second."
     ),
-    "imu.bus-cannot-be-asked": f"{{path}} is stuck low, so no device can answer. {{cause}}. {IMU_RESET_ADVICE}",
+    "imu.bus-unusable": f"{{path}} is stuck low, so no device can answer. {{cause}}. {IMU_RESET_ADVICE}",
     "bus.scl-held": "SCL (GPIO 3) is stuck low, so clock pulses cannot free the bus.",
     "bus.scl-held-later": (
         "SCL (GPIO 3) is stuck low after {clocks} clock pulses, so more pulses cannot be sent."
