@@ -115,7 +115,7 @@ class Slot(NamedTuple):
     ----------
     has : float
         1.0 if a measurement arrived since the previous tick, else 0.0.
-    z : ndarray (m,)
+    z : ndarray (m,) [SI]
         The measurement, in the SI units of the sensor.
     age_s : float
         Age of its timestamp at the tick.
@@ -166,11 +166,11 @@ class Estimate(NamedTuple):
         Pose in the map.
     nu : ndarray (3,) [m/s, m/s, rad/s]
         Velocity in the body frame.
-    cov : ndarray (6, 6)
+    cov : ndarray (6, 6) [SI, squared]
         Covariance of (η, ν).
-    innovation : ndarray (m,), optional
+    innovation : ndarray (m,), optional [SI]
         z − h(μ̄); NaN for a sensor without a measurement; None if the estimator does not report it.
-    innovation_cov : ndarray (m, m), optional
+    innovation_cov : ndarray (m, m), optional [SI, squared]
         S = H Σ̄ Hᵀ + Q.
     weight : ndarray (m,), optional
         Weight of each innovation: 1 is the full weight, below ½ the channel is rejected; NaN without a measurement.

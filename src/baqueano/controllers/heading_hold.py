@@ -73,7 +73,7 @@ class HeadingHold:
         Controller whose commands are corrected.
     gains : Gains
         Gains of (1), from (3): `drive.by_hand.heading_gains` finds them for a vehicle file.
-    limit : float
+    limit : float [unit of u]
         Largest u_ψ; the correction is at most a quarter of it.
     speed_scale : float
         Bound of the correction, as a ratio to |u_x|.

@@ -24,7 +24,7 @@ class Channel(NamedTuple):
         Times of measurement, int64.
     arrival_ns : ndarray (M,)
         Times at which the loop received the measurements, int64; they never decrease.
-    z : ndarray (M, m)
+    z : ndarray (M, m) [SI]
         Measurements, in the sensor's units (SI).
 
     Examples
@@ -49,11 +49,11 @@ class EstimateLog(NamedTuple):
         Poses in the map.
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
-    cov : ndarray (N, 6, 6)
+    cov : ndarray (N, 6, 6) [SI, squared]
         Covariances of (η, ν).
-    innovation : ndarray (N, m), optional
+    innovation : ndarray (N, m), optional [SI]
         Innovations; NaN if no measurement arrived, None if the estimator does not report them.
-    innovation_cov : ndarray (N, m, m), optional
+    innovation_cov : ndarray (N, m, m), optional [SI, squared]
         Covariances of the innovations.
 
     Examples
