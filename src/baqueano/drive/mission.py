@@ -91,8 +91,8 @@ class Mission:
 
     def with_usual_rest(self, vehicle_file: VehicleFile) -> "Mission":
         """Return the mission with its rest in seconds; only a drive along a route has a rest."""
-        usual_s = with_usual_rest({"rest_s": self.rest_s}, vehicle_file.sensors)["rest_s"]
-        return replace(self, rest_s=0.0 if self.route is None else usual_s)
+        default_rest_s = with_usual_rest({"rest_s": self.rest_s}, vehicle_file.sensors)["rest_s"]
+        return replace(self, rest_s=0.0 if self.route is None else default_rest_s)
 
     @classmethod
     def from_json(cls, text: str) -> "Mission":
@@ -173,8 +173,8 @@ def perform(
             options = {"rest_s": mission.rest_s} | options
             return drive_with_driver(vehicle_file, driver, mission.hold, mission.kind, **options)
     assert mission.route is not None
-    care = Precautions.from_json(mission.precautions)
-    arguments = {field.name: getattr(care, field.name) for field in fields(care)}
+    precautions = Precautions.from_json(mission.precautions)
+    arguments = {field.name: getattr(precautions, field.name) for field in fields(precautions)}
     arguments |= {"rest_s": mission.rest_s} | ({"eta": np.array(mission.start)} if mission.start else {})
     return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(arguments | options))
 

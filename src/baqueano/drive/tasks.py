@@ -253,17 +253,17 @@ def repeat(
     """
     if laps < 0 or (laps == 0 and not ENDS & options.keys()):
         raise UsageError(fault("drive.laps", value=laps))
-    care, options = Precautions.split_options(options)
+    precautions, options = Precautions.split_options(options)
     options = with_usual_rest({"eta": route.eta[0], "backend": "auto"} | options, vehicle_file.sensors)
-    if care.check:
+    if precautions.check:
         is_of_garage = vehicle_file.path is None and options.get("world") is None
         conditions = {"measured": is_of_garage or not vehicle_file.is_guess, "backend": options["backend"]}
-        warnings_of(route, vehicle_file, care.room, anyway=care.anyway, **conditions)
+        warnings_of(route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions)
     leader, follower = with_laps(vehicle_file.guide(route, guide), laps), vehicle_file.controller(controller)
     blocks = Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
     start = Conditions(eta=options["eta"]).start
-    full_guide = care.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
-    options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
+    full_guide = precautions.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
+    options["observers"] = (*precautions.observers(vehicle_file, route), *options.get("observers", ()))
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
 
 

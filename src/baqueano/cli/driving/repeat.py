@@ -105,12 +105,12 @@ def command(
         taught_route = fastest_route(taught_route, route, vehicle_file, backend)
     walled_room = room_of_options(vehicle_file, room, start)
     check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
-    care = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
+    precautions = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
     own_kinds = {"estimator": estimator, "controller": controller, "guide": guide}
     own_kinds = {role: options.block_kind(vehicle_file, role, kind) for role, kind in own_kinds.items()}
     mission = Mission(
         "repeat", route=taught_route, laps=laps, blocks={role: k for role, k in own_kinds.items() if k is not None},
-        start=start_pose_of(taught_route, stand), rest_s=rest_s, precautions=care.to_json(),
+        start=start_pose_of(taught_route, stand), rest_s=rest_s, precautions=precautions.to_json(),
     )  # fmt: skip
     with (
         live.live_page(shown, robot, vehicle_file, folder, pace) as watching,

@@ -63,7 +63,7 @@ TEMPLATES: dict[str, str] = {
     "speed.by-the-model": f"speed: obtained only from the model. {HELD_OUT}",
     "speed.too-short": (
         "speed: {runs} is too short to test the accelerometers ({pieces} of {least} segments of "
-        "{block_s:g} s). The vehicle file keeps its choice."
+        "{block_s:g} s). The setting in the vehicle file does not change."
     ),
     "speed.corrected": f"speed: corrected by {{channels}}; {ERROR_RATIO_TEXT}",
     "speed.left": f"speed: obtained only from the model. With {{channels}}, the best choice, {ERROR_RATIO_TEXT}",

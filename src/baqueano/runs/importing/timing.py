@@ -228,9 +228,9 @@ def _check_steps(
     m: "ColumnMap",
     findings: list[ImportFinding],
 ) -> None:
-    usual_s = float(np.median(step_s))
-    if not MIN_STEP_S <= usual_s <= MAX_STEP_S:
-        fitting_units = _units_that_fit(usual_s, len(table.lines), spec)
+    median_step_s = float(np.median(step_s))
+    if not MIN_STEP_S <= median_step_s <= MAX_STEP_S:
+        fitting_units = _units_that_fit(median_step_s, len(table.lines), spec)
         cure = note("import.time-unit", in_unit=fitting_units[0]) if fitting_units else note("import.time")
         raise FileError(
             fault(
@@ -238,19 +238,19 @@ def _check_steps(
                 table=table.label,
                 in_unit=spec.time_unit,
                 column=spec.time,
-                step_s=usual_s,
+                step_s=median_step_s,
                 file=spec.name,
                 map=m.path.name,
                 cure=cure,
             )
         )
-    if spec.name == m.ticks and not MIN_USUAL_STEP_S <= usual_s <= MAX_USUAL_STEP_S:
-        findings.append(_rate_of_ticks(table, usual_s, spec))
-    gaps = np.flatnonzero(step_s > GAP_STEPS * usual_s)
+    if spec.name == m.ticks and not MIN_USUAL_STEP_S <= median_step_s <= MAX_USUAL_STEP_S:
+        findings.append(_rate_of_ticks(table, median_step_s, spec))
+    gaps = np.flatnonzero(step_s > GAP_STEPS * median_step_s)
     for i in gaps[:20]:
         jump = step_s[i] > MIN_CLOCK_JUMP_S
         reason = note(
-            "recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual_s
+            "recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=median_step_s
         )
         findings.append(
             ImportFinding(
@@ -262,29 +262,31 @@ def _check_steps(
         findings.append(ImportFinding("gap", "warning", int(t_ns[gaps[20]]), reason))
 
 
-def _rate_of_ticks(table: LogTable, usual_s: float, spec: "FileSpec") -> ImportFinding:
+def _rate_of_ticks(table: LogTable, median_step_s: float, spec: "FileSpec") -> ImportFinding:
     """Return the finding about an unusual tick rate: an error if the ticks are too fast, a warning if they are slow."""
     reason = note(
         "recording.tick-lasts",
         table=table.label,
         unit_read=spec.time_unit,
-        tick_s=usual_s,
-        rate_hz=1.0 / usual_s,
+        tick_s=median_step_s,
+        rate_hz=1.0 / median_step_s,
     )
-    fitting_units = _units_that_fit(usual_s, len(table.lines), spec)
+    fitting_units = _units_that_fit(median_step_s, len(table.lines), spec)
     line = (
         note("recording.write-time-unit", in_unit=fitting_units[0], file=spec.name) if fitting_units else None
     )
     return ImportFinding(
-        "time unit", "error" if usual_s < MIN_USUAL_STEP_S else "warning", None, reason, line
+        "time unit", "error" if median_step_s < MIN_USUAL_STEP_S else "warning", None, reason, line
     )
 
 
 def _units_that_fit(usual: float, row_count: int, spec: "FileSpec") -> list[str]:
     """Return the other time units with a plausible step and length, the most likely unit first."""
     file_unit = unit(spec.time_unit)
-    usual_s = usual / (file_unit.si_factor if file_unit else 1.0)
-    steps = {name: usual_s * unit_.si_factor for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))}
+    median_step_s = usual / (file_unit.si_factor if file_unit else 1.0)
+    steps = {
+        name: median_step_s * unit_.si_factor for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))
+    }
     fitting_units = [
         name for name, step in steps.items() if 1e-3 <= step <= MAX_STEP_S and name != spec.time_unit
     ]
