@@ -64,7 +64,7 @@ def plan_statements(
     The leaves `changing_terms` vary from tick to tick; terms of `roots` that do not depend on them are before the loop.
     """
     roots = list(roots)
-    moving_terms = _moving_terms(roots, changing_terms)
+    moving_terms = _moving_terms(postorder(roots, lambda _: False), changing_terms)
     loop = scheduled_statements(
         roots, lambda term: term not in moving_terms or term.op in LEAF_OPERATORS, branches
     )
@@ -85,8 +85,8 @@ def with_reciprocals(program: Program, uses: int, divisors: Container[Node] = ()
     graph = program.graph
     groups = (program.next_carry, program.outputs)
     roots = [root for group in groups for root in group]
-    moving_nodes = _moving_terms(roots, {*program.carry, *program.inputs})
     order = postorder(roots, lambda _: False)
+    moving_nodes = _moving_terms(order, {*program.carry, *program.inputs})
     step_divisors = _step_divisors(order)
     divisor_counts = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
     replacements: dict[Node, Node] = {}
@@ -157,28 +157,35 @@ def flat_statements(statements: Iterable[Statement]) -> Iterator[Term]:
 
 def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
     """Return all terms below the roots, arguments before users; given terms and all terms below these are excluded."""
-    visited_terms: set[Term] = set()
-    order = []
+    done: set[Term] = set()  # terms in the order, and given terms
+    order: list[Term] = []
     for root in roots:
-        stack = [root]
+        stack = [] if root in done or is_given(root) else [root]
         while stack:
             term = stack[-1]
-            if term in visited_terms or is_given(term):
-                stack.pop()
-                continue
-            pending = [a for a in term.args if a not in visited_terms and not is_given(a)]
+            pending = []
+            for a in term.args:
+                if a not in done:
+                    if is_given(a):
+                        done.add(a)
+                    else:
+                        pending.append(a)
             if pending:
-                stack += reversed(pending)
-            else:
-                visited_terms.add(term)
+                pending.reverse()
+                stack += pending
+                continue
+            stack.pop()
+            if term not in done:
+                done.add(term)
                 order.append(term)
     return order
 
 
-def _moving_terms(roots: Iterable[Term], changing_terms: Container[Term]) -> set[Term]:
+def _moving_terms(order: Iterable[Term], changing_terms: Container[Term]) -> set[Term]:
+    """Return the terms of a postorder that depend on `changing_terms`."""
     terms: set[Term] = set()
-    for term in postorder(roots, lambda _: False):
-        if term in changing_terms or any(a in terms for a in term.args):
+    for term in order:
+        if term in changing_terms or not terms.isdisjoint(term.args):
             terms.add(term)
     return terms
 
@@ -226,10 +233,11 @@ class _Region:
 
     def meet(self, other: "_Region") -> "_Region":
         """Return the innermost region that contains this region and the other."""
-        if other is self:
-            return self
-        holders = set(other.outwards())
-        return next(region for region in self.outwards() if region in holders)
+        a, b = self, other
+        while a is not b:
+            a, b = (b, a) if a.depth < b.depth else (a, b)
+            a = a.parent or a
+        return a
 
 
 @dataclass(eq=False, slots=True)

@@ -5,7 +5,7 @@ trace and is deleted with it. Truth values are the numbers 0 and 1.
 """
 
 from collections.abc import Hashable, Iterable, Mapping
-from operator import is_not
+from operator import attrgetter, is_not
 from threading import RLock
 
 import numpy as np
@@ -135,4 +135,4 @@ def nodes_below(roots: Iterable[Node]) -> list[Node]:
         if node not in nodes:
             nodes.add(node)
             stack += node.args
-    return sorted(nodes, key=lambda node: node.index)
+    return sorted(nodes, key=attrgetter("index"))
