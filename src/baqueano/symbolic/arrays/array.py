@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays import linalg
-from baqueano.symbolic.arrays.elementwise import UFUNCS, WHERE, elementwise
+from baqueano.symbolic.arrays.elementwise import TRACED_UFUNCS, UFUNCS, WHERE, elementwise
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, untraceable
 
@@ -123,6 +123,11 @@ def as_fillable(x: Value) -> Value:
 
 def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
     """Return the result of an operator or elementwise function of NumPy. Raise TraceError for an unknown function."""
+    if not kwargs and method == "__call__" and ufunc in TRACED_UFUNCS and any(map(has_scalars, inputs)):
+        result = as_traced(TRACED_UFUNCS[ufunc](*map(as_array, inputs)))
+        if ufunc is np.subtract:
+            linalg.remember_complement(result, *inputs)
+        return result
     target = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
         result = as_fillable(getattr(ufunc, method)(*map(as_plain_array, inputs), **kwargs))
@@ -132,9 +137,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
         names = ", ".join(sorted(UFUNCS))
         raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, valid=names)
     else:
-        options = {}
-        if kwargs:
-            options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
+        options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:
             options["axis"] = kwargs["axis"]
         result = as_traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))

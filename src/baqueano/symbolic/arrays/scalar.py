@@ -158,9 +158,9 @@ class Scalar:
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
         infix = _INFIX_OPERATORS.get(ufunc)
         if infix is not None and method == "__call__" and not kwargs:  # of an element of an array of floats
-            a, b = (x.item() if isinstance(x, np.floating) else x for x in inputs)
-            if isinstance(a, float | Scalar) and isinstance(b, float | Scalar):
-                return infix(a, b)
+            a, b = inputs
+            if type(a) is np.float64 or type(b) is np.float64:
+                return infix(*[x.item() if type(x) is np.float64 else x for x in inputs])
         from baqueano.symbolic.arrays.array import ufunc_on
 
         return ufunc_on(ufunc, method, inputs, kwargs)
