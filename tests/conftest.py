@@ -24,6 +24,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Generator
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -101,11 +102,18 @@ if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@cache
+def places_of(path: Path) -> frozenset[str]:
+    """Return the file of a test and the folders that contain it, relative to tests/."""
+    if not path.is_relative_to(HERE):
+        return frozenset()
+    file = path.relative_to(HERE)
+    return frozenset(part.as_posix() for part in (file, *file.parents))
+
+
 def is_in(path: Path, places: set[str]) -> bool:
     """Return True for a test in one of these files and folders."""
-    return path.is_relative_to(HERE) and not places.isdisjoint(
-        {path.relative_to(HERE).as_posix(), *(part.as_posix() for part in path.relative_to(HERE).parents)}
-    )
+    return not places.isdisjoint(places_of(path))
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -18,6 +18,7 @@ from baqueano.messages.printable import baqueano_command
 SOURCE = Path(package.__file__).parent
 WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # a command line within a sentence
 LINE = re.compile(rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b(?: [a-z-]+(?=[ ,.;:)]|$))?(?: (?:{WORD}))*)")
+ADVICE = re.compile(rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b[^.\n]*(?:\.toml[^.\n]*)?)")
 OPEN = "1"  # replaces a word that is known only at run time
 
 
@@ -36,22 +37,23 @@ def of_call(node):
 
 
 def verb_of(node):
-    """Return True if a call of baqueano_command(…) begins with a known command."""
-    return bool(node.args) and isinstance(node.args[0], ast.Constant)
+    """Return True for a call of baqueano_command(…) that begins with a known command."""
+    is_line = isinstance(node.func, ast.Name) and node.func.id == "baqueano_command"
+    return is_line and bool(node.args) and isinstance(node.args[0], ast.Constant)
 
 
 def advised():
     """Yield each advised command line, in each way to read its words, with its file and line."""
     for path in sorted(SOURCE.rglob("*.py")):
-        place = path.relative_to(SOURCE)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "baqueano_command" and verb_of(node):
+        place, source = path.relative_to(SOURCE), path.read_text(encoding="utf-8")
+        if "baqueano_command" not in source and "baqueano " not in source:
+            continue
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Call) and verb_of(node):
                 yield f"{place}:{node.lineno}", list(of_call(node))
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                command = re.fullmatch(
-                    rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b[^.]*(?:\.toml[^.]*)?)", node.value
-                )
-                if command and "\n" not in node.value:
+                command = ADVICE.fullmatch(node.value)
+                if command:
                     yield f"{place}:{node.lineno}", [command[1].split()]
     for code, template in templates().items():
         for line in LINE.findall(template):
