@@ -2,7 +2,6 @@
 
 import warnings
 
-import distributed
 import pytest
 
 import baqueano as bq
@@ -22,6 +21,8 @@ def test_a_missing_cluster_library_is_reported_with_the_install_command(monkeypa
 
 @pytest.fixture(scope="module")
 def address():
+    import distributed  # slowly: not at the import of the tests
+
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the library closes its event loops with a delay
