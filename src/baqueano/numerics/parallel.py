@@ -65,8 +65,8 @@ def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.
 
 
 def dot(x: np.ndarray, y: np.ndarray) -> float:
-    """Return Σ x y of two rows (n,). For long rows, `x @ y` starts the threads of NumPy's library, which wait for each
-    other longer than one core computes."""
+    """Return Σ x y of two rows (n,). For more than 10,000 entries (of a matrix times a row, too), `@` starts the
+    threads of NumPy's library, which wait for each other longer than one core computes."""
     return float(np.einsum("i,i->", x, y))
 
 

@@ -38,6 +38,7 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     gyro_columns,
     term_columns,
 )
+from baqueano.identify.parallel import dot
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.statistics import MAD, white_std
@@ -258,7 +259,7 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
     """Return a message if the residuals are autocorrelated and large.  (1), (2)"""
     clipped_residuals = [np.clip(x, -3.0, 3.0) for x in r]
     count = sum(max(0, len(x) - 1) for x in clipped_residuals)
-    gamma = sum(float(x[1:] @ x[:-1]) for x in clipped_residuals) / max(count, 1)
+    gamma = sum(dot(x[1:], x[:-1]) for x in clipped_residuals) / max(count, 1)
     prediction_std = float(np.std(np.concatenate(h)))
     if not gamma > 5.0 / np.sqrt(max(count, 1)):
         return []

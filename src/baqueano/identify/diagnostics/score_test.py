@@ -24,7 +24,7 @@ import numpy as np
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.least_squares import minimise
 from baqueano.numerics.normal_equations import Evaluation, pseudo_inverse
-from baqueano.numerics.parallel import cache_slices
+from baqueano.numerics.parallel import cache_slices, inner
 from baqueano.numerics.statistics import HUBER
 
 MAX_BLOCKS = 60
@@ -125,6 +125,8 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return x y for x (a, n) and y (n,) or (n, b), computed in parts of the n measurements that fit in the cache."""
+    if y.ndim == 1:
+        return np.einsum("an,n->a", x, y)
     out = np.zeros((len(x), *y.shape[1:]))
     for rows in cache_slices(len(y), out.size):
         out += x[:, rows] @ y[rows]
@@ -177,7 +179,7 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
     with np.errstate(invalid="ignore", over="ignore"):
         for rows in cache_slices(D.shape[1], products.size):
             columns = D.T[rows]
-            energy += fit.w[rows] @ (columns * columns)
+            energy += np.einsum("n,nk->k", fit.w[rows], columns * columns)
             products += fit.weighted[:, rows] @ columns
         of_nuisances = [_product(D[:, own.columns], own.weighted.T) for own in fit.nuisances]
     return _ScoreSums(energy, products[-1], products[:-1].T, of_nuisances)
@@ -237,7 +239,7 @@ def _sums_by_part(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks:
     x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
     sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
     for total, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
-        np.matmul(x[a:b].T, y[a:b], out=total)
+        total[...] = inner(x[a:b], y[a:b])
     return (part_masks[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
 
 
