@@ -23,7 +23,6 @@ from baqueano.errors import error_text, from_outside
 from baqueano.messages.language import translate as _
 from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
-from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicles.bounds import check_bounds
 
 MAX_SQUARABLE_M_S = 1e150  # the square of a larger estimated speed overflows
@@ -221,7 +220,7 @@ def with_guarded_parts(role: str, block: Tree, command_count: int, compiled_too:
     guarded_parts = {
         name: guard_block(role, part, command_count)
         for name, part in _parts(block).items()
-        if compiled_too or not isinstance(part, CompiledBlock)
+        if compiled_too or not optional.attribute(part, "is_compiled")
     }
     return replace(block, **guarded_parts) if guarded_parts else block
 

@@ -38,6 +38,7 @@ DEFAULTS: dict[str, object] = {
     "entry_state": None,  # the state of a guide whose vehicle joins the route at a later time of the route
     "set_pace": None,  # sets the pace that the operator requests during a drive
     # of any block
+    "is_compiled": False,  # True if a step always returns the classes and shapes of its first step
     "as_written": False,  # True if the step uses a person, a clock or a library: it is never compiled
     "goes_around": (),  # names of the fields of inner blocks, and of their states in its state
     "diagnostic": None,  # state → the Diagnostic of this tick for the run, or None; default: always None

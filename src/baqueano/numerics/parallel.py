@@ -65,8 +65,8 @@ def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.
 
 
 def dot(x: np.ndarray, y: np.ndarray) -> float:
-    """Return Σ x y of two rows (n,) on one core. For more than 10,000 entries `@` starts the threads of NumPy's library,
-    and these threads wait for each other. The same is true for a matrix times a row."""
+    """Return Σ x y of two rows (n,) on one core. For more than 10,000 entries `@` starts the threads of NumPy's
+    library, which then wait for each other. The same is true for a matrix times a row."""
     return float(np.einsum("i,i->", x, y))
 
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import fields, is_dataclass
 from functools import cache
 from threading import Lock
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -223,6 +223,8 @@ def _simplified_for_zeros(
 
 class CompiledBlock:
     """A block whose step is compiled at its first call, for each shape of its arguments."""
+
+    is_compiled: ClassVar[bool] = True
 
     def __init__(self, block: Tree, backend: str = "auto") -> None:
         self.block = block
