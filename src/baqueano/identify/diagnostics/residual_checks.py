@@ -38,9 +38,9 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     gyro_columns,
     term_columns,
 )
-from baqueano.identify.parallel import dot
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.parallel import dot
 from baqueano.numerics.statistics import MAD, white_std
 
 # quantiles of Student's t for a probability of 1.25e-5 on each side: (degrees of freedom, t)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic
+from baqueano.numerics.parallel import dot
 from baqueano.numerics.statistics import MAD
 from baqueano.runs.maps.units import UNITS, unit
 
@@ -94,7 +95,7 @@ def channel_regression(z: np.ndarray, h: np.ndarray) -> ChannelRegression:
         return ChannelRegression()
     z, h = z[is_known], h[is_known]
     z, h = z - np.mean(z), h - np.mean(h)
-    zz, hh, zh = _dot(z, z), _dot(h, h), _dot(z, h)
+    zz, hh, zh = dot(z, z), dot(h, h), dot(z, h)
     if not 0.0 < zz * hh < np.inf:
         return ChannelRegression()
     a = max(0.0, _autocorrelation(z - zh / hh * h, ROUNDING_VARIANCE * zz) * _autocorrelation(h))
@@ -108,12 +109,8 @@ def channel_regressions(z: np.ndarray, h: np.ndarray) -> list[list[ChannelRegres
 
 def _autocorrelation(x: np.ndarray, min_lag_share: float = 0.0) -> float:
     """Return the lag-1 autocorrelation of x (N,); 0 if the power xᵀx is at most `min_lag_share`."""
-    power = _dot(x, x)
-    return _dot(x[1:], x[:-1]) / power if power > min_lag_share else 0.0
-
-
-def _dot(x: np.ndarray, y: np.ndarray) -> float:
-    return float(np.einsum("i,i->", x, y))  # on one core, see identify.parallel.dot
+    power = dot(x, x)
+    return dot(x[1:], x[:-1]) / power if power > min_lag_share else 0.0
 
 
 def signal_map(z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel]) -> list[Hypothesis]:
