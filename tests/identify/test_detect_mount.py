@@ -77,6 +77,7 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     )
     findings = gains.gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
     assert [finding.code for finding in findings] == ["file.swapped"]
+    assert {"expected", "value"} <= findings[0].figures.keys()  # fields of its template
 
 
 def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
