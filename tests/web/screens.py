@@ -23,6 +23,12 @@ PAGE = "baqueano.page"
 READY = f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.link.up"
 REST_S = 0.25  # a canvas resizes at once, and the map moves gradually
 DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"
+RULES = """axe.run(document, { resultTypes: ["violations"] }).then(({ violations, passes }) => ({
+  passes: passes.length,
+  violations: violations.map(({ id, help, nodes }) =>
+    `${id}: ${help}: ${nodes.map((one) => one.html.slice(0, 160)).join(" | ")}`),
+}))"""
 
 
 def open_page(tab: Tab, server: ScriptedServer, language: str = "en", screen: str = "") -> Tab:
@@ -119,3 +125,10 @@ def shot(tab: Tab, *name: str) -> None:
         time.sleep(REST_S)
         Path(SHOTS).mkdir(parents=True, exist_ok=True)
         tab.shot(Path(SHOTS, f"{'-'.join(name)}.png"))
+
+
+def axe(tab: Tab) -> dict[str, Any]:
+    """Return {passes, violations} of the rules of axe-core on what a tab shows."""
+    if not tab.js("'axe' in window"):
+        tab.js(f"{AXE.read_text(encoding='utf-8')}\ntrue")
+    return tab.js(RULES)

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
-from tests.web.screens import BOXES, LIVE, PAGE, looked_at, open_page, shot, until
+from tests.web.screens import AXE, BOXES, LIVE, PAGE, axe, looked_at, open_page, shot, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 MESSAGE = (  # longer than most
@@ -58,7 +58,7 @@ def test_no_state_of_a_screen_has_a_layout_fault(tab, live):
         for size, theme in LOOKS:
             looked_at(tab, size, theme)
             shot(tab, "state", state, size, theme)
-            if problems := tab.js(BOXES):
+            if problems := [*tab.js(BOXES), *(axe(tab)["violations"] if AXE.is_file() else ())]:
                 wrong[f"{state} {size}"] = problems
         looked_at(tab, "laptop", "light")
     assert not wrong
