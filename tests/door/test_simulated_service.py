@@ -323,7 +323,7 @@ def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, fold
     }
     child.send(do="mission", door=VERSION, id="one", attended=False, **mission)
     ledger = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2)[-1]
-    assert ledger["rows"][1]["what"]["figures"]["unit"] == " rad/s"
+    assert ledger["rows"][1]["what"]["figures"]["unit"] == "rad/s"
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
     child.send(do="again", from_s=0.4)
     first = child.until(lambda m: m["is"] == "done")[-1]

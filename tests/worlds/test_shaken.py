@@ -131,7 +131,7 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
     faults_of_run = faults_in(events)
     assert [fault.kind for fault in faults_of_run] == ["drift", "tilt", "tilt", "push"]
     over = next(event for _, _, event in events if event.code == "shake.over")
-    assert over.figures["what"].figures["unit"] == " rad/s"
+    assert over.figures["what"].figures["unit"] == "rad/s"
     assert (faults_of_run[0].at_s, faults_of_run[0].for_s) == (0.5, pytest.approx(0.7))
     assert faults_of_run[1].for_s == pytest.approx(0.5)
     np.testing.assert_array_equal(drive_world(world(shake=faults_of_run)), rows)
@@ -141,7 +141,7 @@ def test_the_message_of_a_fault_of_a_channel_contains_its_unit():
     faults = ["0 s: drift imu[2] 0.1", "0.1 s: spikes imu[0] 5, 20 %"]
     run = experiment(FILE, np.zeros((20, 3)), shake=faults, backend="numpy")
     units = [e.diagnostic.figures["unit"] for e in run.events if e.source == SHAKE_SOURCE]
-    assert units == [" rad/s", " m/s²"]
+    assert units == ["rad/s", "m/s²"]
 
 
 def test_a_fault_free_simulation_is_identical_until_the_fault():

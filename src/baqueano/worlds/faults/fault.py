@@ -126,7 +126,7 @@ class Fault:
         if self.kind == "slip":
             figures["wheel"] = note(f"shake.wheel-{self.of}")
         if self.kind in CHANNEL_KINDS:
-            figures["unit"] = f" {unit}".rstrip()
+            figures["unit"] = unit
         figures["percent"] = 100.0 * self.part
         return note(f"shake.{self.kind}", subject=SOURCE, number=number, **self.to_json(), **figures)
 
