@@ -72,7 +72,8 @@ def test_an_imu_that_is_turned_on_its_mount_is_reported_with_its_key():
     small, key = load("small"), "sensors.imu.heading_rad"
     u = random_steps(small.command.limit, 15.0, 100.0, 3, hold_s=0.5)
     run = simulate(small.with_values({key: 0.06}), u, 3)
-    fit = identify(run, small, options=FitOptions(fixed=(key,)))
+    pushes = [f"+model.actuator_matrix[1,{j}]" for j in (0, 2)]
+    fit = identify(run, small, pushes, options=FitOptions(fixed=(key,)))
     assert f"--free +{key}" in {reason.fix for reason in fit.reasons}
     assert abs(identify(run, small).value(key) - 0.06) < 0.02
 
