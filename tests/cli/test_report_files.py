@@ -66,7 +66,7 @@ def test_a_command_writes_its_figures_without_a_page(baqueano, lab, tmp_path, li
 def test_a_study_writes_its_page_and_its_figures(baqueano, tmp_path, monkeypatch, study):
     path = draw(figures.paths({"truth": np.eye(2)}), "a path")
     page = Page("t", "", "", [], [Section("Path", "", [path])])
-    result = SimpleNamespace(fits=[None], rows=list, verdict="USABLE", stopped=False)
+    result = SimpleNamespace(fits=[None], rows=list, verdict="USABLE", is_interrupted=False)
     values = {
         "paper.case_study.case_study": result, "paper.case_study.simulate_seed": (None, None),
         "paper.dynamic_vs_kinematic.compare_models": (), "paper.page.page_of_paper": page,

@@ -34,7 +34,7 @@ def first(small):
 def test_an_unknown_vehicle_stays_near_its_start_and_its_wiring_is_identified(seed):
     drive = drive_one(seed)
     assert drive.margin_m > 0.3  # of the available 0.68 m
-    assert drive.named
+    assert drive.is_named
     assert drive.seconds < 120.0
 
 

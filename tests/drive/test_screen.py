@@ -45,7 +45,7 @@ def test_the_heading_control_line_fits_into_eighty_columns(language, hold):
 def test_the_second_display_overwrites_the_first():
     screen, status = Screen(), Status("robot")
     first = screen.frame(status_lines(status))
-    status.applied = np.array([0.3, 0.0, -1.0])
+    status.motor_command = np.array([0.3, 0.0, -1.0])
     screen_lines, at = terminal_screen(first + screen.frame(status_lines(status)))
     assert screen_lines[: len(status_lines(status))] == status_lines(status)
     assert at == len(status_lines(status))

@@ -8,7 +8,7 @@ import pytest
 from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import gains
-from baqueano.identify.parameters.free import default_free
+from baqueano.identify.parameters.free import default_free, free_parameters
 from baqueano.sensors import Wheels
 from baqueano.signals import sensor_slots
 from baqueano.simulate import simulate
@@ -105,3 +105,13 @@ def test_a_default_fit_frees_the_turn_of_an_imu_in_place_of_a_sideways_push_of_t
     assert turn not in default_free(robot, {"imu": [2]})  # a gyro does not show it
     assert push in default_free(with_value(robot, push, 0.1))  # the file states the push
     assert turn not in default_free(car)
+
+
+def test_a_default_fit_searches_the_turn_of_an_imu_near_its_value_only(small):
+    """A larger turn exchanges axes, and the message on a wrong mount names it."""
+    blocks, turn = FittedBlocks(small.vehicle, small.sensors), "sensors.imu.heading_rad"
+    ranges = [
+        next(p.high for p in free_parameters(blocks, free, (), {}) if p.path == turn)
+        for free in (None, [f"+{turn}"], [turn])
+    ]
+    assert ranges == [pytest.approx(0.35), 3.2, 3.2]

@@ -30,6 +30,7 @@ from baqueano.vehicles.rk4 import row_rate_hz
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
 SIDEWAYS = 1  # axis
+MAX_TURN_RAD = 0.35  # of a mount by hand; a larger one exchanges axes, and is named as a wrong mount
 NO_CHANNELS: Mapping[str, Sequence[int]] = {}  # all sensors are used with all their channels
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
 DELAY_PATH = "model.drivetrain.delay_s"
@@ -186,7 +187,10 @@ def free_parameters(
     free_paths = [p for p in dict.fromkeys(paths) if p not in fixed_paths]
     if not free_paths and paths:
         raise UsageError(fault("parameter.all-fixed"))
-    return [free_parameter(blocks, p, bounds) for p in free_paths]
+    explicit = [path.removeprefix("+") for path in free or ()]
+    mounts = [p for p in _mounts(blocks, channels) if p not in explicit]
+    near = {p: (value(blocks, p) - MAX_TURN_RAD, value(blocks, p) + MAX_TURN_RAD) for p in mounts}
+    return [free_parameter(blocks, p, {**near, **bounds}) for p in free_paths]
 
 
 def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
