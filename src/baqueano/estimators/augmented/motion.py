@@ -9,7 +9,7 @@
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
     K ν_x = (κ_v e + c κ_ψ) ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,  κ_v ~ N(0, σ₁²): no speed sensor   (8)
-    ∫ν = δ (ν + ν⁺)/2 − δ² (ν̇⁺ − ν̇)/12:   D adds δ² D/2 − δ² (f(ν⁺, e) − f(ν⁺ − δ D, e))/12             (9)
+    half of D before f and half after:   ν⁺ = δ D/2 + F(ν + δ D/2),   ∫ν −= δ² (f(ν⁺, e) − f(ν⁺ − δ D/2, e))/6   (9)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance; l: the origin ahead of the centre of turning. d̄ prevents
 that a model with an error in a whole bend turns the heading. docs/derivations/kalman.md derives (4) to (7) and (9).
@@ -76,13 +76,13 @@ def advance_mean(
     """Return the mean (n,) after a row; `heading_variance` [rad²] is the variance of the heading before it.  (2)-(4)"""
     vehicle, d, nu = estimator.vehicle, mean[6:SCALE_INDEX], mean[3:6]
     D = disturbance_acceleration(vehicle, d)
-    step, d_weight = (dt_s, 0.5 * dt_s**2) if is_dynamic(vehicle) else (1.0, dt_s)
-    eta, nu_next, nu_dot = vehicle.advance(mean[:3], nu, effort, dt_s)
-    nu_next, displacement = nu_next + step * D, d_weight * D
-    if is_dynamic(vehicle):
-        displacement = displacement - dt_s**2 / 12.0 * (
-            vehicle.nu_dot(nu_next, effort.last, eta[2]) - nu_dot
-        )  # (9)
+    if is_dynamic(vehicle):  # (9)
+        eta, nu_next, nu_dot = vehicle.advance(mean[:3], nu + 0.5 * dt_s * D, effort, dt_s)
+        nu_next = nu_next + 0.5 * dt_s * D
+        displacement = -(dt_s**2) / 6.0 * (vehicle.nu_dot(nu_next, effort.last, eta[2]) - nu_dot)
+    else:
+        eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
+        nu_next, displacement = nu_next + D, dt_s * D
     scale_displacement = dt_s * velocity_error(estimator, mean[SCALE_INDEX:BIAS_INDEX], 0.5 * (nu + nu_next))
     bend_loss = 0.5 * dt_s * mean[BEND_INDEX] * BEND_STD * heading_variance / (1.0 + 0.5 * heading_variance)
     scale_displacement = scale_displacement - bend_loss * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
