@@ -36,8 +36,9 @@ from tests.turns import turn
 
 HERE = Path(__file__).parent
 SLOW = {  # folders and files; except in symbolic/, their many short kernels are compiled quickly
-    "cli", "door", "drive", "emulated", "fuzz", "identify", "monitor", "report", "robot", "study", "sweep", "tune",
-    "web", "compare/test_comparison_of_runs.py", "compare/test_consistency.py", "compare/test_corridor.py",
+    "calibration", "cli", "design", "door", "drive", "emulated", "fuzz", "identify", "monitor", "report", "robot",
+    "selection", "study", "sweep", "tune", "validation", "web",
+    "compare/test_comparison_of_runs.py", "compare/test_consistency.py", "compare/test_corridor.py",
     "compare/test_evenness.py", "compare/test_laps.py", "controllers/test_model_following.py",
     "controllers/test_mpc.py", "estimators/test_augmented_ekf.py", "estimators/test_complementary.py",
     "estimators/test_dead_reckoning.py", "estimators/test_ekf_ages.py", "estimators/test_ekf_laws.py",
@@ -54,7 +55,8 @@ SLOW = {  # folders and files; except in symbolic/, their many short kernels are
 }  # fmt: skip
 
 LONG_RUNS = {  # whose kernels run long enough to be worth an optimisation
-    "identify", "study", "sweep", "tune", "estimators/test_ekf_pauses.py", "monitor/test_sound_sensors.py",
+    "calibration", "design", "identify", "selection", "study", "sweep", "tune", "validation",
+    "estimators/test_ekf_pauses.py", "monitor/test_sound_sensors.py",
 }  # fmt: skip
 
 POSIX = (
