@@ -36,7 +36,7 @@ CASES = {
         "block.unknown", {"similar": "planar", "value": "planr"}),
     "unknown sensor": ('kind = "imu"', 'kind = "imo"',
         "block.unknown", {"similar": "imu", "role": "sensor", "value": "imo"}),
-    "kind is no text": ('kind = "planar"', "kind = 3", "vehicle.kind-not-text", {"value": "3"}),
+    "kind is a number": ('kind = "planar"', "kind = 3", "vehicle.kind-not-text", {"value": "3"}),
     "kind is missing": ('[model]\nkind = "planar"\n', "[model]\n", "vehicle.no-kind", {}),
     "mass is missing": ("mass_kg = 0.61", "", "vehicle.model-lacks", {"keys": "mass_kg", "model": "Planar"}),
     "negative mass": ("mass_kg = 0.61", "mass_kg = -0.61",

@@ -176,14 +176,15 @@ class DeadReckoning:
         self, mean: np.ndarray, cov: np.ndarray, rest_s: Value, tick: Tick
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the state and its covariance after the gyro has measured its bias; unchanged if not at rest."""
-        for reading in self.readings[:1] if self.gyro_bias else ():
-            sensor, k = getattr(self.sensors, reading.name), reading.rows[0]
-            at_rest = (rest_s > MIN_REST_S) & np.all(np.abs(mean[3:6]) < MAX_REST_NU)
-            has = at_rest & has_measurement(sensor, getattr(tick.sensors, reading.name))
-            H, q = np.eye(9)[BIAS_INDEX][None], np.array([sensor.cov[k, k]])
-            update = correct(cov, mean[5:6], H, q, weight=lambda c, e, s: np.where(has, 1.0, 0.0))  # noqa: B023
-            mean, cov = boxplus(mean, update.move), update.cov
-        return mean, cov
+        if not self.gyro_bias:
+            return mean, cov
+        gyro = self.readings[0]
+        sensor, k = getattr(self.sensors, gyro.name), gyro.rows[0]
+        at_rest = (rest_s > MIN_REST_S) & np.all(np.abs(mean[3:6]) < MAX_REST_NU)
+        has = at_rest & has_measurement(sensor, getattr(tick.sensors, gyro.name))
+        H, q = np.eye(9)[BIAS_INDEX][None], np.array([sensor.cov[k, k]])
+        update = correct(cov, mean[5:6], H, q, weight=lambda c, e, s: np.where(has, 1.0, 0.0))
+        return boxplus(mean, update.move), update.cov
 
     def _reading_times(
         self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value

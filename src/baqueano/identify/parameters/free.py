@@ -4,7 +4,8 @@ A free parameter has the path of its entry, such as "model.actuator_matrix[0,2]"
 entries. Unit and bounds come from the field of the block; friction is never negative (errata 6). The role of a field
 (parameter.py) decides if it is free by default. By default, values are free that the equations need and that scale
 and tape cannot measure: friction and forces. Dry friction, dead zones and lag are free by default only if the file
-has them. A delay has the value in the file. If the user frees the delay, it is searched tick by tick (delay.py). The
+has them. A gain of 0 along an axis that no command drives stays fixed, and the mount of a sensor is free in its place
+(`_mounts`). A delay has the value in the file. If the user frees the delay, it is searched tick by tick (delay.py). The
 user can free every other value of a block. If it is off in the file (a lag of 0, a limit of infinity), it starts at a
 value with an effect (`enable_parameters`). Columns of a matrix whose command never moved cannot be identified:
 `frozen_columns` returns them.
