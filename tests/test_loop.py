@@ -80,7 +80,7 @@ def test_the_command_of_one_tick_acts_in_the_next_tick():
     records, _, _ = drive(duration_s=0.5)
     assert np.array_equal(records[0].tick.u, np.zeros(3))
     for now, after in pairwise(records):
-        assert np.array_equal(after.tick.u, now.command.u)
+        assert np.array_equal(after.tick.u, now.sent_command.u)
 
 
 @pytest.mark.parametrize("backend", ["auto", "python", "numpy"])
@@ -133,7 +133,7 @@ def test_during_imu_silence_the_estimate_uses_the_applied_commands():
     assert outcome.stop_reason is None
     silent = records[100:300]
     assert all(r.tick.sensors.imu.has == 0.0 for r in silent)
-    saturated = [np.any(np.abs(r.requested.u) > LIMIT + 1e-9) for r in silent]
+    saturated = [np.any(np.abs(r.requested_command.u) > LIMIT + 1e-9) for r in silent]
     assert np.mean(saturated) > 0.5
     # the estimator used the commands that the motors received
     for k, record in enumerate(records[1:]):
@@ -246,7 +246,7 @@ def test_rt3_a_failure_of_each_block_kind_stops_the_vehicle(room):
     assert outcome.stop_reason.figures["error"] == "RuntimeError: out of ideas"
     assert len(events) == 1
     assert len(records) == 101
-    assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
+    assert all(np.array_equal(r.sent_command.u, np.zeros(3)) for r in records)
     is_estimator = room == "estimator"
     assert np.isnan(records[-1].estimate.eta).all() == is_estimator
 
@@ -267,7 +267,7 @@ def test_a_block_that_ends_the_program_ends_only_its_drive(error, verb):
     assert outcome.stop_reason.figures["block"].startswith("guide Ends (")
     assert outcome.stop_reason.figures["error"] == error.__name__
     assert len(events) == 1
-    assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
+    assert all(np.array_equal(r.sent_command.u, np.zeros(3)) for r in records)
 
 
 def test_ctrl_c_inside_a_block_is_not_a_block_fault():
@@ -321,7 +321,7 @@ def test_after_a_supervisor_stop_one_more_second_is_recorded():
     stop = next(k for k, r in enumerate(records) if np.hypot(*r.estimate.nu[:2]) > 0.2)
     assert events == [(records[stop].tick.t_ns, outcome.stop_reason)]
     assert len(records) == stop + 101
-    assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records[stop:])
+    assert all(np.array_equal(r.sent_command.u, np.zeros(3)) for r in records[stop:])
     assert np.hypot(*records[-1].estimate.nu[:2]) < 0.1
 
 
@@ -388,4 +388,4 @@ def test_the_loop_can_be_written_in_eight_lines():
         world.write(command)
         commands.append(command.u)
     records, _, _ = drive(duration_s=1.0)
-    assert np.array_equal(commands, [r.command.u for r in records])
+    assert np.array_equal(commands, [r.sent_command.u for r in records])

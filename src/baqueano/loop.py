@@ -36,11 +36,11 @@ class States(NamedTuple):
 
 
 class Record(NamedTuple):
-    """The record of one tick. `tick.u` is the command in force before the tick, `command` the command after it."""
+    """The record of one tick. `tick.u` is the command in force before the tick, `sent_command` the command after it."""
 
     tick: Tick
-    requested: Command  # by the controller
-    command: Command  # by the supervisor, to the motors
+    requested_command: Command  # by the controller
+    sent_command: Command  # by the supervisor, to the motors
     estimate: Estimate
     reference: Reference
     sensor_findings: tuple[Finding, ...] = ()  # on sensors that have been wrong for a long time
@@ -125,7 +125,7 @@ def _records(
             blocks, states, record, reason = careful_step(blocks, states, tick)
             records.append((record, reason))
         if records:
-            world.write(records[-1][0].command)  # first act, then record
+            world.write(records[-1][0].sent_command)  # first act, then record
         yield from records
 
 

@@ -126,7 +126,7 @@ def test_a_noise_free_gyro_is_accepted(small):
 def test_a_run_with_commands_is_not_classified_as_turned_by_hand():
     run = by_hand_log()
     assert is_turned_by_hand(run)
-    assert not is_turned_by_hand(replace(run, applied=0.3 + run.applied))
+    assert not is_turned_by_hand(replace(run, applied_commands=0.3 + run.applied_commands))
 
 
 def test_a_fit_of_a_run_turned_by_hand_is_refused(small):

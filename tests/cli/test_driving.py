@@ -126,7 +126,7 @@ def terminal(tmp_path):
 
 def moving(run):
     """Return the times at which the motors ran [s]."""
-    return run.t_s[np.abs(run.applied[:, 0]) > 0.0]
+    return run.t_s[np.abs(run.applied_commands[:, 0]) > 0.0]
 
 
 def test_a_drive_by_keys_writes_a_run_and_restores_the_terminal(terminal, tmp_path):
@@ -144,8 +144,8 @@ def test_a_drive_by_keys_writes_a_run_and_restores_the_terminal(terminal, tmp_pa
     run = read_run(tmp_path / "run.mcap")
     assert stop_reason_of(run).code == StopReason.INTERRUPTED
     assert len(mark_times_ns(run)) == 1
-    assert np.max(run.applied[:, 0]) == pytest.approx(0.5)
-    assert run.applied[-1, 0] == 0.0
+    assert np.max(run.applied_commands[:, 0]) == pytest.approx(0.5)
+    assert run.applied_commands[-1, 0] == 0.0
     assert termios.tcgetattr(screen.slave) == screen.before
     screen.until(rb"(?s)\x1b\[<u.*\x1b\[\?25h|\x1b\[\?25h.*\x1b\[<u")  # its last output may still arrive
     assert screen.output.count(b"\x1b[>11u") == screen.output.count(b"\x1b[<u") == 1
@@ -171,7 +171,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     assert screen.ends() == 5
     run = read_run(tmp_path / "run.mcap")
     assert stop_reason_of(run).code == StopReason.TERMINAL_SILENT
-    assert run.applied[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
+    assert run.applied_commands[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
     assert len(moving(run)) > 50
     assert b"\x1b[?25h" in screen.output
 
@@ -185,7 +185,7 @@ def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(termin
     screen.ends()
     run = read_run(tmp_path / "run.mcap")
     assert stop_reason_of(run).code == StopReason.TERMINAL_CLOSED
-    assert run.applied[-1, 0] == 0.0
+    assert run.applied_commands[-1, 0] == 0.0
     assert len(moving(run)) > 0
 
 
@@ -202,8 +202,8 @@ def test_single_keys_drive_at_a_terminal_that_never_answers(terminal, tmp_path):
     run = read_run(tmp_path / "run.mcap")  # duration of the motion: tests/emulated/test_driving.py
     assert run.metadata["kind"] == "drive"
     assert len(moving(run)) > 0
-    assert np.max(run.applied[:, 0]) == pytest.approx(0.15)
-    assert run.applied[-1, 0] == 0.0
+    assert np.max(run.applied_commands[:, 0]) == pytest.approx(0.15)
+    assert run.applied_commands[-1, 0] == 0.0
 
 
 def test_the_space_bar_stops_the_vehicle(terminal, tmp_path):
@@ -283,7 +283,7 @@ def test_heading_control_is_enabled_by_default_and_can_be_disabled(terminal, tmp
         screen.until(pattern)
         screen.type(b"\x1b[113;1:1u")
         assert screen.ends() == 0
-        assert np.any(read_run(tmp_path / out).requested[:, 2]) == (not words)
+        assert np.any(read_run(tmp_path / out).requested_commands[:, 2]) == (not words)
 
 
 def test_the_heading_option_is_refused_without_driving_by_keys(baqueano):

@@ -248,7 +248,7 @@ def test_a_draft_without_commands_agrees_with_the_import(baqueano, tmp_path, hea
     end = baqueano("runs", "import", "log.toml", "log.csv", "-o", "log.mcap")
     assert end.code == code, end.reason
     if has_rest_text:
-        assert not read_run(tmp_path / "log.mcap").applied.any()
+        assert not read_run(tmp_path / "log.mcap").applied_commands.any()
     else:
         assert (end.reason.code, end.reason.figures["place"]) == ("map.missing", "command")
 
@@ -278,5 +278,5 @@ def test_a_recording_at_rest_needs_no_command(baqueano, tmp_path):
     (tmp_path / "rest.csv").write_text("time_ms,ax,gyro\n" + rows, encoding="utf-8")
     assert baqueano("runs", "import", "rest.toml", "rest.csv", "-o", "rest.mcap").code == 0
     run = read_run(tmp_path / "rest.mcap")
-    assert run.applied.shape[1] == 3
-    assert not run.applied.any()
+    assert run.applied_commands.shape[1] == 3
+    assert not run.applied_commands.any()

@@ -181,8 +181,8 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_complete(
     run = read_run(tmp_path / "runs" / "0001-repeat.mcap")
     assert run.notes == ()
     assert run.duration_s == pytest.approx(1.0, abs=0.05)  # the coasting is recorded
-    assert run.sent is not None
-    assert not run.sent[1:].any()
+    assert run.sent_commands is not None
+    assert not run.sent_commands[1:].any()
 
 
 def test_a_block_failure_after_one_second_loses_no_recorded_data(project, tmp_path):

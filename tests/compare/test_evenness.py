@@ -149,7 +149,7 @@ def a_run(at, u, vehicle_text, **extra):
     true = nu + np.array([0.02, 0.0, 0.0])
     velocity = nu + np.array([0.01, 0.0, 0.0])
     parts = {
-        "sent": u,
+        "sent_commands": u,
         "estimate": EstimateLog(t_ns, eta + 0.001, velocity, np.tile(1e-4 * np.eye(6), (len(at), 1, 1))),
         "reference": ReferenceLog(t_ns, eta, nu, (~driving).astype(float)),
         "truth": TruthLog(t_ns, eta, true, 0 * true),
@@ -209,7 +209,7 @@ def test_a_drive_without_a_guide_is_judged_only_by_its_commands():
 
 
 def test_without_sent_commands_the_applied_command_is_judged():
-    run = run_with(sent=None)
+    run = run_with(sent_commands=None)
     assert compare(run).rows()[0]["at_limit"] == 0.0
 
 

@@ -128,8 +128,8 @@ def test_the_garage_vehicle_drives_evenly(shape, perfect):
     evenness = speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
     assert evenness.error < 0.05
     assert evenness.uneven < 0.03
-    assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
-    assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
+    assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
+    assert sign_changes(run.t_ns, run.sent_commands[:, 0]) == 0.0
 
 
 def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
@@ -206,8 +206,8 @@ def test_the_vehicle_drives_evenly_around_the_corners_of_a_rectangle(law):
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(across) < 0.003
     assert speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.03
-    assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
-    assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
+    assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
+    assert sign_changes(run.t_ns, run.sent_commands[:, 0]) == 0.0
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -216,7 +216,7 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
     run = simulate_loop(car, circle(3.0, 0.8), perfect=True, controller=car.controller(law))
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(across) < 0.01
-    assert share_at_limit(run.sent, limits_of(car.text)) < 0.01  # the first tick
+    assert share_at_limit(run.sent_commands, limits_of(car.text)) < 0.01  # the first tick
 
 
 def test_the_regulator_gain_equals_the_riccati_solution_of_scipy():

@@ -120,7 +120,7 @@ def test_a_drive_by_hand_records_a_route(child, folder):
     done = child.until(lambda m: m["is"] == "done", {"do": "beat"})[-1]
     child.send(do="pace", factor=20.0)
     assert (done["code"], done["route"]) == (0, "by-hand")
-    assert read_run(folder / "runs" / done["run"]).applied[:, 0].max() > 0.3
+    assert read_run(folder / "runs" / done["run"]).applied_commands[:, 0].max() > 0.3
 
 
 def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
@@ -298,8 +298,8 @@ def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder
     again = read_run(folder / "runs" / done["run"])
     assert len(again.t_ns) == len(shaken_run.t_ns)
     for column in (
-        lambda run: run.truth.eta, lambda run: run.truth.nu, lambda run: run.applied, lambda run: run.sensors["imu"].z,
-        lambda run: run.estimate.eta, lambda run: run.estimate.cov,
+        lambda run: run.truth.eta, lambda run: run.truth.nu, lambda run: run.applied_commands,
+        lambda run: run.sensors["imu"].z, lambda run: run.estimate.eta, lambda run: run.estimate.cov,
     ):  # fmt: skip
         np.testing.assert_array_equal(column(again), column(shaken_run))  # bit for bit
     child.send(do="again", from_s=push["t_s"], without=[2])

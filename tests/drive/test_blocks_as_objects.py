@@ -91,8 +91,8 @@ def in_a_cell(name="<cell 1>"):
 def test_a_block_given_as_class_object_or_file_gives_the_same_drive():
     by_file = drive_with(controller=f"{__file__}:Push")
     for controller in (Push, Push()):
-        assert np.array_equal(drive_with(controller=controller).applied, by_file.applied)
-    assert not np.array_equal(drive_with(controller=Push(4.0)).applied, by_file.applied)
+        assert np.array_equal(drive_with(controller=controller).applied_commands, by_file.applied_commands)
+    assert not np.array_equal(drive_with(controller=Push(4.0)).applied_commands, by_file.applied_commands)
 
 
 def test_a_block_class_is_configured_by_the_vehicle_file():
@@ -111,7 +111,7 @@ def test_each_drive_function_accepts_classes_and_objects():
     run = drive_with(guide=Ahead, estimator="dead_reckoning", controller=Push)
     assert np.array_equal(run.reference.eta[0], ROUTE.eta[-1])
     replayed_run = replay(run, estimator="dead_reckoning", controller=Push())
-    assert np.array_equal(replayed_run.requested, run.requested)
+    assert np.array_equal(replayed_run.requested_commands, run.requested_commands)
     assert np.array_equal(replay(run, guide=Ahead, controller=Push).reference.eta[0], ROUTE.eta[-1])
 
 

@@ -59,7 +59,7 @@ def test_a_hanging_block_is_stopped_and_its_line_is_named():
     assert reason.figures["block"].startswith("controller Hangs (")
     assert "test_budget.py:" in reason.figures["block"]
     assert "longer than 100 ms" in reason.figures["error"]
-    assert np.all(run.applied[-20:] == 0.0)
+    assert np.all(run.applied_commands[-20:] == 0.0)
 
 
 def test_an_external_stop_reason_is_latched_and_logged():
@@ -77,8 +77,8 @@ def test_an_external_stop_reason_is_latched_and_logged():
         world=world_of(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
     )  # fmt: skip
     assert stop_reason_of(run) == lifted
-    assert np.any(run.applied[:20] != 0.0)
-    assert np.all(run.applied[25:] == 0.0)
+    assert np.any(run.applied_commands[:20] != 0.0)
+    assert np.all(run.applied_commands[25:] == 0.0)
 
 
 def test_the_alarm_handler_is_restored_and_no_alarm_remains():

@@ -115,10 +115,10 @@ def test_half_a_turn_is_refused(file):
 
 def test_a_drive_without_rest_is_refused(file):
     run = drive_of_turns(file, [2.0 * np.pi])
-    commands = np.array(run.applied)
+    commands = np.array(run.applied_commands)
     commands[commands == 0.0] = 1e-9
     with refused("marks.stood-too-short", AnswerNo):
-        closure(replace(run, applied=commands), file)
+        closure(replace(run, applied_commands=commands), file)
 
 
 def test_a_closure_needs_two_marks_and_a_gyro(file):

@@ -55,9 +55,9 @@ def same_log(a, b):
 def test_an_experiment_applies_its_signal_one_tick_later():
     u = np.tile([0.5, 0.0, 0.1], (100, 1)) * np.sign(np.sin(np.arange(100) / 7.0))[:, None]
     run = experiment(FILE, u, seed=1)
-    assert np.array_equal(run.requested[:100], u)
-    assert np.array_equal(run.applied[1:101], u)
-    assert np.array_equal(run.applied[0], np.zeros(3))
+    assert np.array_equal(run.requested_commands[:100], u)
+    assert np.array_equal(run.applied_commands[1:101], u)
+    assert np.array_equal(run.applied_commands[0], np.zeros(3))
     assert len(run.t_ns) == 101
     assert run.metadata["kind"] == "experiment"
     assert run.metadata["seed"] == "1"
@@ -68,8 +68,8 @@ def test_an_experiment_applies_its_signal_one_tick_later():
 
 def test_a_clipped_signal_is_logged_before_and_after_the_supervisor():
     run = experiment(FILE, np.tile([3.0, 0.0, 0.0], (20, 1)))
-    assert np.all(run.requested[:20, 0] == 3.0)
-    assert np.all(run.applied[1:21, 0] == 1.0)
+    assert np.all(run.requested_commands[:20, 0] == 3.0)
+    assert np.all(run.applied_commands[1:21, 0] == 1.0)
 
 
 @pytest.mark.parametrize("u", [np.zeros((10, 2)), np.full((10, 3), np.nan)])
@@ -92,7 +92,7 @@ def test_teaching_along_a_shape_gives_a_closed_route(driver):
 def test_teaching_accepts_a_list_of_commands():
     run, route = teach(FILE, [(1.0, (0.4, 0, 0)), (0.5, (0.4, 0, 0.2)), (0.5, (0, 0, 0))], seed=2)
     assert len(run.t_ns) == 201
-    assert np.array_equal(run.applied[1:101], np.tile([0.4, 0, 0], (100, 1)))
+    assert np.array_equal(run.applied_commands[1:101], np.tile([0.4, 0, 0], (100, 1)))
     assert not route.closed
     assert route.t_s[0] == 0.0
     assert route.eta[-1, 0] > 0.2
@@ -192,16 +192,16 @@ def test_es12_a_replay_with_the_same_blocks_is_bit_identical(verb, tmp_path):
     replayed_run = replay(read_run(path), FILE)
     for name in ("estimate", "reference", "truth"):
         assert same_log(getattr(replayed_run, name), getattr(run, name))
-    assert np.array_equal(replayed_run.requested, run.requested, equal_nan=True)
-    assert np.array_equal(replayed_run.sent, run.sent, equal_nan=True)
-    assert np.array_equal(replayed_run.applied, run.applied)
+    assert np.array_equal(replayed_run.requested_commands, run.requested_commands, equal_nan=True)
+    assert np.array_equal(replayed_run.sent_commands, run.sent_commands, equal_nan=True)
+    assert np.array_equal(replayed_run.applied_commands, run.applied_commands)
 
 
 def test_a_run_in_memory_equals_its_file(tmp_path):
     in_memory = repeat(FILE, ROUTE, laps=1, seed=9)
     from_file = repeat(FILE, ROUTE, laps=1, seed=9, path=tmp_path / "run.mcap")
     assert in_memory.metadata.items() <= from_file.metadata.items()
-    for name in ("applied", "requested", "sent", "t_ns"):
+    for name in ("applied_commands", "requested_commands", "sent_commands", "t_ns"):
         assert np.array_equal(getattr(in_memory, name), getattr(from_file, name))
     for name in ("estimate", "reference", "truth"):
         assert same_log(getattr(in_memory, name), getattr(from_file, name))
@@ -213,9 +213,9 @@ def test_a_replay_with_other_blocks_retains_the_applied_commands():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     lazy = Blocks(FILE.estimator(), Repeat.along(ROUTE), Pd(alpha=0.1, beta=0.1), FILE.supervisor())
     replayed_run = replay(run, FILE, lazy)
-    assert np.array_equal(replayed_run.applied, run.applied)
+    assert np.array_equal(replayed_run.applied_commands, run.applied_commands)
     assert same_log(replayed_run.estimate, run.estimate)
-    assert not np.array_equal(replayed_run.requested, run.requested)
+    assert not np.array_equal(replayed_run.requested_commands, run.requested_commands)
 
 
 def test_a_replayed_drive_without_a_route_has_no_laps():
@@ -238,9 +238,9 @@ def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():
     torn = replace(
         run,
         t_ns=run.t_ns[keep],
-        applied=run.applied[keep],
-        requested=run.requested[keep],
-        sent=run.sent[keep],
+        applied_commands=run.applied_commands[keep],
+        requested_commands=run.requested_commands[keep],
+        sent_commands=run.sent_commands[keep],
         sensors={"imu": Channel(*(column[received] for column in imu))},
     )
     once = replay(torn, FILE)

@@ -90,7 +90,7 @@ def test_a_simulation_beyond_the_envelope_is_flagged_for_one_or_many_vehicles(sm
 def test_the_envelope_refuses_a_run_with_other_commands(small):
     run = simulate(small, SLOW)
     with refused("vehicle.commands-differ", UsageError):
-        small.envelope.range_warnings(replace(run, applied=run.applied[:, :2]))
+        small.envelope.range_warnings(replace(run, applied_commands=run.applied_commands[:, :2]))
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def test_command_levels_begin_small_and_grow_in_small_steps(first):
 
 
 def test_no_pulse_exceeds_the_longest_permitted_duration(first, small):
-    on = np.any(first.run.applied != 0.0, axis=1)
+    on = np.any(first.run.applied_commands != 0.0, axis=1)
     edges = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
     lengths, pauses = edges[1::2] - edges[::2], edges[2::2] - edges[1:-1:2]
     assert np.max(lengths) <= round(PULSE_S * small.rate_hz) + 1

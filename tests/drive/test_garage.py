@@ -28,7 +28,7 @@ def test_a_circle_is_taught_repeated_and_replayed(name, radius_m, speed_m_s):
     replayed_run = replay(run, file)
     assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
     assert np.array_equal(replayed_run.estimate.cov, run.estimate.cov)
-    assert np.array_equal(replayed_run.requested, run.requested)
+    assert np.array_equal(replayed_run.requested_commands, run.requested_commands)
 
 
 WRONG = {

@@ -142,8 +142,10 @@ def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(nam
     assert abs(holding.beside_m) < 0.2
     assert abs(free.psi_deg) > 5.0 * abs(holding.psi_deg)
     limit = MAX_TURN_SHARE * file.command.limit[2]
-    assert np.all(np.abs(holding.run.applied[:, 2]) <= limit)
-    late = np.convolve(holding.run.applied[len(holding.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
+    assert np.all(np.abs(holding.run.applied_commands[:, 2]) <= limit)
+    late = np.convolve(
+        holding.run.applied_commands[len(holding.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid"
+    )
     assert np.ptp(late) < 0.05 * file.command.limit[2], "the heading must not oscillate"
 
 
@@ -182,10 +184,10 @@ def test_a_car_with_a_steering_offset_drives_straight_both_ways(ahead):
 def test_applied_commands_are_recorded_and_a_replay_is_identical():
     file = vehicle_file.load("small")
     run = straight(file, body(file), 1.0, 0.5, True).run
-    assert np.any(run.requested[:, 2] != 0.0)
-    np.testing.assert_array_equal(run.applied[1:], run.sent[:-1])
+    assert np.any(run.requested_commands[:, 2] != 0.0)
+    np.testing.assert_array_equal(run.applied_commands[1:], run.sent_commands[:-1])
     replayed_run = replay(run, file)
-    assert np.array_equal(replayed_run.requested, run.requested)
+    assert np.array_equal(replayed_run.requested_commands, run.requested_commands)
     assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
 
 
@@ -269,10 +271,10 @@ def test_a_mission_uses_heading_control_by_default():
     for hold in (True, False):
         mission = Mission.from_json(Mission("teach", hold=hold).to_json())
         run = perform(mission, small, hand_for(3.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
-        assert np.any(run.requested[:, 2] != 0.0) == hold
+        assert np.any(run.requested_commands[:, 2] != 0.0) == hold
 
 
 def test_heading_control_is_disabled_for_a_driver_function():
     small = vehicle_file.load("small")
     run = drive_with_driver(small, hand_for(1.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
-    assert not np.any(run.requested[:, 2])
+    assert not np.any(run.requested_commands[:, 2])

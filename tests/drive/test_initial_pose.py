@@ -61,7 +61,7 @@ def test_a_replay_begins_at_the_stored_start_pose():
 
 def test_a_run_without_truth_at_its_start_begins_at_the_origin():
     run = circling(0.0)
-    assert initial_pose(Run("blind", None, run.t_ns, run.applied)).tolist() == [0.0, 0.0, 0.0]
+    assert initial_pose(Run("blind", None, run.t_ns, run.applied_commands)).tolist() == [0.0, 0.0, 0.0]
     assert initial_pose(circling(0.7)).tolist() == [0.0, 0.0, 0.0]
 
 

@@ -53,7 +53,9 @@ def after_another_drive(run):
     rest_ns = run.t_ns[-1] + period_ns * np.arange(1, 201)
     shift_ns = int(rest_ns[-1]) + period_ns - int(run.t_ns[0])
     t_ns = np.concatenate([run.t_ns, rest_ns, run.t_ns + shift_ns])
-    applied = np.concatenate([run.applied, np.zeros((200, run.applied.shape[1])), run.applied])
+    applied = np.concatenate(
+        [run.applied_commands, np.zeros((200, run.applied_commands.shape[1])), run.applied_commands]
+    )
     imu = run.sensors["imu"]
     rest_z = np.repeat(imu.z[:1], 200, axis=0)
     sensors = {
@@ -88,7 +90,7 @@ def test_a_scale_without_a_standard_deviation_in_the_file_does_not_bound_the_lap
 @pytest.mark.parametrize("std", [0.0, 0.03])
 def test_a_run_at_rest_does_not_identify_a_scale(file, lap, std):
     rest = lap.cut(0.0, 0.5)
-    rest = replace(rest, applied=0.0 * rest.applied)
+    rest = replace(rest, applied_commands=0.0 * rest.applied_commands)
     with refused("marks.lap-no-scale", AnswerNo, gyro="imu"):
         lap_closure(rest, file.with_values({"sensors.imu.gyro_scale_std": std}))
 

@@ -26,8 +26,8 @@ def run():
 
 def test_the_command_is_exactly_zero_during_the_rest_and_then_the_guide_begins(run):
     resting = run.t_ns < run.t_ns[0] + 2_000_000_000
-    assert not run.requested[resting].any()
-    assert run.requested[~resting][0, 0] > 0.1
+    assert not run.requested_commands[resting].any()
+    assert run.requested_commands[~resting][0, 0] > 0.1
     assert np.array_equal(run.reference.eta[resting], run.estimate.eta[resting])
     assert run.duration_s == pytest.approx(REST_S + 2.0 * LAP.t_s[-1], abs=0.02)
     assert [e.diagnostic.code for e in run.events if e.source == "drive"] == ["drive.rest"]
@@ -52,11 +52,11 @@ def test_laps_and_errors_begin_after_the_rest(run):
 
 def test_a_replay_repeats_the_rest_bit_by_bit(run):
     replayed = bq.replay(run)
-    for log in ("requested", "sent"):
+    for log in ("requested_commands", "sent_commands"):
         assert np.array_equal(getattr(replayed, log), getattr(run, log))
     assert np.array_equal(replayed.reference.eta, run.reference.eta)
     commands_of_run = bq.replay(replace(run, metadata=run.metadata | {"kind": "teach"}))
-    assert np.array_equal(commands_of_run.requested, run.requested)
+    assert np.array_equal(commands_of_run.requested_commands, run.requested_commands)
 
 
 def test_a_taught_route_begins_with_the_motion():
@@ -86,7 +86,9 @@ class Counting:
 
 
 def test_a_controller_in_plain_python_begins_after_the_rest():
-    requested = bq.repeat(SMALL, LAP, controller=Counting(), duration_s=0.14, rest_s=0.1).requested[:, 0]
+    requested = bq.repeat(SMALL, LAP, controller=Counting(), duration_s=0.14, rest_s=0.1).requested_commands[
+        :, 0
+    ]
     assert requested.tolist() == [0.0] * 10 + [0.2] + [0.1] * 3
 
 

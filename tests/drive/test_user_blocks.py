@@ -62,7 +62,7 @@ def test_a_user_block_is_compiled_like_a_built_in_block(tmp_path):
     blocks = blocks_with(tmp_path, GOOD)
     run, plain = run_of(blocks), run_of(blocks, backend="numpy")
     assert [e for e in run.events if e.source != REJECTIONS_SOURCE] == []
-    np.testing.assert_allclose(run.requested, plain.requested, atol=1e-9)
+    np.testing.assert_allclose(run.requested_commands, plain.requested_commands, atol=1e-9)
 
 
 def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):
@@ -86,7 +86,7 @@ def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
     run = run_of(blocks_with(tmp_path, MEMORY))
     (note,) = [e for e in run.events if e.source != REJECTIONS_SOURCE]
     assert note.diagnostic.figures["error"].code == "trace.not-pure"
-    np.testing.assert_allclose(np.diff(run.requested[:, 0]), 0.01)
+    np.testing.assert_allclose(np.diff(run.requested_commands[:, 0]), 0.01)
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_a_failing_block_is_named_with_its_file_and_line(tmp_path, body, words, 
     assert reason.figures["block"].startswith("controller Mine (")
     assert "mi contról.py:" in reason.figures["block"]
     assert words in text(reason)
-    assert np.array_equal(run.applied, np.zeros_like(run.applied))
+    assert np.array_equal(run.applied_commands, np.zeros_like(run.applied_commands))
     assert np.isfinite(run.estimate.eta).all()
     assert len(run.t_ns) == 30
 

@@ -63,7 +63,7 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
     assert run.metadata["backend"] == backend
     assert run.duration_s >= 2.0
     assert np.all(np.isfinite(run.estimate.eta))
-    assert np.max(run.applied[:, 2]) == pytest.approx(0.3, abs=0.002)
+    assert np.max(run.applied_commands[:, 2]) == pytest.approx(0.3, abs=0.002)
     assert len(run.sensors["imu"].t_ns) > 20
     assert any(event.source == CLOCK_SOURCE for event in run.events)
     assert "MPU-6050" in (tmp_path / "output.txt").read_text()

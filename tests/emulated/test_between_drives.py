@@ -146,7 +146,7 @@ def test_a_stop_during_preparation_is_latched_and_nothing_moves(service, robot, 
     preparing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
     assert done["why"] == TEACHER
-    assert not np.any(run.applied)
+    assert not np.any(run.applied_commands)
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 

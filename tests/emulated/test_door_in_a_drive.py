@@ -61,7 +61,7 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
     assert messages[0]["state"] == DoorState.MISSION
     assert messages[1] == {"is": "heard", "do": "stop"}
     assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
-    assert run is None or not np.any(run.applied)
+    assert run is None or not np.any(run.applied_commands)
     assert not robot.board.moving
     look_around(service, robot, 2)
     assert service.machine.state is DoorState.STOPPED

@@ -101,7 +101,7 @@ def test_rt13_motors_are_off_half_a_second_after_the_terminal_disappears(driver,
     done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
     assert done["why"].code == StopReason.TERMINAL_SILENT
     assert at.service.machine.state is DoorState.STOPPED
-    moving = at.start_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
+    moving = at.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the terminal")
     assert 200.0 < after_ms < 500.0
@@ -121,7 +121,7 @@ def test_motors_are_off_at_once_after_the_terminal_closes(driver, phase_ms):
     done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
     assert done["why"].code == StopReason.TERMINAL_CLOSED
     assert at.service.machine.state is DoorState.STOPPED
-    moving = at.start_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
+    moving = at.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the hang-up")
     assert after_ms < 100.0
@@ -133,10 +133,10 @@ def test_a_key_at_a_silent_terminal_drives_for_a_limited_time(driver):
     at = driver(terminal)
     done, run = at.drives((0.3, lambda: terminal.type("w")), (3.0, lambda: terminal.type("q")))
     assert done["why"].code == StopReason.INTERRUPTED
-    times = run.t_s[np.abs(run.applied[:, 0]) > 0.0]
+    times = run.t_s[np.abs(run.applied_commands[:, 0]) > 0.0]
     assert times[0] == pytest.approx(0.3, abs=0.08)
     assert times[-1] - times[0] == pytest.approx(FIRST_S, abs=0.12)
-    assert np.max(run.applied[:, 0]) == pytest.approx(0.15, abs=0.002)
+    assert np.max(run.applied_commands[:, 0]) == pytest.approx(0.15, abs=0.002)
 
 
 def test_releasing_a_key_stops_the_motors_and_marks_are_logged(driver):
@@ -150,7 +150,7 @@ def test_releasing_a_key_stops_the_motors_and_marks_are_logged(driver):
     assert at.service.machine.state is DoorState.READY
     (mark_ns,) = mark_times_ns(run)
     assert (mark_ns - run.t_ns[0]) * 1e-9 == pytest.approx(1.5, abs=0.06)
-    moving = run.t_s[np.abs(run.applied[:, 2]) > 0.0]
+    moving = run.t_s[np.abs(run.applied_commands[:, 2]) > 0.0]
     assert moving[0] == pytest.approx(0.3, abs=0.08)
     assert moving[-1] == pytest.approx(0.9, abs=0.12)
     states = [m for m in at.service.messages if m["is"] == "state" and m.get("u")]
@@ -174,7 +174,7 @@ def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
         (3.5, lambda: terminal.type("q")),
     )  # fmt: skip
     assert done["why"].code == StopReason.INTERRUPTED
-    straight, turning = (run.requested[(run.t_s > t) & (run.t_s < t + 0.7)] for t in (1.0, 2.7))
+    straight, turning = (run.requested_commands[(run.t_s > t) & (run.t_s < t + 0.7)] for t in (1.0, 2.7))
     assert np.all(straight[:, 2] != 0.0)
     assert np.max(np.abs(straight[:, 2])) < 0.25
     assert np.all(turning[:, 2] == 0.8)

@@ -33,5 +33,5 @@ def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route
     evenness = speed_errors(run.reference.t_ns[going], true, run.reference.nu[going, 0])
     assert evenness.error < 0.05
     assert evenness.uneven < 0.03
-    assert share_at_limit(run.sent[going], limits_of(fitted_file.text)) == 0.0
-    assert sign_changes(run.t_ns[going], run.sent[going, 0]) == 0.0
+    assert share_at_limit(run.sent_commands[going], limits_of(fitted_file.text)) == 0.0
+    assert sign_changes(run.t_ns[going], run.sent_commands[going, 0]) == 0.0

@@ -174,7 +174,7 @@ def test_a_mission_with_a_lost_arming_frame_drives_normally(vehicle):
     service.uno.arm = lose_arming
     done, run = drive(service, spin())
     assert done["why"] is None
-    assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
+    assert run.applied_commands[-1, 2] == pytest.approx(0.6, abs=0.002)
     count_ignored = last(run, UNO_SOURCE).diagnostic.figures["ignored"]
     assert 1 <= count_ignored <= 4, "the run counts the commands that arrived before arming"
 

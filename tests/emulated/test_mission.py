@@ -50,6 +50,6 @@ def test_the_same_mission_twice_gives_identical_bits(world):
     file = vehicle_file.load("small")
     u = excitation("random_steps", file.command.limit, 5.0, file.rate_hz, 0)
     first, second = (experiment(file, u, **world(7)) for _ in range(2))
-    np.testing.assert_array_equal(first.applied, second.applied)
+    np.testing.assert_array_equal(first.applied_commands, second.applied_commands)
     np.testing.assert_array_equal(first.sensors["imu"].z, second.sensors["imu"].z)
     np.testing.assert_array_equal(first.estimate.eta, second.estimate.eta)

@@ -102,8 +102,8 @@ def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tm
     run = read_run(tmp_path / "run.mcap")
     assert stop_reason_of(run).code == StopReason.PAD_UNPLUGGED
     assert len(mark_times_ns(run)) == 1
-    assert np.max(run.applied[:, 0]) == pytest.approx(0.5)
-    assert run.applied[-1, 0] == 0.0
+    assert np.max(run.applied_commands[:, 0]) == pytest.approx(0.5)
+    assert run.applied_commands[-1, 0] == 0.0
 
     machine.order("plug", 3, "pad")
     machine.order("change", 3, AHEAD, PRESS)
@@ -117,7 +117,7 @@ def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tm
     machine.order("change", 3, MIDDLE, RELEASE)
     screen.type(b"\x1b[113u")
     assert screen.ends() == 0
-    assert np.max(read_run(tmp_path / "again.mcap").applied[:, 0]) == pytest.approx(0.5)
+    assert np.max(read_run(tmp_path / "again.mcap").applied_commands[:, 0]) == pytest.approx(0.5)
 
 
 def test_the_pad_state_is_correct_after_dropped_kernel_events(drive, tmp_path):
@@ -133,4 +133,4 @@ def test_the_pad_state_is_correct_after_dropped_kernel_events(drive, tmp_path):
     assert machine.order("waiting", 2) == 0
     screen.type(b"\x1b[113u")
     assert screen.ends() == 0
-    assert read_run(tmp_path / "run.mcap").applied[-1, 0] == 0.0
+    assert read_run(tmp_path / "run.mcap").applied_commands[-1, 0] == 0.0

@@ -194,7 +194,7 @@ def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_
     assert left_out == np.sum(np.diff(run.t_ns) // 20_000_000 - 1)
     assert event_of_clock.level == ("warning" if left_out else "info")
     assert run.duration_s == 1.0 if left_out == 0 else run.duration_s >= 1.0
-    assert np.all(run.requested[run.t_s < 0.99, 2] == 0.6)
+    assert np.all(run.requested_commands[run.t_s < 0.99, 2] == 0.6)
     with live.lock:
         duties = np.array(
             [[out.terminal(k, live.uno.driver).duty for k in (0, 1)] for out in live.uno.outputs()]
@@ -203,7 +203,7 @@ def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_
         [-0.6, 0.0], abs=0.002
     )  # at the pins, independent of the clock of the host
     assert np.max(duties, axis=0) == pytest.approx([0.0, 0.6], abs=0.002)
-    assert np.median(run.applied[run.t_s > 0.2, 2]) == pytest.approx(0.6, abs=0.002)
+    assert np.median(run.applied_commands[run.t_s > 0.2, 2]) == pytest.approx(0.6, abs=0.002)
     stops(live, 1.0)
     assert not list((tmp_path / "here").glob("*.part"))
 

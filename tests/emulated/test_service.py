@@ -18,7 +18,7 @@ def test_a_mission_writes_a_run_with_the_applied_duty(service, robot):
     assert done["why"] is None
     assert service.machine.state is DoorState.READY
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
-    assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
+    assert run.applied_commands[-1, 2] == pytest.approx(0.6, abs=0.002)
     assert abs(robot.motion.eta[2]) > 1.0
     assert run.sensors["battery"].z[-1, 0] == pytest.approx(7.4, abs=0.05)
     robot.wait(0.1)
@@ -65,7 +65,7 @@ def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, ro
     service.notify_watchdog = healthy
     done, run = drive(service, spin(3.0), attended=True)
     assert done["why"].code == StopReason.HOLDER_SILENT
-    moving = np.flatnonzero(np.abs(run.applied[:, 2]) > 0.0)
+    moving = np.flatnonzero(np.abs(run.applied_commands[:, 2]) > 0.0)
     assert run.t_ns[moving[-1]] / 1e9 < 1.0
 
 
@@ -135,6 +135,6 @@ def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
     done, run = drive(service, pack(Mission("teach"), vehicle_file.load("small")), attended=True)
     assert done["why"].code == StopReason.INTERRUPTED
     assert service.machine.state is DoorState.READY
-    moving = run.t_ns[np.abs(run.applied[:, 2]) > 0.01] / 1e9
+    moving = run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.01] / 1e9
     assert moving[0] < 0.2
     assert 0.9 < moving[-1] < 1.15

@@ -22,7 +22,7 @@ def test_heading_control_drives_five_metres_straight(firmware, yaw_gain):
     assert abs(holding.psi_deg) < 3.0
     assert holding.most_deg < 7.0
     assert abs(holding.beside_m) < 0.2
-    assert np.ptp(holding.run.applied[len(holding.run.t_s) // 2 :, 2]) < 0.05, "no swinging"
+    assert np.ptp(holding.run.applied_commands[len(holding.run.t_s) // 2 :, 2]) < 0.05, "no swinging"
 
 
 def drive(firmware, file, truth, hold):

@@ -64,7 +64,7 @@ def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
     assert run.truth is not None
     assert np.array_equal(imu.t_ns, t_ns)
     slot = Slot(has, z, 0.0 * has)
-    _, out = kernel.run(Tick(ticks, run.applied, SMALL.sensors._replace(imu=slot)))
+    _, out = kernel.run(Tick(ticks, run.applied_commands, SMALL.sensors._replace(imu=slot)))
     y, S = out.innovation, out.innovation_cov
     refusals = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate_limit(4.0, 3)
     health = Health()

@@ -45,7 +45,7 @@ def estimates(z: np.ndarray, has: np.ndarray | None = None):
     for k, t_ns in enumerate(run().t_ns.tolist()):
         slot = Slot(1.0 if has is None else float(has[k]), z[k], 0.0)
         belief, estimate = block().step(
-            belief, Tick(t_ns, run().applied[k], SMALL.sensors._replace(imu=slot))
+            belief, Tick(t_ns, run().applied_commands[k], SMALL.sensors._replace(imu=slot))
         )
         out.append((estimate.eta, estimate.nu, estimate.cov))
     return tuple(np.array(column) for column in zip(*out, strict=True))
@@ -88,7 +88,9 @@ def test_consistent_sensors_cause_no_lasting_disagreement():
     belief = block().init()
     for k, t_ns in enumerate(run().t_ns.tolist()):
         slot = Slot(1.0, run().sensors["imu"].z[k], 0.0)
-        belief, _ = block().step(belief, Tick(t_ns, run().applied[k], SMALL.sensors._replace(imu=slot)))
+        belief, _ = block().step(
+            belief, Tick(t_ns, run().applied_commands[k], SMALL.sensors._replace(imu=slot))
+        )
         assert belief.inconsistency[1].max() < MIN_INCONSISTENT_S
 
 

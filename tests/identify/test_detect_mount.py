@@ -48,7 +48,7 @@ def test_an_inverted_imu_axis_is_named(case, case_run, axis, which):
 def test_swapped_motors_are_not_reported_as_a_swapped_imu(case, case_run):
     """The model explains every channel; only the gains differ from the file."""
     run = case_run(0, 20.0)
-    fit = identify(replace(run, applied=run.applied * [1.0, 1.0, -1.0]), case)
+    fit = identify(replace(run, applied_commands=run.applied_commands * [1.0, 1.0, -1.0]), case)
     assert "model.actuator_matrix[2,2]" in {reason.subject for reason in fit.reasons}
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 
@@ -56,9 +56,9 @@ def test_swapped_motors_are_not_reported_as_a_swapped_imu(case, case_run):
 def test_an_unmodelled_dead_zone_is_not_reported_as_a_mounting_error(case, case_run):
     """A dead zone that the model lacks."""
     run, limit = case_run(0, 20.0), np.maximum(case.command.limit, 1e-9)
-    part = run.applied / limit
+    part = run.applied_commands / limit
     weak = np.sign(part) * np.maximum(np.abs(part) - 0.2, 0.0) * limit
-    fit = identify(replace(simulate(case, weak, 0), applied=run.applied), case)
+    fit = identify(replace(simulate(case, weak, 0), applied_commands=run.applied_commands), case)
     assert fit.verdict != "USABLE"
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 

@@ -22,7 +22,7 @@ from tests.identify.true_drives import robot_on_floor
 
 def driven_as(file, u, effective, seed=0):
     limit = np.asarray(file.command.limit)
-    return replace(simulate(file, np.clip(effective, -limit, limit), seed), applied=u)
+    return replace(simulate(file, np.clip(effective, -limit, limit), seed), applied_commands=u)
 
 
 @pytest.fixture(scope="module")

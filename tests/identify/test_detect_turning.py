@@ -38,7 +38,7 @@ def at_ten_hertz():
         override(car, ["rate_hz=100.0"]), np.repeat(u, 10, axis=0), 3
     )  # because a vehicle moves meanwhile
     tenth = {name: Channel(*(x[9::10] for x in channel[:3])) for name, channel in fine.sensors.items()}
-    return file, replace(fine, t_ns=fine.t_ns[9::10], applied=u, sensors=tenth, truth=None)
+    return file, replace(fine, t_ns=fine.t_ns[9::10], applied_commands=u, sensors=tenth, truth=None)
 
 
 def accused(fit):

@@ -51,7 +51,7 @@ def test_a_command_beyond_its_limit_is_reported_as_a_wrong_unit(small, factor, g
     from baqueano.simulate import simulate
 
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
-    fit = identify(replace(run, applied=run.applied * factor), small)
+    fit = identify(replace(run, applied_commands=run.applied_commands * factor), small)
     assert fit.verdict == "REFUSED"
     assert reasons(fit)["command.unit"].figures["guess"] == guess
 

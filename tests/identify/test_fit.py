@@ -260,7 +260,7 @@ def residuals(case, run, theta):
     for path, x in zip(PEER_FREE, theta, strict=True):
         vehicle = with_value(vehicle, path.removeprefix("model."), x)
     state, out = vehicle.init(), []
-    for u, z in zip(run.applied, run.sensors["imu"].z, strict=True):
+    for u, z in zip(run.applied_commands, run.sensors["imu"].z, strict=True):
         state, motion = vehicle.step(state, u, 0.01, np.zeros(3))
         assert isinstance(motion, Motion)
         out.append((z - case.sensors.imu.h(motion)) / PEER_SIGMA)

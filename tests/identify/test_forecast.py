@@ -68,7 +68,7 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
     rate = fit.file.rate_hz
     short = simulate(fit.file, random_steps(LIMIT[fit.file.name], 10.1, rate, 5), 5, name="short")
     (ahead, *_) = forecast(fit, short).ahead
-    position, heading = spread(fit, short.applied[: round((ahead.duration_s + 1.0 / rate) * rate)])
+    position, heading = spread(fit, short.applied_commands[: round((ahead.duration_s + 1.0 / rate) * rate)])
     assert ahead.duration_s == pytest.approx(10.0)
     assert ahead.position_m == pytest.approx(position, rel=0.15)
     assert ahead.heading_rad == pytest.approx(heading, rel=0.15)

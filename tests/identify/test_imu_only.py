@@ -147,14 +147,14 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     _, run, fit = fitted
     inside = fit.envelope
     assert inside.range_warnings(run) == ()
-    faster = replace(run, applied=run.applied * np.array([1.4, 1.0]))
+    faster = replace(run, applied_commands=run.applied_commands * np.array([1.4, 1.0]))
     flags = inside.range_warnings(faster)
     assert len(flags) == 1
     assert (flags[0].code, flags[0].subject) == ("envelope.left", "throttle")
     with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
-        inside.range_warnings(replace(run, applied=run.applied[:, :1]))
+        inside.range_warnings(replace(run, applied_commands=run.applied_commands[:, :1]))
     with pytest.raises(UsageError, check=of_code("runs.no-command")):
-        identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
+        identify(replace(run, applied_commands=np.full_like(run.applied_commands, np.nan)), fit.file)
 
 
 def test_an_imu_fit_refuses_a_run_without_motion_or_gyro_data(fitted):
@@ -162,7 +162,7 @@ def test_an_imu_fit_refuses_a_run_without_motion_or_gyro_data(fitted):
     with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         fit_imu_only(run, file, use=("compass",))
     with pytest.raises(UsageError, check=of_code("runs.all-still")):
-        fit_imu_only(replace(run, applied=np.zeros_like(run.applied)), file)
+        fit_imu_only(replace(run, applied_commands=np.zeros_like(run.applied_commands)), file)
     silent = run.sensors["imu"]._replace(z=run.sensors["imu"].z * np.array([1.0, 1.0, np.nan]))
     with pytest.raises(UsageError, check=of_code("imu-only.silent-gyro")):
         fit_imu_only(replace(run, sensors={"imu": silent}), file)

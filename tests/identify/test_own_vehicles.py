@@ -163,7 +163,9 @@ def test_a_gain_of_wrong_sign_or_unit_is_refused(files, volts, speed, code):
     run = of_axis(files["servo_axis"], 1, 4.0)
     encoder = run.sensors["encoder"]
     wrong = {"encoder": encoder._replace(z=speed * encoder.z)}
-    fit = identify(replace(run, applied=volts * run.applied, sensors=wrong), files["servo_axis"])
+    fit = identify(
+        replace(run, applied_commands=volts * run.applied_commands, sensors=wrong), files["servo_axis"]
+    )
     assert fit.verdict == "REFUSED"
     assert fit.reasons[0].code == code
 

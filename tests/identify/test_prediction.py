@@ -82,10 +82,10 @@ def joint_normal(run, x):
     ratio = drag / MASS * DT
     a = 1.0 - ratio + ratio**2 / 2.0 - ratio**3 / 6.0 + ratio**4 / 24.0  # RK4
     b = (1.0 - a) / drag * force
-    n = len(run.applied)
+    n = len(run.applied_commands)
     mean, speed = np.zeros(n), start
     for k in range(n):
-        speed = a * speed + b * run.applied[k, 0]
+        speed = a * speed + b * run.applied_commands[k, 0]
         mean[k] = speed
     powers = np.tril(a ** np.maximum(np.subtract.outer(np.arange(n), np.arange(n)), 0))
     cov = powers @ powers.T * v * DT / 0.01 + np.eye(n) * np.exp(2.0 * half_log_q)
@@ -117,7 +117,7 @@ def test_the_innovations_equal_the_innovations_of_filterpy(cart, gauss):
         np.array([[np.exp(2 * AT[6])]]),
     )
     innovations = []
-    for u, z in zip(run.applied[:, 0], run.sensors["odometer"].z[:, 0], strict=True):
+    for u, z in zip(run.applied_commands[:, 0], run.sensors["odometer"].z[:, 0], strict=True):
         kf.predict(u=np.array([[u]]))
         kf.update(np.array([[z / 0.1]]))
         innovations.append(float(kf.y[0, 0] / np.sqrt(kf.S[0, 0])))

@@ -106,8 +106,8 @@ def test_unsuitable_runs_are_refused_with_a_reason(case, case_run):
     imu = run.sensors["imu"]
     cases = {
         "runs.none": [],
-        "runs.all-still": replace(run, applied=np.zeros_like(run.applied)),
-        "runs.no-command": replace(run, applied=np.full_like(run.applied, np.nan)),
+        "runs.all-still": replace(run, applied_commands=np.zeros_like(run.applied_commands)),
+        "runs.no-command": replace(run, applied_commands=np.full_like(run.applied_commands, np.nan)),
         "use.nothing-common": replace(run, sensors={"gps": imu}),
         "runs.other-size": replace(run, sensors={"imu": imu._replace(z=imu.z[:, :2])}),
         "runs.few-ticks": run.cut(0.0, 0.01),
@@ -189,7 +189,7 @@ def test_changes_that_a_fit_makes_to_the_data_are_reported(case, case_run):
     gappy = replace(
         run,
         t_ns=run.t_ns[keep],
-        applied=np.where(np.arange(len(keep))[:, None] == 50, np.nan, run.applied[keep]),
+        applied_commands=np.where(np.arange(len(keep))[:, None] == 50, np.nan, run.applied_commands[keep]),
         sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])},
         truth=None,
     )

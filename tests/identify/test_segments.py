@@ -53,7 +53,13 @@ def test_a_reading_within_a_long_tick_belongs_to_the_row_of_its_time(case, case_
     imu = run.sensors["imu"]
     at_ns = run.t_ns[4::5][1:] - 30_000_000
     readings = imu._replace(t_ns=at_ns, arrival_ns=at_ns, z=imu.z[: len(at_ns)])
-    slow = replace(run, t_ns=run.t_ns[4::5], applied=run.applied[4::5], sensors={"imu": readings}, truth=None)
+    slow = replace(
+        run,
+        t_ns=run.t_ns[4::5],
+        applied_commands=run.applied_commands[4::5],
+        sensors={"imu": readings},
+        truth=None,
+    )
     record = record_of(slow, case.sensors._asdict())
     _, has, part, *_ = record.sensors["imu"]
     rows = np.flatnonzero(has[:, 0])

@@ -32,7 +32,7 @@ def emptied(small, effect, seed, start_v=7.8, end_v=6.8, with_battery=True):
     run = simulate(small, u * (1.0 + effect * (volts / NOMINAL_V - 1.0))[:, None], seed)
     at = np.arange(0, len(u), 20)
     battery = {"battery": Channel(run.t_ns[at], run.t_ns[at], volts[at][:, None])} if with_battery else {}
-    return replace(run, applied=u, sensors={**run.sensors, **battery})
+    return replace(run, applied_commands=u, sensors={**run.sensors, **battery})
 
 
 @pytest.mark.parametrize("effect", [1.0, 0.4])

@@ -143,7 +143,7 @@ def case_drives(
     ]
     runs = group_runs([case_vehicle(file) for file in files], [u / FULL for u in us], seeds, files[0])
     return [
-        TrueDrive(replace(run, applied=u), file, truth_of(file))
+        TrueDrive(replace(run, applied_commands=u), file, truth_of(file))
         for run, u, file in zip(runs, us, files, strict=True)
     ]
 

@@ -34,8 +34,8 @@ def a_run(name: str = "0001-test", N: int = 400) -> Run:
         name=name,
         path=None,
         t_ns=t_ns,
-        applied=random.normal(size=(N, 3)),
-        requested=random.normal(size=(N, 3)),
+        applied_commands=random.normal(size=(N, 3)),
+        requested_commands=random.normal(size=(N, 3)),
         sensors={"imu": Channel(t_ns, t_ns, random.normal(size=(N, 3)))},
         estimate=EstimateLog(t_ns, eta + 0.01 * random.normal(size=(N, 3)), nu, cov, None, None),
         reference=ReferenceLog(t_ns, eta, nu, np.zeros(N)),
@@ -43,7 +43,7 @@ def a_run(name: str = "0001-test", N: int = 400) -> Run:
         events=(Event(int(t_ns[3]), "warning", "supervisor", EVIL),),
         vehicle_text="",
         metadata={"kind": "repeat"},
-        sent=None,
+        sent_commands=None,
     )
 
 
@@ -103,13 +103,15 @@ def test_a_page_can_show_every_verdict(verdict):
     assert_stands_alone(Page("t", "s", verdict, [], []).html())
 
 
-@pytest.mark.parametrize("without", ["truth", "estimate", "reference", "requested"])
+@pytest.mark.parametrize("without", ["truth", "estimate", "reference", "requested_commands"])
 def test_a_page_can_show_an_incomplete_run(without):
     assert_stands_alone(page_of_run(replace(a_run(), **{without: None})).html())
 
 
 def test_a_page_can_show_a_run_with_only_commands():
-    bare = replace(a_run(), truth=None, estimate=None, reference=None, requested=None, sensors={}, events=())
+    bare = replace(
+        a_run(), truth=None, estimate=None, reference=None, requested_commands=None, sensors={}, events=()
+    )
     assert_stands_alone(page_of_run(bare).html())
     assert "Path" in [section.title for section in page_of_run(a_run()).sections]
     assert "Path" not in [section.title for section in page_of_run(bare).sections], "an empty card"
@@ -146,9 +148,11 @@ def test_without_a_vehicle_file_a_page_shows_no_limits():
 
 def test_an_unused_command_entry_is_not_drawn():
     run = a_run()
-    applied = run.applied.copy()
+    applied = run.applied_commands.copy()
     applied[:, 1] = 0.0
-    page = page_of_run(replace(run, applied=applied, requested=None, vehicle_text=load("small").text))
+    page = page_of_run(
+        replace(run, applied_commands=applied, requested_commands=None, vehicle_text=load("small").text)
+    )
     rows = parts_of(page)["Commands"][1].rows
     assert [row["command"] for row in rows] == [
         f"{n} [duty]" for n in ("u_x", "u_psi", "left wheel", "right wheel")

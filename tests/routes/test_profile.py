@@ -81,8 +81,8 @@ def test_wheels_saturate_on_a_lap_faster_than_the_fastest_lap(lap):
         run = simulate_loop(
             file, scaled_route, controller=PdFeedforward(file.vehicle, limit=file.command.limit)
         )
-        assert run.requested is not None
-        wheels = np.abs(run.requested[:, 0]) + np.abs(run.requested[:, 2])
+        assert run.requested_commands is not None
+        wheels = np.abs(run.requested_commands[:, 0]) + np.abs(run.requested_commands[:, 2])
         shares.append(np.mean(wheels > 0.97))
     assert shares[0] < 0.02
     assert shares[1] > 0.4

@@ -22,8 +22,8 @@ def _make_run(N=200, n=3, seed=0, start_ns=1_700_000_000_123_456_789):
         name="0001-test",
         path=None,
         t_ns=t_ns,
-        applied=draw(size=(N, n)),
-        requested=draw(size=(N, n)) * 1e300,
+        applied_commands=draw(size=(N, n)),
+        requested_commands=draw(size=(N, n)) * 1e300,
         sensors={
             "imu": Channel(t_ns - 1234, t_ns, draw(size=(N, 3))),
             "odometer": Channel(slow - 7_000_000, slow, draw(size=(len(slow), 1)) * 5e-324),
@@ -41,7 +41,7 @@ def _make_run(N=200, n=3, seed=0, start_ns=1_700_000_000_123_456_789):
         events=events,
         vehicle_text=VEHICLE,
         metadata={"seed": "7", "kind": "experiment", "ñandú": "sí"},
-        sent=-draw(size=(N, n)),
+        sent_commands=-draw(size=(N, n)),
     )
 
 

@@ -70,7 +70,7 @@ def test_the_map_of_the_build_page_adds_camera_truth_to_a_run(tmp_path, monkeypa
             camera.write(f"{row['t_s']},{1e3 * x},{1e3 * y},{np.degrees(psi)}\n")
     run_line(LINES[1])
     camera_run, driven_run = read_run(Path("with-camera.mcap")), read_run(next(Path("runs").glob("*.mcap")))
-    np.testing.assert_allclose(camera_run.applied, driven_run.applied)
+    np.testing.assert_allclose(camera_run.applied_commands, driven_run.applied_commands)
     np.testing.assert_allclose(camera_run.sensors["imu"].z, driven_run.sensors["imu"].z)
     np.testing.assert_allclose(camera_run.truth.eta, driven_run.truth.eta[::4], atol=1e-9)
 

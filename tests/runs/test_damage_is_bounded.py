@@ -230,7 +230,7 @@ def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, mo
     monkeypatch.setattr(memory_limit, "MIN_BYTES", 0)
     t_ns, zeros = 1 + 10_000_000 * np.arange(3000), np.zeros((3000, 3))
     sensors = {"imu": Channel(t_ns, t_ns, zeros), "odometer": Channel(t_ns, t_ns, zeros[:, :1])}
-    run = Run("rest", None, t_ns, zeros, requested=zeros, sensors=sensors, sent=zeros)
+    run = Run("rest", None, t_ns, zeros, requested_commands=zeros, sensors=sensors, sent_commands=zeros)
     path = write_run(run, tmp_path / "rest.mcap")
     tracemalloc.start()
     try:

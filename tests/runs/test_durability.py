@@ -38,7 +38,7 @@ WRITING = """
             t_ns = time.time_ns()
             tick = Tick(t_ns, np.zeros(2), slots(Slot(1.0, np.ones(3))))
             writer.record(
-                SimpleNamespace(tick=tick, requested=None, command=None, estimate=None, reference=None)
+                SimpleNamespace(tick=tick, requested_command=None, sent_command=None, estimate=None, reference=None)
             )
             print(t_ns, flush=True)
             time.sleep(0.005)
@@ -69,7 +69,7 @@ def fewer(run, whole):
     """Return True if all data of `run` are part of `whole`."""
     at = np.searchsorted(whole.t_ns, run.t_ns)
     assert np.array_equal(whole.t_ns[at], run.t_ns)
-    assert whole.applied[at].tobytes() == run.applied.tobytes()
+    assert whole.applied_commands[at].tobytes() == run.applied_commands.tobytes()
     assert set(run.sensors) <= set(whole.sensors)
     for name, channel in run.sensors.items():
         rows = np.searchsorted(whole.sensors[name].t_ns, channel.t_ns)
@@ -157,7 +157,7 @@ def test_recover_writes_the_recovered_data_to_a_new_file(chunked_files, tmp_path
     saved_run = read_run(recovery.path)
     assert saved_run.notes == ()
     assert saved_run.metadata == whole.metadata | {"recovered_from": "0001-test-cut.mcap"}
-    assert saved_run.applied.tobytes() == whole.applied[: len(saved_run.t_ns)].tobytes()
+    assert saved_run.applied_commands.tobytes() == whole.applied_commands[: len(saved_run.t_ns)].tobytes()
     assert cut.read_bytes() == data[: len(data) // 2]
 
 
@@ -244,7 +244,9 @@ def test_runs_rewritten_by_other_programs_are_read(run, tmp_path, compression):
 
 def record_one(run_writer, t_ns):
     tick = Tick(t_ns, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
-    run_writer.record(SimpleNamespace(tick=tick, requested=None, command=None, estimate=None, reference=None))
+    run_writer.record(
+        SimpleNamespace(tick=tick, requested_command=None, sent_command=None, estimate=None, reference=None)
+    )
 
 
 def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
@@ -298,7 +300,9 @@ def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monk
             tick = Tick(k, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
             estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6))
             run_writer.record(
-                SimpleNamespace(tick=tick, requested=None, command=None, estimate=estimate, reference=None)
+                SimpleNamespace(
+                    tick=tick, requested_command=None, sent_command=None, estimate=estimate, reference=None
+                )
             )
     run = read_run(path)
     assert len(run.t_ns) == 50

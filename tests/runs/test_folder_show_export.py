@@ -193,7 +193,7 @@ def test_a_csv_contains_exact_numbers_and_empty_cells_for_unknown_values(run, tm
     with path.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == len(run.t_ns)
-    assert [float(row["applied.u_psi"]) for row in rows] == run.applied[:, 2].tolist()
+    assert [float(row["applied.u_psi"]) for row in rows] == run.applied_commands[:, 2].tolist()
     assert [float(row["imu.z3"]) for row in rows] == run.sensors["imu"].z[:, 2].tolist()
     assert [row["odometer.z1"] != "" for row in rows[:7]] == [True, False, False, False, False, True, False]
     assert float(rows[0]["odometer.t_s"]) == -0.007
@@ -224,7 +224,13 @@ def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
 
 
 def test_a_run_without_ticks_is_exported_as_a_header(run, tmp_path):
-    empty = replace(run, t_ns=run.t_ns[:0], applied=run.applied[:0], requested=None, sent=None)
+    empty = replace(
+        run,
+        t_ns=run.t_ns[:0],
+        applied_commands=run.applied_commands[:0],
+        requested_commands=None,
+        sent_commands=None,
+    )
     (head,) = export_csv(empty, tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
     assert "imu.z1" in head.split(",")
 

@@ -15,7 +15,9 @@ def test_a_clean_recording_gives_no_warning(lab):
     assert [d.code for d in findings] == ["no command yet"]
     assert len(run.t_ns) == 1499
     assert run.t_ns[0] == 1_020_000_000
-    assert run.applied[0].tolist() == [float(format(lab.board[c][0], ".9g")) for c in ("throttle", "steer")]
+    assert run.applied_commands[0].tolist() == [
+        float(format(lab.board[c][0], ".9g")) for c in ("throttle", "steer")
+    ]
     assert run.sensors["imu"].t_ns[0] == 1_000_000_000
     assert run.truth.t_ns[0] == 1_005_000_000
     assert run.truth.eta[5, 0] == float(format(lab.camera["x"][5], ".9g"))
@@ -37,7 +39,7 @@ def test_the_in_force_key_until_shifts_commands_by_one_tick(lab):
     late = lab.run().run
     early = lab.edit('in_force = "from"', 'in_force = "until"').run().run
     assert early.t_ns[1] == late.t_ns[0]
-    assert np.array_equal(early.applied[:-1], late.applied)
+    assert np.array_equal(early.applied_commands[:-1], late.applied_commands)
 
 
 def test_units_scales_offsets_and_switches_are_applied_at_import(lab):
@@ -56,8 +58,8 @@ def test_units_scales_offsets_and_switches_are_applied_at_import(lab):
     expected = fresh.sensors["imu"].z + np.array([0.0, 0.5, 0.0])
     assert run.sensors["imu"].z == pytest.approx(expected, abs=1e-6)
     assert run.sensors["odometer"].z == pytest.approx(fresh.sensors["odometer"].z, abs=1e-7)
-    assert np.all(run.applied[751:, 0] == 0.0)
-    assert np.all(run.applied[:749, 0] != 0.0)
+    assert np.all(run.applied_commands[751:, 0] == 0.0)
+    assert np.all(run.applied_commands[:749, 0] != 0.0)
 
 
 def test_only_selected_rows_are_read_and_repeated_rows_are_removed(lab):

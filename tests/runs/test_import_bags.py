@@ -90,7 +90,7 @@ def bring(bag, tmp_path, old="", new=""):
 def test_a_bag_is_imported_as_a_run(bag, tmp_path):
     run = bring(bag, tmp_path)
     assert run.t_ns[0] == 1_700_000_000_000_000_000
-    assert run.applied[:3].tolist() == [[0.0, -0.5], [0.01, -0.5], [0.02, -0.5]]
+    assert run.applied_commands[:3].tolist() == [[0.0, -0.5], [0.01, -0.5], [0.02, -0.5]]
     assert run.sensors["imu"].z[4].tolist() == [2.0, -1.0, 0.5]
     assert run.truth.eta[40] == pytest.approx([0.4, 0.8, 4.0 - 2 * np.pi])
 

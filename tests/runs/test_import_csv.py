@@ -244,7 +244,7 @@ def test_the_proposed_map_entry_skips_a_row_of_units(lab, name):
         import_run(map_file)
     (line,) = re.findall(r"exclude the row with (where = .*)\.$", str(error_info.value))
     map_file.write_text(text.replace("where = { }", line), encoding="utf-8")
-    assert import_run(map_file).run.applied.tobytes() == plain.applied.tobytes()
+    assert import_run(map_file).run.applied_commands.tobytes() == plain.applied_commands.tobytes()
     table = LogTable("log.csv", {name: ["m/s", "1"]}, np.arange(2))
     with pytest.raises(FileError) as error_info:
         table.numbers(name)

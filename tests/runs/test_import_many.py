@@ -273,7 +273,7 @@ def test_the_split_key_is_refused_outside_the_file_of_the_ticks(desk):
 
 def test_wheel_speeds_are_converted_to_commands_and_rim_speeds(desk):
     run = import_run(desk.map(), [desk.file("log.csv", [1])]).run
-    assert run.applied[0] == pytest.approx([0.4, 0.0, 0.2])
+    assert run.applied_commands[0] == pytest.approx([0.4, 0.0, 0.2])
     assert run.metadata["commands"] == "u_x, u_y, u_psi"
     assert run.sensors["wheels"].z[1] == pytest.approx(np.array([30.0, 60.0]) * np.pi / 30.0 * 0.1)
 

@@ -27,7 +27,7 @@ def test_the_cpm_runs_are_imported_with_commands_sensors_and_camera(run, rows, n
     assert imported_run.t_ns[0] == round((start + 0.04) * NANOSECONDS)
     assert imported_run.sensors["odometer"].z.shape == (rows, 1)
     assert imported_run.sensors["imu"].z.shape == (new, 3)  # the other rows repeat the previous measurement
-    assert np.abs(imported_run.applied).max() <= 1.0
+    assert np.abs(imported_run.applied_commands).max() <= 1.0
     assert [d.level for d in findings if d.level == "error"] == []
     assert sum(d.code == "gap" for d in findings) == gaps
     reasons = [d.reason for d in findings if d.code == "scale"]
@@ -39,7 +39,7 @@ def test_the_cpm_runs_are_imported_with_commands_sensors_and_camera(run, rows, n
 @recordings
 def test_the_first_rows_of_a_cpm_run_match_the_file():
     run = import_run("cpm_run_a").run
-    assert run.applied[0].tolist() == [0.1980667148, -0.5153769373]
+    assert run.applied_commands[0].tolist() == [0.1980667148, -0.5153769373]
     assert run.sensors["imu"].z[0].tolist() == [0.3, -1.36, -0.9304786575]
     assert run.sensors["odometer"].z[0].tolist() == [0.4824207315]
     shift_ns = 1_557_747_108_500_000_000 - 5_066_844 + 45_000_000
@@ -64,7 +64,7 @@ def test_gyro_and_corrected_camera_clock_agree_within_10_ms():
 def test_the_older_cpm_recording_is_imported_from_two_files():
     run, findings = import_run("cpm_pwm2018")
     assert run.t_ns[0] == 1_539_614_089_026_923_703
-    assert run.applied.min(axis=0).tolist() == [-0.514831543, -0.9999389648]
+    assert run.applied_commands.min(axis=0).tolist() == [-0.514831543, -0.9999389648]
     assert run.truth is None
     assert {d.code for d in findings} == {"gap"}
 

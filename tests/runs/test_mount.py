@@ -60,7 +60,7 @@ def recording(tmp_path_factory):
     car = load("car")
     run = simulate(car, random_steps([0.5, 0.8], 60.0, car.rate_hz, 3), 3)
     imu, odometer = run.sensors["imu"].z[:, 2], run.sensors["odometer"].z[:, 0]
-    rows = np.column_stack([run.t_s, run.applied, imu, odometer])
+    rows = np.column_stack([run.t_s, run.applied_commands, imu, odometer])
     np.savetxt(folder / "log.csv", rows, delimiter=",", header="t,throttle,servo,gyro,speed", comments="")
     rng, psi = np.random.default_rng(0), run.truth.eta[::2, 2]
     (ahead, left), c, s = TRUE.lever_arm_m, np.cos(psi), np.sin(psi)

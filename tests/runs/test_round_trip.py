@@ -40,7 +40,7 @@ def test_every_double_is_read_back_exactly(tmp_path_factory, u, z):
 @pytest.mark.parametrize(
     "change",
     [
-        {"requested": None, "sent": None},
+        {"requested_commands": None, "sent_commands": None},
         {"estimate": None, "reference": None, "truth": None},
         {"sensors": {}},
         {"events": ()},
@@ -62,16 +62,16 @@ def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
     empty = make_run(N=0)
     read_back = read_run(write_run(empty, tmp_path / "x.mcap"))
     assert read_back == empty
-    assert read_back.applied.shape == (0, 3)
+    assert read_back.applied_commands.shape == (0, 3)
     assert list(read_back.ticks()) == []
     assert read_back.duration_s == 0.0
 
 
 def test_two_runs_are_equal_if_all_recorded_bits_are_equal(run):
     assert run == replace(run, name="other", path=None, notes=(note("run.metadata-lost"),))
-    applied = run.applied.copy()
+    applied = run.applied_commands.copy()
     applied[7, 1] = np.nextafter(applied[7, 1], 1e9)
-    assert run != replace(run, applied=applied)
+    assert run != replace(run, applied_commands=applied)
     assert run != replace(run, sensors=dict(reversed(run.sensors.items())))
     assert run != "a run"
 
@@ -105,9 +105,16 @@ def records(run, sensors):
         t_ns, e, r = tick.t_ns, run.estimate, run.reference
         estimate = Estimate(t_ns, e.eta[k], e.nu[k], e.cov[k], e.innovation[k], e.innovation_cov[k])
         reference = Reference(t_ns, r.eta[k], r.nu[k], r.done[k])
-        requested, sent_command = Command(t_ns, run.requested[k]), Command(t_ns, run.sent[k])
+        requested, sent_command = (
+            Command(t_ns, run.requested_commands[k]),
+            Command(t_ns, run.sent_commands[k]),
+        )
         yield SimpleNamespace(
-            tick=tick, requested=requested, command=sent_command, estimate=estimate, reference=reference
+            tick=tick,
+            requested_command=requested,
+            sent_command=sent_command,
+            estimate=estimate,
+            reference=reference,
         )
 
 
@@ -147,17 +154,19 @@ def silent_tick(t_ns, u=(0.0, 0.0)):
 
 def test_ticks_without_controller_or_estimate_are_recorded(tmp_path):
     path = tmp_path / "x.mcap"
-    nothing = SimpleNamespace(requested=None, command=None, estimate=None, reference=None)
+    nothing = SimpleNamespace(requested_command=None, sent_command=None, estimate=None, reference=None)
     with RunWriter(path) as writer:
         for t_ns in (0, 10):
             writer.record(SimpleNamespace(tick=silent_tick(t_ns), **vars(nothing)))
         command = Command(20, np.array([0.1, 0.2]))
-        writer.record(SimpleNamespace(**vars(nothing) | {"tick": silent_tick(20), "requested": command}))
+        writer.record(
+            SimpleNamespace(**vars(nothing) | {"tick": silent_tick(20), "requested_command": command})
+        )
     run = read_run(path)
     assert run.sensors["imu"].z.shape == (0, 3)
-    assert np.isnan(run.requested[:2]).all()
-    assert run.requested[2].tolist() == [0.1, 0.2]
-    assert run.sent is None
+    assert np.isnan(run.requested_commands[:2]).all()
+    assert run.requested_commands[2].tolist() == [0.1, 0.2]
+    assert run.sent_commands is None
 
 
 def test_data_of_a_wrong_shape_do_not_stop_the_recording(tmp_path):
@@ -167,7 +176,11 @@ def test_data_of_a_wrong_shape_do_not_stop_the_recording(tmp_path):
             bad = Estimate(t_ns, np.zeros(2), np.zeros(3), np.eye(6))
             writer.record(
                 SimpleNamespace(
-                    tick=silent_tick(t_ns), requested=None, command=None, estimate=bad, reference=None
+                    tick=silent_tick(t_ns),
+                    requested_command=None,
+                    sent_command=None,
+                    estimate=bad,
+                    reference=None,
                 )
             )
     run = read_run(path)
@@ -183,7 +196,11 @@ def test_missing_early_innovations_are_filled_with_nan(tmp_path):
             estimate = Estimate(t_ns, np.zeros(3), np.zeros(3), np.eye(6), *extra)
             writer.record(
                 SimpleNamespace(
-                    tick=silent_tick(t_ns), requested=None, command=None, estimate=estimate, reference=None
+                    tick=silent_tick(t_ns),
+                    requested_command=None,
+                    sent_command=None,
+                    estimate=estimate,
+                    reference=None,
                 )
             )
     innovation = read_run(path).estimate.innovation
@@ -193,7 +210,9 @@ def test_missing_early_innovations_are_filled_with_nan(tmp_path):
 
 def test_an_exception_is_logged_in_the_run_and_raised_again(tmp_path):
     path = tmp_path / "x.mcap"
-    tick = SimpleNamespace(tick=silent_tick(5), requested=None, command=None, estimate=None, reference=None)
+    tick = SimpleNamespace(
+        tick=silent_tick(5), requested_command=None, sent_command=None, estimate=None, reference=None
+    )
 
     def drive():
         with RunWriter(path) as writer:
@@ -239,13 +258,16 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
         ),
         ({"t_ns": np.array([0.1, 0.2])}, ("run.times", {"dtype": "float64"})),
         (
-            {"applied": np.zeros((3, 1))},
-            ("run.shape", {"name": "applied", "value": "(3, 1)", "expected": "(2, 1)"}),
+            {"applied_commands": np.zeros((3, 1))},
+            ("run.shape", {"name": "applied_commands", "value": "(3, 1)", "expected": "(2, 1)"}),
         ),
-        ({"applied": np.zeros(2)}, ("run.shape", {"name": "applied", "value": "(2,)", "expected": "(2, n)"})),
         (
-            {"requested": np.zeros((2, 2))},
-            ("run.shape", {"name": "requested", "value": "(2, 2)", "expected": "(2, 1)"}),
+            {"applied_commands": np.zeros(2)},
+            ("run.shape", {"name": "applied_commands", "value": "(2,)", "expected": "(2, n)"}),
+        ),
+        (
+            {"requested_commands": np.zeros((2, 2))},
+            ("run.shape", {"name": "requested_commands", "value": "(2, 2)", "expected": "(2, 1)"}),
         ),
         (
             {"sensors": {"imu": Channel(ONE, TWO, np.zeros((2, 3)))}},
@@ -260,4 +282,4 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
 )
 def test_a_run_with_arrays_of_wrong_shape_is_refused(change, message):
     with refused(message[0], ValueError, **message[1]):
-        Run(**{"name": "x", "path": None, "t_ns": TWO, "applied": np.zeros((2, 1))} | change)
+        Run(**{"name": "x", "path": None, "t_ns": TWO, "applied_commands": np.zeros((2, 1))} | change)

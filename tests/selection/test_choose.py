@@ -281,7 +281,7 @@ def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file
     motor = np.stack([1.0 + effect * (volts / 6.0 - 1.0), np.ones(len(u))], axis=1)
     run = simulate(dry, u * motor, 0)
     battery = Channel(run.t_ns, run.t_ns, volts[:, None])
-    run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
+    run = replace(run, applied_commands=u, sensors={**run.sensors, "battery": battery})
     judgements = choose(run, dry, ["battery voltage", "dry friction"], use=USE).term_results
     judgement = next(
         term_judgement for term_judgement in judgements if term_judgement.term.name == "battery voltage"

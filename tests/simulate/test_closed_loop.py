@@ -26,16 +26,16 @@ def test_the_compiled_loop_equals_the_clocked_loop(vehicle):
     loop.run(blocks, world, clock.simulated_ticks(100.0, 1.5), on_record=records.append, eta=np.zeros(3))
     assert len(records) >= 150
     for k, record in enumerate(records[:150]):
-        np.testing.assert_allclose(record.tick.u, run.applied[k], atol=1e-9)
+        np.testing.assert_allclose(record.tick.u, run.applied_commands[k], atol=1e-9)
         np.testing.assert_allclose(record.estimate.eta, run.estimate.eta[k], atol=1e-9)
         np.testing.assert_allclose(record.estimate.cov, run.estimate.cov[k], atol=1e-9)
-        np.testing.assert_allclose(record.requested.u, run.requested[k], atol=1e-9)
+        np.testing.assert_allclose(record.requested_command.u, run.requested_commands[k], atol=1e-9)
 
 
 def test_a_command_is_applied_one_tick_later(vehicle):
     run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.0)
-    assert np.array_equal(run.applied[1:], run.sent[:-1])
-    assert np.array_equal(run.applied[0], np.zeros(3))
+    assert np.array_equal(run.applied_commands[1:], run.sent_commands[:-1])
+    assert np.array_equal(run.applied_commands[0], np.zeros(3))
 
 
 def test_with_perfect_pose_the_estimate_is_the_truth(vehicle):
@@ -75,7 +75,7 @@ def test_the_vehicle_starts_at_the_start_of_the_route(vehicle):
 def test_commands_are_invariant_under_motions_of_the_world(vehicle):
     moved_route = move_route(ROUTE, np.array([3.0, -2.0, 3.1]))
     a, b = (simulate_loop(vehicle, r, seed=2, duration_s=2.0) for r in (ROUTE, moved_route))
-    np.testing.assert_allclose(a.requested, b.requested, atol=1e-7)
+    np.testing.assert_allclose(a.requested_commands, b.requested_commands, atol=1e-7)
 
 
 def test_each_seed_gives_a_different_run(vehicle):
@@ -89,7 +89,7 @@ def test_a_stop_of_the_supervisor_is_logged_in_the_run(vehicle):
     vehicle.supervisor = lambda: Supervisor(np.array([1.0, 0.0, 1.0]), max_speed_m_s=0.05)
     run = simulate_loop(vehicle, ROUTE, perfect=True, duration_s=2.0)
     assert run.events[0].diagnostic.code == StopReason.SPEED
-    assert not run.sent[-1].any()
+    assert not run.sent_commands[-1].any()
 
 
 def test_a_guide_that_is_never_done_needs_a_duration(vehicle):

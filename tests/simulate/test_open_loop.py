@@ -99,7 +99,7 @@ def test_a_simulation_without_noise_is_deterministic(vehicle):
 
 def test_the_run_contains_truth_signal_and_metadata(vehicle):
     run = simulate(vehicle, U, seed=7)
-    assert run.applied.tolist() == U.tolist()
+    assert run.applied_commands.tolist() == U.tolist()
     assert run.t_ns[0] == 10_000_000
     assert run.truth.eta.shape == (300, 3)
     assert run.vehicle_text == vehicle.text

@@ -193,11 +193,11 @@ def test_simulated_vehicles_have_a_fit_run_and_a_validation_run(vehicles):
     for vehicle in vehicles:
         assert vehicle.fit_run.truth is None
         assert vehicle.test_run.truth is not None
-        assert not np.array_equal(vehicle.fit_run.applied, vehicle.test_run.applied)
+        assert not np.array_equal(vehicle.fit_run.applied_commands, vehicle.test_run.applied_commands)
         assert {"imu", "odometer"} <= set(vehicle.fit_run.sensors)
     slope, lag = (vehicle.test_run for vehicle in vehicles)
     assert np.std(slope.sensors["imu"].z[:100, :2].mean(axis=0)) > 0.0
-    first = np.argmax(np.abs(lag.applied).max(axis=1) > 0.5)
+    first = np.argmax(np.abs(lag.applied_commands).max(axis=1) > 0.5)
     assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a second-order motor hardly turns the wheel in 20 ms
 
 

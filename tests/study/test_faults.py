@@ -225,9 +225,11 @@ def test_a_gyro_that_zeroes_itself_removes_a_steady_turn(sound):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_lost_sign_changes_only_the_second_half(sound, seed):
     run, bad = harm(sound, "sign lost", seed)
-    np.testing.assert_array_equal(bad.applied[:1500], run.applied[:1500])
+    np.testing.assert_array_equal(bad.applied_commands[:1500], run.applied_commands[:1500])
     np.testing.assert_array_equal(bad.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
-    has_changed = np.any(bad.applied != run.applied) or np.any(bad.sensors["imu"].z != run.sensors["imu"].z)
+    has_changed = np.any(bad.applied_commands != run.applied_commands) or np.any(
+        bad.sensors["imu"].z != run.sensors["imu"].z
+    )
     assert has_changed or seed in (1, 2)  # a channel without negative values cannot lose a sign
 
 
@@ -237,8 +239,10 @@ def test_each_fault_changes_rate_and_duration_as_named(sound):
     run, fast = harm(sound, "1 kHz repeats")
     assert (len(fast.t_ns), set(np.diff(fast.t_ns).tolist())) == (10_000, {1_000_000})
     at = np.searchsorted(fast.t_ns, run.t_ns[5])
-    np.testing.assert_array_equal(fast.applied[at], run.applied[5])
-    np.testing.assert_array_equal(fast.applied[at + 1 : at + 11], np.tile(run.applied[6], (10, 1)))
+    np.testing.assert_array_equal(fast.applied_commands[at], run.applied_commands[5])
+    np.testing.assert_array_equal(
+        fast.applied_commands[at + 1 : at + 11], np.tile(run.applied_commands[6], (10, 1))
+    )
     _, short = harm(sound, "2 s")
     assert short.duration_s == pytest.approx(2.0, abs=0.02)
     _, epoch = harm(sound, "epoch in ms")
@@ -248,7 +252,7 @@ def test_each_fault_changes_rate_and_duration_as_named(sound):
 def test_a_duplicated_half_and_a_second_imu_have_the_expected_samples(sound):
     run, twice = harm(sound, "half duplicated")
     np.testing.assert_array_equal(twice.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
-    np.testing.assert_array_equal(twice.applied[1500:], run.applied[:1500])
+    np.testing.assert_array_equal(twice.applied_commands[1500:], run.applied_commands[:1500])
     run, two = harm(sound, "two IMUs")
     np.testing.assert_array_equal(two.sensors["imu"].z[::2], run.sensors["imu"].z[::2])
     assert np.all(np.any(two.sensors["imu"].z[1::2] != run.sensors["imu"].z[1::2], axis=1))

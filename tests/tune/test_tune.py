@@ -46,8 +46,8 @@ def test_the_cost_equals_the_sum_of_the_paper_over_the_drive(small):
 def test_the_default_cost_adds_jerk_to_the_cost_of_the_paper(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
-    assert run.sent is not None
-    jerks = np.sum((run.sent - run.applied) ** 2)
+    assert run.sent_commands is not None
+    jerks = np.sum((run.sent_commands - run.applied_commands) ** 2)
     papers = tuning_objective(small, ROUTE, **PAPERS).cost(GAINS)
     assert tuning_objective(small, ROUTE, aside_m=0.0).cost(GAINS) == pytest.approx(
         papers + 0.1 * jerks, rel=1e-9
@@ -251,10 +251,10 @@ def test_a_vehicle_that_cannot_turn_is_refused_on_a_circle(small, setting):
 def test_the_weight_of_effort_adds_the_squared_commands_to_the_cost(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
-    assert run.sent is not None
+    assert run.sent_commands is not None
     papers = tuning_objective(small, ROUTE, **PAPERS).cost(GAINS)
     priced = tuning_objective(small, ROUTE, effort_m2=0.02, **PAPERS).cost(GAINS)
-    assert priced == pytest.approx(papers + 0.02 * np.sum(run.sent**2), rel=1e-9)
+    assert priced == pytest.approx(papers + 0.02 * np.sum(run.sent_commands**2), rel=1e-9)
 
 
 def test_a_route_faster_than_the_vehicle_is_refused(small):

@@ -120,7 +120,7 @@ def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):
     run = logs["step +1"]
     assert begins_at_rest(run, file.sensors)
     coasting = logs["coasting"].cut(2.0)
-    assert not np.any(coasting.applied[:2])
+    assert not np.any(coasting.applied_commands[:2])
     assert not begins_at_rest(coasting, file.sensors)
     assert not begins_at_rest(run.cut(1.0), file.sensors)
 

@@ -35,7 +35,7 @@ def drive(name: str = "circle", ticks: int = 300) -> Run:
     y, S = np.tile([0.1, np.nan, 0.2], (ticks, 1)), np.tile(np.diag([0.01, 1.0, 0.04]), (ticks, 1, 1))
     cov = np.tile(np.diag([4.0, 9.0, 1.0, 1.0, 1.0, 1.0]), (ticks, 1, 1))
     return Run(
-        name, None, t_ns, np.tile([0.5, 0.0, 0.1], (ticks, 1)), requested=np.tile([0.6, 0.0, 0.1], (ticks, 1)),
+        name, None, t_ns, np.tile([0.5, 0.0, 0.1], (ticks, 1)), requested_commands=np.tile([0.6, 0.0, 0.1], (ticks, 1)),
         sensors={"imu": Channel(t_ns, t_ns, z)}, estimate=EstimateLog(t_ns, off, nu, cov, y, S),
         reference=ReferenceLog(t_ns, on, nu, np.zeros(ticks)), vehicle_text=load("small").text,
         events=(Event(int(t_ns[3]), "warning", "test", "a stone"),), metadata={"kind": "repeat"},

@@ -70,7 +70,7 @@ def test_before_8_s_the_page_shows_errors_predicted_from_the_guess(driven_runs):
         pass
     assert state["fit"] is None
     drive_information = DriveInformation(guess)
-    expected = drive_information.relative_std(drive_information.information(run.applied[:700]))
+    expected = drive_information.relative_std(drive_information.information(run.applied_commands[:700]))
     np.testing.assert_allclose(state["now"], expected, rtol=1e-3)
     assert state["bits"] == pytest.approx(-np.sum(np.log2(expected)), rel=1e-6)
     assert np.sum(state["rate"]) * state["dt"] == pytest.approx(state["bits"], rel=0.02)

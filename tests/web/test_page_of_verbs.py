@@ -263,7 +263,7 @@ def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signa
     run = read_run(tmp_path / "run.mcap")
     assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
     assert stop_reason_of(run).figures["silent_ms"] <= 500.0
-    assert not run.applied[-1].any()
+    assert not run.applied_commands[-1].any()
 
 
 def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_path):
@@ -341,7 +341,7 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
         assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
     assert np.max(run.truth.eta[:, 0]) > 0.1
-    assert not run.applied[-1].any()
+    assert not run.applied_commands[-1].any()
 
 
 @needs_browser

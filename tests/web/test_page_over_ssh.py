@@ -108,8 +108,8 @@ def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
             last = max(here.glob("*.mcap"))
             run = read_run(last)
             assert stop_reason_of(run).figures["name"] == "ana"
-            assert run.applied[:, 0].max() > 0.4
-            assert not run.applied[-1].any()
+            assert run.applied_commands[:, 0].max() > 0.4
+            assert not run.applied_commands[-1].any()
             assert last.read_bytes() == (there / last.name).read_bytes()
             assert " ana@r1 " in calls.read_text().splitlines()[-1]
             os.kill(int(process), signal.SIGKILL)

@@ -185,8 +185,8 @@ def test_rt13_a_browser_without_network_loses_the_vehicle_within_half_a_second(t
         watcher.close()
     run = read_run(max(tmp_path.glob("*.mcap")))
     assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
-    assert run.applied[:, 0].max() > 0.4
-    assert not run.applied[-1].any()
+    assert run.applied_commands[:, 0].max() > 0.4
+    assert not run.applied_commands[-1].any()
 
 
 class StoppedItself(Exception):

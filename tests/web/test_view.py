@@ -63,11 +63,13 @@ def test_a_run_with_an_invalid_vehicle_file_is_shown(text):
 def test_a_run_without_ticks_or_estimates_is_shown():
     from dataclasses import replace
 
-    bare = replace(drive(ticks=5), estimate=None, reference=None, requested=None, sensors={}, events=())
+    bare = replace(
+        drive(ticks=5), estimate=None, reference=None, requested_commands=None, sensors={}, events=()
+    )
     x, record = columns_of(bare)
     assert np.isnan(x["eta.x"]).all()
     assert record.description["route"] is None
-    empty = replace(bare, t_ns=bare.t_ns[:0], applied=bare.applied[:0])
+    empty = replace(bare, t_ns=bare.t_ns[:0], applied_commands=bare.applied_commands[:0])
     assert pack_run(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
 
 

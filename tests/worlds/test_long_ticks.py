@@ -63,7 +63,7 @@ def test_compiled_and_clocked_loop_agree_at_10_hz():
         eta=np.zeros(3),
     )
     for k, record in enumerate(records[: len(run.t_ns)]):
-        np.testing.assert_allclose(record.tick.u, run.applied[k], atol=1e-9)
+        np.testing.assert_allclose(record.tick.u, run.applied_commands[k], atol=1e-9)
         np.testing.assert_allclose(record.estimate.eta, run.estimate.eta[k], atol=1e-9)
     assert np.abs(run.truth.nu[-10:, 0] - 0.2).max() < 0.03
     assert np.abs(run.estimate.nu - run.truth.nu)[:, 0].max() < 0.02

@@ -277,7 +277,7 @@ def _rest_span(run: "Run") -> tuple[int, int]:
     UsageError without a tick or a rest."""
     if not len(run.t_ns):
         raise UsageError(fault("at-rest.no-tick", run=run.name))
-    driven_ticks = np.any(run.applied != 0.0, axis=1)  # NaN counts as driven
+    driven_ticks = np.any(run.applied_commands != 0.0, axis=1)  # NaN counts as driven
     edges = np.flatnonzero(np.diff(np.concatenate([[True], driven_ticks, [True]]).astype(int)))
     begins, ends = edges[::2], edges[1::2] - 1
     if not len(begins):

@@ -108,7 +108,7 @@ def _check_complete_record(name: str, gyro: IntegratedSignal, limit: np.ndarray 
 def is_turned_by_hand(run: Run) -> bool:
     """Return True if all commands are 0 and a pose was not measured: only a hand can have turned the vehicle."""
     without_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
-    return without_truth and not np.any(np.nan_to_num(run.applied))
+    return without_truth and not np.any(np.nan_to_num(run.applied_commands))
 
 
 def _rests(gyro: IntegratedSignal) -> list[Rest]:

@@ -56,7 +56,7 @@ def with_gyro_bias_at_rest(
 
 def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
     """Return True if a run begins at rest, according to its commands and the readings of `sensors`.  (2)"""
-    driven_ticks = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # NaN counts as driven
+    driven_ticks = np.flatnonzero(np.any(run.applied_commands != 0.0, axis=1))  # NaN counts as driven
     first_ns = run.t_ns[max(driven_ticks[0] - 1, 0)] if len(driven_ticks) else run.t_ns[-1]
     is_quiet = not len(driven_ticks) or driven_ticks[0] > 0
     for name, sensor in sensors._asdict().items():
@@ -93,7 +93,7 @@ def speed_channels(sensor: "Tree") -> np.ndarray:
 
 def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
     """Return a mask (K,), True at the times `t_ns` (K,) that come after REST_S without a command."""
-    driven_ticks = np.any(run.applied != 0.0, axis=1)  # NaN counts as driven
+    driven_ticks = np.any(run.applied_commands != 0.0, axis=1)  # NaN counts as driven
     last_driven_ns = np.maximum.accumulate(np.where(driven_ticks, run.t_ns, run.t_ns[0]))
     tick = np.clip(np.searchsorted(run.t_ns, t_ns), 0, len(run.t_ns) - 1)
     return ~driven_ticks[tick] & (t_ns - last_driven_ns[tick] > REST_S * NANOSECONDS)

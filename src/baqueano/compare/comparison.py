@@ -364,7 +364,7 @@ def _command_figures(run: "Run") -> dict[str, float]:
     """
     ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
     k = slice(None) if ref is None or not len(ref.t_ns) else _until_done(run.t_ns, ref)
-    u = (run.applied if run.sent is None else run.sent)[k]
+    u = (run.applied_commands if run.sent_commands is None else run.sent_commands)[k]
     changes = evenness.sign_changes(run.t_ns[k], u[:, 0]) if u.size else float("nan")
     return {"sign_changes_per_s": changes, "at_limit": evenness.share_at_limit(u, limits)}
 

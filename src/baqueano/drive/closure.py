@@ -280,7 +280,7 @@ def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
     if ticks < 2:
         raise AnswerNo(fault("marks.no-lap", name=run.name, ticks=ticks))
     from_ns, to_ns = int(np.squeeze(from_ns)), int(np.squeeze(to_ns))
-    motions_ns = run.t_ns[np.any(run.applied != 0.0, axis=1) & (run.t_ns <= from_ns)]
+    motions_ns = run.t_ns[np.any(run.applied_commands != 0.0, axis=1) & (run.t_ns <= from_ns)]
     if not len(motions_ns):
         return run.cut(0.0, float(seconds(to_ns + 1, run.t_ns[0]))), from_ns, {}
     rest_ns = min(int(motions_ns[-1]) + round(REST_S * NANOSECONDS), from_ns)
@@ -335,7 +335,7 @@ def _bias_at_rest(run: Run, channel: Channel) -> tuple[float, float]:
 
     Raise AnswerNo if the rest was too short.
     """
-    in_motion = np.any(run.applied != 0.0, axis=1)  # an unknown command (NaN) is treated as motion
+    in_motion = np.any(run.applied_commands != 0.0, axis=1)  # an unknown command (NaN) is treated as motion
     last_motion_ns = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
     tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
     at_rest = (

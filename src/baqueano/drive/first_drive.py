@@ -220,7 +220,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
     """Return the pulses of a first drive and their motion, in order. Raise UsageError for a run without estimates."""
-    is_on = np.any(run.applied != 0.0, axis=1).astype(int)
+    is_on = np.any(run.applied_commands != 0.0, axis=1).astype(int)
     begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
     ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
     log, pulses = run.estimate, []
@@ -233,7 +233,9 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
         turns = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
         v_significance = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
         significance = max(v_significance, float(np.max(np.abs(turns) / np.sqrt(var[:, 2]))))
-        pulses.append(Pulse(run.applied[a], _peak(nu[:, 0]), _peak(turns), v_significance, significance))
+        pulses.append(
+            Pulse(run.applied_commands[a], _peak(nu[:, 0]), _peak(turns), v_significance, significance)
+        )
     return tuple(pulses)
 
 
@@ -290,12 +292,12 @@ def _model_gains(
 
     model = simulate(
         vehicle_file,
-        np.clip(run.applied, -vehicle_file.command.limit, vehicle_file.command.limit),
+        np.clip(run.applied_commands, -vehicle_file.command.limit, vehicle_file.command.limit),
         noise=False,
     )
     truth = model.truth
     assert truth is not None
-    is_on = np.any(run.applied != 0.0, axis=1).astype(int)
+    is_on = np.any(run.applied_commands != 0.0, axis=1).astype(int)
     begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
     ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
     psi = np.unwrap(truth.eta[:, 2])

@@ -37,7 +37,7 @@ def smooth_run(
     belief = estimator.init(
         *(() if initial is None else (initial,) if len(initial) == 3 else (initial[:3], initial[3:]))
     )
-    quiet = Tick(int(run.t_ns[0]), run.applied[0], silent(sizes))
+    quiet = Tick(int(run.t_ns[0]), run.applied_commands[0], silent(sizes))
     block_name = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, quiet):
         raise UsageError(fault("smooth.not-kalman", who=block_name))
@@ -70,5 +70,5 @@ def _ticks(run: Run, sizes: dict[str, int]) -> Tick:
             slots_of_sensor = [getattr(tick.sensors, name) for tick in ticks]
             columns = (np.array([slot[i] for slot in slots_of_sensor], dtype=float) for i in range(3))
         slots[name] = Slot(*columns)
-    fields: Any = (run.t_ns, run.applied, sensor_slots(tuple(sizes))(**slots))
+    fields: Any = (run.t_ns, run.applied_commands, sensor_slots(tuple(sizes))(**slots))
     return Tick(*fields)

@@ -70,7 +70,7 @@ def experiment(
     Examples
     --------
     >>> run = experiment(bq.load("small"), np.tile([0.5, 0.0, 0.0], (100, 1)))  # both wheels at half duty for 1 s
-    >>> print(run.applied.shape, f"{run.truth.nu[-1, 0]:.2f} m/s")
+    >>> print(run.applied_commands.shape, f"{run.truth.nu[-1, 0]:.2f} m/s")
     (101, 3) 0.13 m/s
     """
     u = np.atleast_2d(np.array(u, dtype=float))
@@ -342,8 +342,7 @@ def replay_blocks(
 ) -> Blocks:  # fmt: skip
     """Return the blocks for a replay: the blocks of `vehicle_file` or the given ones, with the recorded references.
 
-    A given `guide` receives the recorded references as a route. Without `controller` the recorded commands are
-    repeated, except for a repetition whose file has gains.
+    A `guide` receives them as a route. Without `controller` or gains of a repetition, the commands are repeated.
     """
     ref, log, begin = run.guide_reference, run.reference, min(run.begin_index, len(run.t_ns) - 1)
     end_ns = np.zeros(0) if log is None else log.t_ns[log.done > 0.0]
@@ -356,7 +355,8 @@ def replay_blocks(
     if follower is None and run.metadata.get("kind") == "repeat":
         follower = _controller_with_gains(vehicle_file)
     if follower is None:
-        u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
+        u = run.requested_commands
+        u = run.applied_commands if u is None else np.where(np.isfinite(u), u, 0.0)
         follower = Schedule(run.t_ns[begin:] - run.t_ns[begin], u[begin:])
     return Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
 

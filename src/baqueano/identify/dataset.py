@@ -155,9 +155,9 @@ def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Non
     """Raise UsageError if a run has another number of commands than the vehicle."""
     n = vehicle_file.vehicle.commands
     for run in runs:
-        if run.applied.shape[1] != n:
+        if run.applied_commands.shape[1] != n:
             names: JsonObject = {"run": run.name, "vehicle": vehicle_file.name}
-            counts: JsonObject = {"commands": run.applied.shape[1], "expected": n}
+            counts: JsonObject = {"commands": run.applied_commands.shape[1], "expected": n}
             raise UsageError(fault("runs.other-vehicle", "--vehicle FILE", **names, **counts))
 
 

@@ -216,18 +216,18 @@ def commands_section(run: Run) -> Section:
 def _command_curves(run: Run) -> list[_CommandCurve]:
     """Return the curves of the commands that this vehicle uses, then the curves of its two wheels."""
     limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
-    commands_sent = run.applied if run.sent is None else run.sent
+    commands_sent = run.applied_commands if run.sent_commands is None else run.sent_commands
     n = commands_sent.shape[1]
     if limits is None or len(limits.command) != n:
         limits, names = evenness.Limits(np.full(n, np.inf)), [f"u[{k}]" for k in range(n)]
     command_curves = []
     for k in range(n):
-        if limits.command[k] > 0.0 or run.applied[:, k].any():
-            curves = {} if run.requested is None else {"requested": run.requested[:, k]}
+        if limits.command[k] > 0.0 or run.applied_commands[:, k].any():
+            curves = {} if run.requested_commands is None else {"requested": run.requested_commands[:, k]}
             command_curves.append(
                 _CommandCurve(
                     names[k] + unit,
-                    curves | {"applied": run.applied[:, k]},
+                    curves | {"applied": run.applied_commands[:, k]},
                     commands_sent[:, k],
                     limits.command[k],
                 )

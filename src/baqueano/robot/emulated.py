@@ -36,7 +36,7 @@ def emulate_vehicle(
     >>> from baqueano.vehicle_file import load
     >>> with emulate_vehicle(load("small"), load("small")) as one_drive:
     ...     run = experiment(load("small"), [[0.0, 0.0, 0.6]] * 50, **one_drive())
-    >>> print(f"{run.applied[-1, 2]:.1f} reached the motors, {run.truth.nu[-1, 2]:.0f} rad/s")
+    >>> print(f"{run.applied_commands[-1, 2]:.1f} reached the motors, {run.truth.nu[-1, 2]:.0f} rad/s")
     0.6 reached the motors, 4 rad/s
     """
     if not (REPOSITORY / "tests" / "emulated" / "robot.py").is_file():

@@ -71,14 +71,12 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
 
 
 def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
-    t_ns, n = run.t_ns, run.applied.shape[1]
+    t_ns, n = run.t_ns, run.applied_commands.shape[1]
     names = [name.strip() for name in run.metadata.get("commands", "").split(",")]
     names = names if len(names) == n and all(names) else [f"u{i + 1}" for i in range(n)]
     yield "t_s", run.t_s
-    for stage in ("applied", "requested", "sent"):
-        values = getattr(run, stage)
-        if values is not None:
-            yield from ((f"{stage}.{name}", values[:, i]) for i, name in enumerate(names))
+    for stage, values in run.commands.items():
+        yield from ((f"{stage}.{name}", values[:, i]) for i, name in enumerate(names))
     for name, channel in run.sensors.items():
         rows = newest_at_ticks(
             t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, run.start_ns)])

@@ -30,7 +30,7 @@ def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
             z[tick_index[is_inside]], has[tick_index[is_inside]] = channel.z[is_inside], 1.0
             age[tick_index[is_inside]] = age_s(channel.t_ns[is_inside], t_ns[tick_index[is_inside]])
         slots[name] = (has, z, age)
-    u = np.where(np.isfinite(run.applied[:max_ticks]), run.applied[:max_ticks], 0.0)
+    u = np.where(np.isfinite(run.applied_commands[:max_ticks]), run.applied_commands[:max_ticks], 0.0)
     rows: Any = {name: Slot(*slot) for name, slot in slots.items()}
     columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))
     return rows_of_ticks(Tick(*columns), ekf.rate_hz)[0]

@@ -75,7 +75,7 @@ class MemoryRecorder:
             None,
             t_ns,
             np.array([x.tick.u for x in r]),
-            np.array([x.requested.u for x in r]),
+            np.array([x.requested_command.u for x in r]),
             {name: self._sensor(name) for name in (r[0].tick.sensors._fields if r else ())}
             | {name: self._channel(name) for name in self.channels},
             _estimates(t_ns, r),
@@ -84,7 +84,7 @@ class MemoryRecorder:
             tuple(self.events),
             self.vehicle_text,
             self.metadata,
-            np.array([x.command.u for x in r]),
+            np.array([x.sent_command.u for x in r]),
         )
 
     def _channel(self, name: str) -> Channel:

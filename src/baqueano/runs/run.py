@@ -1,9 +1,9 @@
 """Represent a run in memory: commands, measurements, estimates, and the truth of a simulation.
 
 Times are integer nanoseconds. A measurement has two times: its instant (`t_ns`) and its arrival at the loop
-(`arrival_ns`). A tick at t_k contains the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was applied during
-the same interval. Two runs are equal (==) if all recorded data are equal, bit for bit, even if name, path or notes
-differ.
+(`arrival_ns`). A tick at t_k contains the measurements that arrived in (t_{k-1}, t_k]; `applied_commands[k]` was
+applied during the same interval. Two runs are equal (==) if all recorded data are equal, bit for bit, even if name,
+path or notes differ.
 """
 
 from collections.abc import Iterator
@@ -53,9 +53,9 @@ class Run(Result):
         File of the run; None for a run that is only in memory.
     t_ns : ndarray (N,)
         Times of the ticks, int64; they increase.
-    applied : ndarray (N, n) [unit of u]
+    applied_commands : ndarray (N, n) [unit of u]
         Commands applied during the interval that ends at t_ns.
-    requested : ndarray (N, n), optional [unit of u]
+    requested_commands : ndarray (N, n), optional [unit of u]
         Commands of the controller at t_ns; NaN without a command.
     sensors : dict of Channel
         Measurements by sensor, in the order of the vehicle file.
@@ -71,7 +71,7 @@ class Run(Result):
         Text of the vehicle file that was used.
     metadata : dict of str
         Seed, versions, back end, kind.
-    sent : ndarray (N, n), optional [unit of u]
+    sent_commands : ndarray (N, n), optional [unit of u]
         Commands that the supervisor sent at t_ns; NaN without a command.
     notes : tuple of Diagnostic
         Remarks of the reader about the file.
@@ -86,8 +86,8 @@ class Run(Result):
     name: str
     path: Path | None
     t_ns: np.ndarray
-    applied: np.ndarray
-    requested: np.ndarray | None = None
+    applied_commands: np.ndarray
+    requested_commands: np.ndarray | None = None
     sensors: dict[str, Channel] = field(default_factory=dict)
     estimate: EstimateLog | None = None
     reference: ReferenceLog | None = None
@@ -95,17 +95,21 @@ class Run(Result):
     events: tuple[Event, ...] = ()
     vehicle_text: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
-    sent: np.ndarray | None = None
+    sent_commands: np.ndarray | None = None
     notes: tuple[Diagnostic, ...] = ()
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
         set_field(self, "t_ns", checked_times(self.t_ns, "t_ns", must_increase=True))
-        n = np.shape(self.applied)[1] if np.ndim(self.applied) == 2 else -1
-        set_field(self, "applied", checked_array(self.applied, "applied", (len(self.t_ns), n)))
-        for name in ("requested", "sent"):
+        n = np.shape(self.applied_commands)[1] if np.ndim(self.applied_commands) == 2 else -1
+        set_field(
+            self,
+            "applied_commands",
+            checked_array(self.applied_commands, "applied_commands", (len(self.t_ns), n)),
+        )
+        for name in ("requested_commands", "sent_commands"):
             if getattr(self, name) is not None:
-                set_field(self, name, checked_array(getattr(self, name), name, self.applied.shape))
+                set_field(self, name, checked_array(getattr(self, name), name, self.applied_commands.shape))
         set_field(
             self, "sensors", {name: checked_channel(name, channel) for name, channel in self.sensors.items()}
         )
@@ -153,7 +157,7 @@ class Run(Result):
         """
         from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
-        columns = {f"applied_{k}": u for k, u in enumerate(self.applied.T)}
+        columns = {f"applied_{k}": u for k, u in enumerate(self.applied_commands.T)}
         for name in ("estimate", "reference", "truth"):
             log = getattr(self, name)
             if log is not None and len(log.t_ns):
@@ -167,6 +171,16 @@ class Run(Result):
             columns |= {f"{name}_{k}": column for k, column in enumerate(z.T)}
         frame = pandas()
         return frame.DataFrame(columns, index=frame.Index(self.t_s, name="t_s"))
+
+    @property
+    def commands(self) -> dict[str, np.ndarray]:
+        """Return the recorded commands (N, n) [unit of u] by stage: applied, requested, sent."""
+        stages = (
+            ("applied", self.applied_commands),
+            ("requested", self.requested_commands),
+            ("sent", self.sent_commands),
+        )
+        return {stage: u for stage, u in stages if u is not None}
 
     @property
     def duration_s(self) -> float:
@@ -216,7 +230,7 @@ class Run(Result):
         if any."""
         slots = sensor_slots(tuple(self.sensors))
         columns = [_slots(channel, self.t_ns) for channel in self.sensors.values()]
-        for t_ns, u, *row in zip(self.t_ns.tolist(), self.applied, *columns, strict=True):
+        for t_ns, u, *row in zip(self.t_ns.tolist(), self.applied_commands, *columns, strict=True):
             yield Tick(t_ns, u, slots(*row))
 
     def cut(self, from_s: float = 0.0, to_s: float = float("inf")) -> "Run":
@@ -241,9 +255,11 @@ class Run(Result):
             self,
             path=None,
             t_ns=self.t_ns[first:last],
-            applied=self.applied[first:last],
-            requested=None if self.requested is None else self.requested[first:last],
-            sent=None if self.sent is None else self.sent[first:last],
+            applied_commands=self.applied_commands[first:last],
+            requested_commands=None
+            if self.requested_commands is None
+            else self.requested_commands[first:last],
+            sent_commands=None if self.sent_commands is None else self.sent_commands[first:last],
             sensors=sensors,
             estimate=part(self.estimate),
             reference=part(self.reference),

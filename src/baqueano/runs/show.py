@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
 
 GAP_STEPS = 1.8
-COMMAND_TITLES = {"requested": N_("command requested"), "sent": N_("command sent")}
+COMMAND_TITLES = {
+    "applied": N_("command applied"), "requested": N_("command requested"), "sent": N_("command sent"),
+}  # fmt: skip
 MAX_SHOWN_EVENTS = 20
 SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
@@ -61,10 +63,7 @@ class ShownRun:
         """Return a flat dict per topic; an unknown value is None."""
         run = self.run
         start = run.start_ns
-        rows = [_row(N_("command applied"), run.t_ns, run.applied, start)]
-        for name in COMMAND_TITLES:
-            if getattr(run, name) is not None:
-                rows.append(_row(COMMAND_TITLES[name], run.t_ns, getattr(run, name), start))
+        rows = [_row(COMMAND_TITLES[stage], run.t_ns, u, start) for stage, u in run.commands.items()]
         for name, channel in run.sensors.items():
             row = _row(f"sensor {name}", channel.t_ns, channel.z, start)
             late_ns = channel.arrival_ns - channel.t_ns

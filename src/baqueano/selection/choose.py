@@ -100,7 +100,7 @@ def choose(
         raise UsageError(fault("choose.options", options=option_names))
     runs, report = [runs] if isinstance(runs, Run) else list(runs), progress or (lambda text: None)
     check_only_held_out(held_out, runs)
-    commands = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
+    commands = [run.applied_commands[np.isfinite(run.applied_commands).all(axis=1)] for run in runs]
     if not sum(map(len, commands)):
         raise UsageError(fault("choose.no-command"))
     u, setup = np.concatenate(commands), FitSetup(runs, use, options, tuple(held_out))

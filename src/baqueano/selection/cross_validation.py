@@ -237,7 +237,7 @@ def _widen(is_held_out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 
 def independent_motion_count(runs: Sequence[Run], command: int) -> float:
     """Return the number of independent pieces of motion of a command over all runs; 0 if it is always 0.  (4)"""
-    u = [run.applied[np.isfinite(run.applied[:, command]), command] for run in runs]
+    u = [run.applied_commands[np.isfinite(run.applied_commands[:, command]), command] for run in runs]
     all_commands = np.concatenate([np.zeros(1), *u])
     swing = MIN_SWING * float(np.ptp(all_commands))
     piece_count = 0.0

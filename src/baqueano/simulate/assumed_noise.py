@@ -60,7 +60,9 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
     short, for a kinematic model, and without compiled or generated code.
     """
     filter_layout, dt_s, rng = layout(ekf), 1.0 / ekf.rate_hz, np.random.default_rng(0)
-    u = run.applied[np.isfinite(run.applied).all(axis=1) & np.any(run.applied != 0.0, axis=1)]
+    u = run.applied_commands[
+        np.isfinite(run.applied_commands).all(axis=1) & np.any(run.applied_commands != 0.0, axis=1)
+    ]
     u = np.ascontiguousarray(u[: min(round(DRIVE_S / dt_s), TICKS.get(filtered.backend, 0) // DRIVES)])
     if len(u) < MIN_TICKS or not is_dynamic(ekf.vehicle):
         return np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))

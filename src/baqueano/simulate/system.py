@@ -71,7 +71,7 @@ def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[
     noise = no_noise(system.sensors, rows_of_tick(dt_s)) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
-    return SystemState(world, states, record.command.u), LoopOutput(record, truth)
+    return SystemState(world, states, record.sent_command.u), LoopOutput(record, truth)
 
 
 def value_at(system: System, path: str) -> np.ndarray:

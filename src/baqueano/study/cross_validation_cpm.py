@@ -152,7 +152,7 @@ class CrossValidation:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
         out, applied_commands = (
             [],
-            {judgement.test_run: judgement.replay_run.applied for judgement in self.evaluations},
+            {judgement.test_run: judgement.replay_run.applied_commands for judgement in self.evaluations},
         )
         for judgement in self.evaluations if len(applied_commands) > 1 else ():
             names = self.fits[judgement.fit_run].vehicle_file.command.names

@@ -160,7 +160,7 @@ def _command_series(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np
     If no sent command was logged, the applied command is used.
     """
     limits = evenness.limits_of(run.vehicle_text)
-    u = (run.applied if run.sent is None else run.sent)[k]
+    u = (run.applied_commands if run.sent_commands is None else run.sent_commands)[k]
     if limits is None or u.shape[1] != len(limits.command):
         return {}
     is_limited = (limits.command > 0.0) & np.isfinite(limits.command)

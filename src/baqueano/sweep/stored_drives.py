@@ -132,7 +132,7 @@ def _arrays(job: SweepJob) -> list[np.ndarray]:
     if job.run is not None:
         channels = [part for channel in job.run.sensors.values() for part in channel]
         truth = [] if job.run.truth is None else [job.run.truth.t_ns, job.run.truth.eta]
-        return [job.run.t_ns, job.run.applied, initial_pose(job.run), *channels, *truth]
+        return [job.run.t_ns, job.run.applied_commands, initial_pose(job.run), *channels, *truth]
     return [] if job.route is None else list(map(np.asarray, job.route))
 
 

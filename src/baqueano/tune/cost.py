@@ -57,20 +57,20 @@ def path_cost(weights: Weights, output: Tree) -> Tree:
 
 def jerk(limit: np.ndarray, output: Tree) -> Tree:
     """Return the squared change of the command at a tick, relative to its limit; q is its weight.  (3)"""
-    change = (output.record.command.u - output.record.tick.u) / _scale(limit)
+    change = (output.record.sent_command.u - output.record.tick.u) / _scale(limit)
     return np.sum(change * change)
 
 
 def effort(limit: np.ndarray, output: Tree) -> Tree:
     """Return the square of the command at a tick, relative to its limit; p is its weight.  (3)"""
-    relative_command = output.record.command.u / _scale(limit)
+    relative_command = output.record.sent_command.u / _scale(limit)
     return np.sum(relative_command * relative_command)
 
 
 def tick_errors(limit: np.ndarray, output: Tree) -> TickErrors:
     """Return distance [m], heading error [rad] and saturation of a tick: 1 if a command is at its limit, else 0."""
     d = output.record.reference.eta - output.truth.eta
-    is_saturated = (np.abs(output.record.command.u) >= limit) & (limit > 0.0)
+    is_saturated = (np.abs(output.record.sent_command.u) >= limit) & (limit > 0.0)
     return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(is_saturated, 1.0, 0.0)))
 
 

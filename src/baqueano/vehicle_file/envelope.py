@@ -64,7 +64,7 @@ class Envelope(NamedTuple):
         outside.
         """
         watch = EnvelopeMonitor(self)
-        watch.count(run.applied, {name: channel.z for name, channel in run.sensors.items()})
+        watch.count(run.applied_commands, {name: channel.z for name, channel in run.sensors.items()})
         return watch.range_warnings(run.name)
 
 

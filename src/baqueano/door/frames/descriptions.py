@@ -119,6 +119,6 @@ def _motion_description(record: "Record | None") -> JsonObject:
         return {}
     nu = record.estimate.nu.tolist()
     return {
-        "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
+        "u": record.tick.u.tolist(), "requested": record.requested_command.u.tolist(), "speed_m_s": nu[0],
         "yaw_rate_rad_s": nu[2], "degraded": degraded_note(record.sensor_findings),
     }  # fmt: skip

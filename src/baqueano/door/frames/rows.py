@@ -164,7 +164,8 @@ class DriveRows:
         innovation, deviation, nis = self._innovations(record, len(z))
         return [
             seconds(tick.t_ns), *eta, float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]), float(cov[2, 2]), *nu,
-            *reference.eta.tolist(), float(reference.nu[0]), *truth, *tick.u.tolist(), *record.requested.u.tolist(),
+            *reference.eta.tolist(), float(reference.nu[0]), *truth,
+            *tick.u.tolist(), *record.requested_command.u.tolist(),
             *z, *(a - b for a, b in zip(z, innovation, strict=True)), *innovation, *deviation, nis,
             *((NAN, NAN) if self._along is None else self._along.update(eta)), sample.battery_v, sample.late_ms,
         ]  # fmt: skip

@@ -163,7 +163,7 @@ class Cockpit(Observer):
     def on_record(self, record: Record) -> None:
         """Show a tick on the display, for a world in this process."""
         self.status.motor_command = np.asarray(record.tick.u)
-        self._update_hold(record.requested.u)
+        self._update_hold(record.requested_command.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),

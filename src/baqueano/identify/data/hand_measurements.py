@@ -108,7 +108,7 @@ def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
         return 0.0
     tick_count = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
     dt_s = seconds(np.diff(run.t_ns[:tick_count], prepend=2 * run.t_ns[0] - run.t_ns[1]))
-    columns = np.column_stack([dt_s, np.nan_to_num(run.applied[:tick_count])])
+    columns = np.column_stack([dt_s, np.nan_to_num(run.applied_commands[:tick_count])])
     n = 1 + vehicle.commands
 
     def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:

@@ -145,7 +145,7 @@ def _motion_rms(fit: "Fit", run: Run) -> np.ndarray:
     """Return the root mean square (6,) of (ν, ν̇) of the model under the run's commands."""
     kernel, theta = open_loop(fit.blocks.model, (), lambda motion: np.concatenate([motion.nu, motion.nu_dot]))
     dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9
-    u = np.where(np.isfinite(run.applied), run.applied, 0.0)
+    u = np.where(np.isfinite(run.applied_commands), run.applied_commands, 0.0)
     _, mu = kernel.run(np.concatenate([dt_s[:, None], u], axis=1), theta)
     return np.maximum(np.sqrt(np.mean(np.asarray(mu) ** 2, axis=0)), 1e-6)
 
@@ -184,7 +184,7 @@ def _rows(run: Run) -> tuple[np.ndarray, np.ndarray]:
     assert truth is not None
     _, ticks, rows = np.intersect1d(run.t_ns, truth.t_ns, return_indices=True)
     mu = np.concatenate([truth.nu[rows], truth.nu_dot[rows]], axis=1)
-    t_ns, u = run.t_ns[ticks], run.applied[ticks]
+    t_ns, u = run.t_ns[ticks], run.applied_commands[ticks]
     dt_s = seconds(t_ns[1:], t_ns[:-1])
     columns = [dt_s[:, None], u[1:], truth.eta[rows][:-1], mu[:-1]]
     return np.ascontiguousarray(np.concatenate(columns, axis=1)), mu

@@ -167,9 +167,9 @@ def parameters_for_fit(
     _check_bounds(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
     options = with_pose_segments(options, blocks)
     for run in runs:
-        if len(run.applied) and not np.any(np.isfinite(run.applied)):
+        if len(run.applied_commands) and not np.any(np.isfinite(run.applied_commands)):
             raise UsageError(fault("runs.no-command", run=run.name))
-    u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
+    u = np.nan_to_num(np.concatenate([run.applied_commands for run in runs]))
     frozen_numbers = frozen_columns(list(requested), u)
     if (requested and len(frozen_numbers) == len(requested)) or not np.any(u):
         raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))

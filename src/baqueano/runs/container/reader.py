@@ -61,7 +61,7 @@ def read_run(path: Path | str) -> Run:
     >>> from baqueano.runs import write_run
     >>> path = write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "still.mcap")
     >>> run = read_run(path)
-    >>> run.name, run.applied.shape, run.notes
+    >>> run.name, run.applied_commands.shape, run.notes
     ('still', (3, 1), ())
     """
     path = Path(path)
@@ -143,8 +143,8 @@ class _RunAssembly:
             name=self.path.stem,
             path=self.path,
             t_ns=ticks.t_ns,
-            applied=ticks.z,
-            requested=self.commands_on_ticks("/command/requested", ticks),
+            applied_commands=ticks.z,
+            requested_commands=self.commands_on_ticks("/command/requested", ticks),
             sensors=self.sensors(),
             estimate=self.estimate(),
             reference=self.reference(),
@@ -152,7 +152,7 @@ class _RunAssembly:
             events=tuple(self.events()),
             vehicle_text=self.vehicle_text(),
             metadata=self.metadata(),
-            sent=self.commands_on_ticks("/command/sent", ticks),
+            sent_commands=self.commands_on_ticks("/command/sent", ticks),
         )
         object.__setattr__(run, "notes", (*self.losses(run), *self.notes))
         return run

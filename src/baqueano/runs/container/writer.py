@@ -104,7 +104,7 @@ class RunWriter:
             elif name not in self._topics:
                 self._pack_and_append(f"sensor {name}", self._file.sensor, name, len(slot.z))
             self._topics.add(name)
-        for stage, command in (("requested", record.requested), ("sent", record.command)):
+        for stage, command in (("requested", record.requested_command), ("sent", record.sent_command)):
             if command is not None:
                 self._pack_and_append(f"command {stage}", self._packing.command, stage, tick.t_ns, command.u)
         if record.estimate is not None:
@@ -284,9 +284,8 @@ def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
 
 def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
     """Yield, for each signal, the arrival times of its rows [ns], and the function that packs a row."""
-    for stage, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
-        if rows is not None:
-            yield run.t_ns, lambda k, w=stage, u=rows: packing.command(w, int(run.t_ns[k]), u[k])
+    for stage, rows in run.commands.items():
+        yield run.t_ns, lambda k, w=stage, u=rows: packing.command(w, int(run.t_ns[k]), u[k])
     for name, c in run.sensors.items():
         yield (
             c.arrival_ns,
@@ -309,9 +308,8 @@ def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[
 
 
 def _name_topics(run: Run, run_file: RunFile) -> None:
-    for stage, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
-        if rows is not None:
-            run_file.command(stage, rows.shape[1])
+    for stage, rows in run.commands.items():
+        run_file.command(stage, rows.shape[1])
     for name, channel in run.sensors.items():
         run_file.sensor(name, channel.z.shape[1])
     if run.estimate is not None:

@@ -243,7 +243,7 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
     if len(names) != 2 or len(steering_indices) != 1 or not np.std(rate) > 2.0 * MIN_TURN_STD_RAD_S:
         return []
     order = [steering_indices[0], 1 - steering_indices[0]]
-    u = np.stack([motion.mean(run.t_ns, run.applied[:, i]) for i in order], axis=1)
+    u = np.stack([motion.mean(run.t_ns, run.applied_commands[:, i]) for i in order], axis=1)
     if not np.std(u[:, 0]) > MIN_SPEED_STD:
         return []
     (hypothesis,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])

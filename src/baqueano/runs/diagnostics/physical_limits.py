@@ -101,7 +101,7 @@ def _rest_mask(run: Run, channel: Channel) -> np.ndarray:
     """Return a mask (M,): True for the samples before the first command.
     It is False everywhere if these samples are too few, or cover less than MIN_REST_S.
     """
-    in_motion = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
+    in_motion = np.any(np.nan_to_num(run.applied_commands) != 0.0, axis=1)
     first = run.t_ns[max(int(np.argmax(in_motion)) - 1, 0)] if in_motion.any() else run.t_ns[-1]
     at_rest = channel.t_ns < first
     is_long = at_rest.any() and channel.t_ns[at_rest][-1] - channel.t_ns[0] > MIN_REST_S * NANOSECONDS
@@ -162,8 +162,8 @@ def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[Import
 
 def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
     """Yield the findings about the unit of the commands."""
-    wheels = run.applied[:, [0, 0]] + run.applied[:, [-1, -1]] * [-1.0, 1.0]
-    columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied, m.names)
+    wheels = run.applied_commands[:, [0, 0]] + run.applied_commands[:, [-1, -1]] * [-1.0, 1.0]
+    columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied_commands, m.names)
     entries = m.command.entries
     counts, percents = (
         [u / si for u, e in zip(columns.T, entries, strict=True) if e.unit == name]

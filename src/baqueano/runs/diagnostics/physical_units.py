@@ -115,7 +115,7 @@ def implausible_values(run: Run, vehicle_file: "VehicleFile", sensors: dict[str,
 def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]:
     command, messages = vehicle_file.command, []
     for j, (name, limit) in enumerate(zip(command.names, command.limit, strict=True)):
-        peak = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
+        peak = float(np.nanmax(np.abs(run.applied_commands[:, j]), initial=0.0))
         if not np.isfinite(limit) or peak <= LIMIT_TOLERANCE * limit or peak == 0.0:
             continue
         if limit == 0.0:
@@ -146,7 +146,7 @@ def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
 def _gravity_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     channel = run.sensors[name]
     tick = np.minimum(np.searchsorted(run.t_ns, channel.t_ns), len(run.t_ns) - 1)
-    at_rest = ~np.any(run.applied != 0.0, axis=1)[tick]
+    at_rest = ~np.any(run.applied_commands != 0.0, axis=1)[tick]
     has_rest = at_rest.sum() >= MIN_REST_TICKS
     rows = at_rest if has_rest else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad

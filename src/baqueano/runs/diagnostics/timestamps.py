@@ -193,7 +193,8 @@ def _segment(run: Run, a: int, b: int) -> Run:
         return type(log)(*(None if column is None else column[is_inside] for column in log))
 
     return replace(
-        run, t_ns=run.t_ns[a:b], applied=run.applied[a:b], requested=None, sent=None, estimate=None, reference=None,
+        run, t_ns=run.t_ns[a:b], applied_commands=run.applied_commands[a:b], requested_commands=None,
+        sent_commands=None, estimate=None, reference=None,
         truth=cut_log(run.truth), sensors={name: cut_log(c) for name, c in run.sensors.items()},
         name=f"{run.name} from {(low - int(run.t_ns[0])) / NANOSECONDS:.0f} s",
     )  # fmt: skip

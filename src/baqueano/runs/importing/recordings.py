@@ -1,7 +1,7 @@
 """Import recordings as runs: `import_run("cpm_run_a")`, `import_runs("trials.toml", ["log.csv"])`.
 
-The ticks are the instants of the file that [ticks] names. `applied` is the command that is applied during the interval
-that ends at the tick. Sensors keep their own instants and arrive with the next tick. The ticks can be irregular.
+The ticks are the instants of the file that [ticks] names. `applied_commands` contains the command during the
+interval that ends at the tick. Sensors keep their own instants and arrive with the next tick. Ticks can be irregular.
 Several files, or a file that is split (sources.py), become several runs.
 """
 
@@ -155,7 +155,7 @@ def import_run(
     ... command = { names = ["u"], in_force = "from", u = [{ column = "duty", unit = "raw", scale = 0.01 }] }
     ... ''')
     >>> log = import_run("log.toml", ["log.csv"])
-    >>> log.run.t_s.tolist(), log.run.applied.ravel().tolist(), log.verdict
+    >>> log.run.t_s.tolist(), log.run.applied_commands.ravel().tolist(), log.verdict
     ([0.0, 0.02, 0.04], [0.0, 0.5, 0.5], 'USABLE')
     """
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)

@@ -56,17 +56,17 @@ def time_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Gen
 
 def command_in_volts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to the voltage of a battery of 6 to 12 V."""
-    return replace(run, applied=_command_scale(run, vehicle_file) * rng.uniform(6.0, 12.0))
+    return replace(run, applied_commands=_command_scale(run, vehicle_file) * rng.uniform(6.0, 12.0))
 
 
 def command_in_pwm(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to whole counts of 255."""
-    return replace(run, applied=np.rint(_command_scale(run, vehicle_file) * 255.0))
+    return replace(run, applied_commands=np.rint(_command_scale(run, vehicle_file) * 255.0))
 
 
 def _command_scale(run: Run, vehicle_file: VehicleFile) -> np.ndarray:
     limit = np.asarray(vehicle_file.command.limit)
-    return run.applied / np.where(limit > 0.0, limit, 1.0)
+    return run.applied_commands / np.where(limit > 0.0, limit, 1.0)
 
 
 def clip_imu(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -197,17 +197,24 @@ def dead_channel(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) 
 
 def motors_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run | None:
     """Invert the sign of the turning command, as if left and right motor were swapped; None for a car."""
-    return None if run.applied.shape[1] < 3 else replace(run, applied=run.applied * [1.0, 1.0, -1.0])
+    return (
+        None
+        if run.applied_commands.shape[1] < 3
+        else replace(run, applied_commands=run.applied_commands * [1.0, 1.0, -1.0])
+    )
 
 
 def motor_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run | None:
     """Swap the commands forward and turning, as if one motor were reversed; None for a car."""
-    if run.applied.shape[1] < 3:
+    if run.applied_commands.shape[1] < 3:
         return None
     limit = np.asarray(vehicle_file.command.limit)
-    u = run.applied.copy()
-    u[:, 0], u[:, 2] = run.applied[:, 2] * limit[0] / limit[2], run.applied[:, 0] * limit[2] / limit[0]
-    return replace(run, applied=u)
+    u = run.applied_commands.copy()
+    u[:, 0], u[:, 2] = (
+        run.applied_commands[:, 2] * limit[0] / limit[2],
+        run.applied_commands[:, 0] * limit[2] / limit[0],
+    )
+    return replace(run, applied_commands=u)
 
 
 def too_short(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -218,9 +225,9 @@ def too_short(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
 
 def half_driven(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set the last entry of the logged command to zero in the last 30 to 70 % of the run."""
-    u = run.applied.copy()
+    u = run.applied_commands.copy()
     u[int(rng.uniform(0.3, 0.7) * len(u)) :, -1] = 0.0
-    return replace(run, applied=u)
+    return replace(run, applied_commands=u)
 
 
 DAMAGES: dict[str, Damage] = {

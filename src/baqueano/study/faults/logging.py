@@ -65,9 +65,9 @@ def sign_lost(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
     """Replace the first command or an IMU channel by its magnitude in the second half of the run."""
     second_half = slice(len(run.t_ns) // 2, None)
     if rng.random() < 0.5:
-        u = run.applied.copy()
+        u = run.applied_commands.copy()
         u[second_half, 0] = np.abs(u[second_half, 0])
-        return replace(run, applied=u)
+        return replace(run, applied_commands=u)
     z, channel = run.sensors["imu"].z.copy(), int(rng.integers(0, 3))
     z[second_half, channel] = np.abs(z[second_half, channel])
     return _with_imu(run, z)
@@ -91,7 +91,7 @@ def half_duplicated(run: Run, vehicle_file: VehicleFile, rng: np.random.Generato
     half_ticks = len(run.t_ns) // 2
     twice = np.concatenate([np.arange(half_ticks), np.arange(len(run.t_ns) - half_ticks)])
     sensors = {name: c._replace(z=c.z[twice]) for name, c in run.sensors.items()}
-    return replace(run, applied=run.applied[twice], sensors=sensors, truth=None)
+    return replace(run, applied_commands=run.applied_commands[twice], sensors=sensors, truth=None)
 
 
 def two_imus(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -108,7 +108,9 @@ def ten_hertz(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
     stride = max(1, round(vehicle_file.rate_hz / 10.0))
     k = np.arange(stride - 1, len(run.t_ns), stride)
     sensors = {n: Channel(c.t_ns[k], c.arrival_ns[k], c.z[k]) for n, c in run.sensors.items()}
-    return replace(run, t_ns=run.t_ns[k], applied=run.applied[k], sensors=sensors, truth=None)
+    return replace(
+        run, t_ns=run.t_ns[k], applied_commands=run.applied_commands[k], sensors=sensors, truth=None
+    )
 
 
 def kilohertz_with_repeats(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -123,8 +125,8 @@ def kilohertz_with_repeats(run: Run, vehicle_file: VehicleFile, rng: np.random.G
     )
     t_ns = run.t_ns[row] + repeat_index * (NANOSECONDS // 1000)
     sensors = {name: Channel(t_ns, t_ns, c.z[row]) for name, c in run.sensors.items()}
-    u = run.applied[row + (repeat_index > 0)]  # the next command is applied from a tick on
-    return replace(run, t_ns=t_ns, applied=u, sensors=sensors, truth=None)
+    u = run.applied_commands[row + (repeat_index > 0)]  # the next command is applied from a tick on
+    return replace(run, t_ns=t_ns, applied_commands=u, sensors=sensors, truth=None)
 
 
 def two_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:

@@ -107,7 +107,10 @@ def starting_duty(run: "Run") -> float:
     """Return the duty [of 255] at which a wheel begins to turn, halfway between two steps.
     It is the mean over wheels and directions.
     """
-    duty, speed = FULL_DUTY * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
+    duty, speed = (
+        FULL_DUTY * run.applied_commands[:, 0],
+        run.sensors["wheels"].z[-len(run.applied_commands) :],
+    )
     thresholds = []
     for wheel in speed.T:
         for direction in (1.0, -1.0):

@@ -40,7 +40,7 @@ def final_poses(
     assert truth is not None
     is_inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])
     ends = np.concatenate([run.t_ns[is_inside], truth.t_ns[-1:]])
-    u = run.applied[np.searchsorted(run.t_ns, ends)]
+    u = run.applied_commands[np.searchsorted(run.t_ns, ends)]
     dt_s = np.diff(seconds(ends, truth.t_ns[0]), prepend=0.0)
 
     def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:

@@ -56,7 +56,7 @@ def pack_run(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
     """Return a run as rows. `kinds` maps roles to the default kinds, which are used if the file does not name one."""
     columns = _columns(run)
     data = _tables(run.vehicle_text)
-    names, unit = _command_names(data, run.applied.shape[1])
+    names, unit = _command_names(data, run.applied_commands.shape[1])
     fields = [{"name": name, **_field_description(name, names, unit)} for name in columns]
     events = [
         {"t": (e.t_ns - int(run.t_ns[0])) / NANOSECONDS, "severity": e.level, "source": e.source,
@@ -96,9 +96,9 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     }
     true = _poses_at_ticks(run.truth, t)
     columns |= {f"truth.{a}": true[:, k] for k, a in enumerate(ETA)}
-    for k in range(run.applied.shape[1]):
-        columns[f"u.{k}"] = run.applied[:, k]
-        columns[f"asked.{k}"] = silent if run.requested is None else run.requested[:, k]
+    for k in range(run.applied_commands.shape[1]):
+        columns[f"u.{k}"] = run.applied_commands[:, k]
+        columns[f"asked.{k}"] = silent if run.requested_commands is None else run.requested_commands[:, k]
     columns |= _sensor_columns(run)
     offset = eta[:, :2] - ref[:, :2]
     columns["cross"] = -offset[:, 0] * np.sin(ref[:, 2]) + offset[:, 1] * np.cos(ref[:, 2])  # (1)
