@@ -32,6 +32,14 @@ OTHER_TEXT = {  # with text that users read elsewhere, or never
     "runs/container/messages.py", "runs/export.py",  # schemas of topics, heads of files
     "symbolic/c_code/c_bodies.py", "symbolic/errors.py",  # C, and words of NumPy
 }  # fmt: skip
+FRACTION = re.compile(r"\.[1-9]\d*[fg]$")
+IN_FILE_NOTATION = {  # numbers of TOML, Python, LaTeX, C and SVG; rows of numbers that format themselves
+    "block_checks/loop_blocks.py", "door/frames/rows.py", "estimators/covariance.py", "identify/result/assemble.py",
+    "report/tables.py", "runs/diagnostics/motion_checks.py", "runs/diagnostics/physical_limits.py",
+    "runs/diagnostics/truth.py", "runs/importing/draft.py", "runs/maps/mount.py", "simulate/many.py",
+    "study/controllers/result.py", "vehicle_file/tables.py", "vehicle_file/units.py",
+}  # fmt: skip
+NUMBERS_AND_COMMANDS = {"float", "baqueano_command"}  # calls whose texts no person reads as a sentence
 
 
 def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
@@ -64,3 +72,33 @@ def test_an_untranslated_sentence_is_detected():
     assert list(sentences(ast.parse('talk(f"the run {name} has gone out of its way")')))
     assert list(sentences(ast.parse('say("asking what is not there")')))
     assert not list(sentences(ast.parse('talk(_("the run has gone out of its way"))')))
+
+
+def bare_fractions(node: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each fraction that is written without `number`, so always with a decimal point."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Call) and ast.unparse(child.func) in NUMBERS_AND_COMMANDS:
+            continue
+        if isinstance(child, ast.FormattedValue) and child.format_spec is not None:
+            spec = ast.unparse(child.format_spec)[2:-1]
+            if FRACTION.search(spec) and "number(" not in ast.unparse(child.value):
+                yield child.lineno, ast.unparse(child)
+        yield from bare_fractions(child)
+
+
+def test_every_displayed_fraction_has_the_decimal_sign_of_the_language():
+    """A fraction travels as a number in a figure of a message, or passes through `number`."""
+    bare = []
+    for path in sorted(SOURCE.rglob("*.py")):
+        place = path.relative_to(SOURCE)
+        if "symbolic" in place.parts or "animation" in place.parts or place.as_posix() in IN_FILE_NOTATION:
+            continue
+        bare += [
+            f"{place}:{line}: {words}" for line, words in bare_fractions(ast.parse(path.read_text("utf-8")))
+        ]
+    assert bare == [], "give the number to note(…), or write number(…)"
+
+
+def test_a_fraction_with_a_fixed_decimal_point_is_detected():
+    assert list(bare_fractions(ast.parse('note("x", nis=f"{mean:.2f}")')))
+    assert not list(bare_fractions(ast.parse('note("x", nis=f"{number(mean):.2f}", fix=float(f"{s:.3g}"))')))

@@ -208,7 +208,8 @@ def note(
 ) -> Diagnostic:
     """Return a diagnostic. The default of `subject` is the first word of its code.
 
-    Several names become one text, with commas; NumPy's numbers become Python's.
+    Several names become one text, with commas. Several fractions or diagnostics become one diagnostic, so that the
+    reader's language decides on their decimal sign. NumPy's numbers become Python's.
 
     >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
     'imu, wheels'
@@ -252,7 +253,19 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
         return int(value)
     if isinstance(value, Real):
         return float(value)
-    return ", ".join(map(str, value)) or "–" if isinstance(value, Iterable) else str(value)
+    return _list_figure([*value]) if isinstance(value, Iterable) else str(value)
+
+
+def _list_figure(values: list[Any]) -> "str | Diagnostic":
+    """Return several values as one figure: names as a text with commas, diagnostics and fractions as a diagnostic."""
+    if not any(isinstance(value, Diagnostic | float) for value in values):
+        return ", ".join(map(str, values)) or "–"
+    first, *remaining = (
+        value if isinstance(value, Diagnostic) else note("messages.number", value=value) for value in values
+    )
+    for diagnostic in remaining:
+        first = note("messages.list", first=first, then=diagnostic)
+    return first
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:

@@ -1,6 +1,7 @@
 """Terminals, pipes and keys: progress bars only on a terminal, any encoding, early ends, Ctrl-C."""
 
 import errno
+import io
 import os
 import re
 import shutil
@@ -32,6 +33,24 @@ def project(lab, tmp_path) -> Path:
 def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
     settings = os.environ | environment
     return subprocess.run([*COMMAND, *args], cwd=folder, env=settings, capture_output=True, timeout=60)
+
+
+def test_a_terminal_wraps_sentences_but_neither_tables_nor_commands(monkeypatch):
+    screen, sentence = (
+        io.StringIO(),
+        "the run is shorter than the drive. " * 4 + "Type: baqueano identify last",
+    )
+    monkeypatch.setattr(screen, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stdout", screen)
+    monkeypatch.setenv("COLUMNS", "40")
+    table, data = "speed" + 50 * " " + "m/s", '{"rows": [' + "1, " * 30 + "1]}"
+    for line in (sentence, table, data):
+        terminal.print_result(line)
+    *wrapped, last_table, last_data = screen.getvalue().splitlines()
+    assert (last_table, last_data) == (table, data)
+    assert max(map(len, wrapped)) <= 40
+    assert " ".join(part.strip() for part in wrapped) == sentence
+    assert wrapped[-1].strip().endswith("baqueano identify last")
 
 
 def test_no_progress_bar_is_drawn_if_stderr_is_not_a_terminal(project):

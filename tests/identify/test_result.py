@@ -10,6 +10,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.dataset import unused_sensors
+from baqueano.messages.language import use_language
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -34,6 +35,15 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert "±" in lines[1]
     assert lines[1].endswith("N s/m")
     assert any(line.startswith("USABLE: ") for line in lines)
+
+
+def test_the_longest_names_and_spanish_units_fit_80_columns(fit):
+    names = ("drivetrain.dead_zone_backward[0]", *fit.names[1:])
+    units = ("N m per unit of u",) * len(names)
+    without_value = np.where(np.arange(len(names)) == 1, np.nan, fit.estimate)
+    wide = replace(fit, names=names, units=units, estimate=without_value)
+    with use_language("es"):
+        assert max(map(len, wide.table().splitlines())) <= 80
 
 
 def test_parameters_of_single_runs_are_reported(case, case_run):

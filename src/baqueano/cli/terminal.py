@@ -6,6 +6,7 @@ A control character in the text of a robot or a file is printed as its code (pri
 import codecs
 import errno
 import os
+import shutil
 import signal
 import stat
 import sys
@@ -65,7 +66,7 @@ def print_result(message: Diagnostic | str) -> None:
 
 def _print(line: str, stream: TextIO) -> None:
     try:
-        click.echo(printable(line), file=stream)
+        click.echo(_wrapped_for(stream, printable(line)), file=stream)
         if stream is not None:
             stream.flush()
     except OSError as error:
@@ -75,6 +76,24 @@ def _print(line: str, stream: TextIO) -> None:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
+
+
+def _wrapped_for(stream: TextIO, lines: str) -> str:
+    """Return sentences wrapped at words for the width of a terminal. Tables, commands and JSON stay unchanged."""
+    if stream is None or not stream.isatty() or lines.startswith("{"):
+        return lines
+    columns, line_list = shutil.get_terminal_size().columns, lines.split("\n")
+    if max(map(len, line_list)) <= columns:
+        return lines
+    from baqueano.contracts.result import wrap_sentences
+
+    return "\n".join(
+        part
+        for line in line_list
+        for part in (
+            wrap_sentences([line], columns) if len(line) > columns and "  " not in line.strip() else [line]
+        )
+    )
 
 
 def print_answer(

@@ -230,5 +230,5 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
         note("identifiability.gyro-scale", fix=fix, subject=imu, at=float(gyro_scale), percent=gyro),
         note("identifiability.accelerometer-scale", subject=imu, at=float(accel_scale), percent=accel),
     )
-    fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
+    fitted_to = note("fit.envelope", ranges=fit.envelope.ranges)
     return replace(fit, always_unobservable=never_shown, notes=(*fit.notes, fitted_to))

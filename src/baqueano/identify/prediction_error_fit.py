@@ -181,5 +181,5 @@ def _sensors(second: PredictionErrorFit) -> Diagnostic:
     problem, noise = second.end.task.problem, second.likelihood_fit.noise
     sigma = problem.sigma * np.exp(noise.sensors)
     by_sensor = zip(problem.names, np.split(sigma, np.cumsum(problem.sizes)[:-1]), strict=True)
-    texts = (f"{name} {', '.join(f'{x:.3g}' for x in values)}" for name, values in by_sensor)
-    return note("noise.without-floor", noise="; ".join(texts))
+    stds = [note("noise.of-sensor", sensor=name, values=map(float, values)) for name, values in by_sensor]
+    return note("noise.without-floor", noise=stds)

@@ -15,6 +15,7 @@ from baqueano.drive.closure import Closure
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
 from baqueano.identify.result.fit_result import verdict_lines
+from baqueano.identify.result.verdict import percent_text
 from baqueano.messages import text, texts
 from baqueano.messages.language import shown_unit
 from baqueano.messages.language import translate as _
@@ -236,7 +237,7 @@ def _calibration_card(result: Calibration) -> Card:
 def _validation_card(result: Validation) -> Card:
     rows = [
         {"run": figure.run, "channel": figure.channel, "error": figure.error, "unit": shown_unit(figure.unit),
-         "explained": f"{100.0 * figure.explained:.1f} %"}
+         "explained": percent_text(figure.explained)}
         for figure in result.figures
     ]  # fmt: skip
     return Card(text(note("front.card-validation")), result.verdict, rows, [result.sentence])

@@ -191,7 +191,7 @@ def vehicle_name(vehicle_text: str) -> str:
 
 def listing_table(rows: list[ListedRun]) -> str:
     """Return the table of runs, one line per run."""
-    head = tuple(map(_, ("run", "kind", "duration", "vehicle", "verdict", "notes")))
+    head = list(map(_, ("run", "kind", "duration", "vehicle", "verdict", "notes")))
     lines = [
         (
             r.name,
@@ -203,7 +203,10 @@ def listing_table(rows: list[ListedRun]) -> str:
         )
         for r in rows
     ]
-    return in_lines(text_table("<<<<<<", head, *lines))
+    last = max((k for line in lines for k, entry in enumerate(line) if entry), default=len(head) - 1) + 1
+    return in_lines(
+        text_table("<" * last, head[:last], *(line[:last] for line in lines))
+    )  # no empty last column
 
 
 def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:

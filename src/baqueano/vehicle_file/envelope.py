@@ -53,11 +53,12 @@ class Envelope(NamedTuple):
         return [k for k in range(self.command_count) if self.high[k] > self.low[k] or self.high[k] != 0.0]
 
     @property
-    def sentence(self) -> str:
-        """Return the ranges of the commands that were used: "throttle from -0.41 to 0.57, servo from …"."""
-        return ", ".join(
-            f"{self.names[k]} from {self.low[k]:.2g} to {self.high[k]:.2g}" for k in self.moved_commands
-        )
+    def ranges(self) -> list[Diagnostic]:
+        """Return the ranges of the commands that were used: "throttle from -0.41 to 0.57", "servo from …"."""
+        return [
+            note("envelope.range", subject=self.names[k], low=self.low[k], high=self.high[k])
+            for k in self.moved_commands
+        ]
 
     def range_warnings(self, run: Any) -> tuple[Diagnostic, ...]:
         """Return a warning for each command and channel of a Run with more than the share MIN_REPORTED_SHARE of values

@@ -202,7 +202,7 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
         if gain > SIMILAR_GAIN_FRACTION * max_gain and _agrees_with_file(task, blocks, result):
             sigma = result.sigma[channels][np.argsort(mount.order)]  # in the column order of the run
             pairs = zip(as_in_file.sigma[channels], sigma, strict=True)
-            less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in pairs)
+            less = [note("residual.from-to", before=a, after=b) for a, b in pairs]
             return mount, note(mount.code, Severity.ERROR, subject=name, less=less)
     return None
 

@@ -13,7 +13,7 @@ disagree are reported. A state agrees within CLOSE_FACTOR_ON_DRIVES; each drive 
 
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.identify.noise.filter_noise import ROBUST_SIGMA
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
+from baqueano.messages.language import mark as N_
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds
@@ -30,14 +31,11 @@ from baqueano.simulate.assumed_noise import simulated_errors
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
-if TYPE_CHECKING:
-    pass
-
 BLOCK_S = 2.0  # longer than innovations are correlated
 CLOSE_FACTOR = 1.2  # factor on a variance: a smaller error does not degrade a filter
 # factor on the variance of a state: larger, because consider scales and slips are partly nonlinear
 CLOSE_FACTOR_ON_DRIVES = 1.5
-STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
+STATES = ("x", "y", N_("heading"), "v_x", "v_y", N_("yaw rate"))
 
 
 class NoiseVerdict(StrEnum):
@@ -102,11 +100,11 @@ def accept_or_refit(
         again = [square for square in squares if square.name in names or square.disagrees]
         figures |= {"nis": _figures(disagreeing), "again": _figures(again)}
         if remaining := [square for square in again if square.disagrees]:
-            figures |= _by_consistency(remaining)
+            figures |= {"states": _by_consistency(remaining)}
             return ekf, Acceptance(note("noise.still-off", Severity.WARNING, **figures), True)
     nees = nees_of(ekf, validation_runs[0], kernel)
     if disagreeing_states := [square for square in nees if square.disagrees]:
-        figures = {"nees": _figures(nees), **_by_consistency(disagreeing_states)}
+        figures = {"nees": _figures(nees), "states": _by_consistency(disagreeing_states)}
         return ekf, Acceptance(note("noise.nees-off", Severity.WARNING, **figures), True)
     if nees and not disagreeing:
         code, figures = "noise.holds-simulated", figures | {"nees": _figures(nees)}
@@ -166,16 +164,18 @@ def _normalised_square(
     return NormalisedSquare(name, mean**2, low**2, high**2, close_factor)
 
 
-def _by_consistency(squares: Sequence[NormalisedSquare]) -> JsonObject:
+def _by_consistency(squares: Sequence[NormalisedSquare]) -> list[Diagnostic]:
     """Return the channels or states for which the filter is overconfident, and those for which it is conservative."""
-    overconfident, cautious = (
-        [square.name for square in squares if square.verdict == belief]
-        for belief in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)
-    )
-    return {"too_sure": overconfident, "too_careful": cautious}
+    codes = {NoiseVerdict.TOO_SURE: "noise.too-small-for", NoiseVerdict.TOO_CAREFUL: "noise.too-large-for"}
+    return [
+        note(code, states=[note("noise.state", name=square.name) for square in group])
+        for verdict, code in codes.items()
+        if (group := [square for square in squares if square.verdict == verdict])
+    ]
 
 
-def _figures(noise: Sequence[NormalisedSquare]) -> str:
-    return ", ".join(
-        f"{square.name}: {square.mean:.2f} ({square.low:.2f} … {square.high:.2f})" for square in noise
-    )
+def _figures(noise: Sequence[NormalisedSquare]) -> list[Diagnostic]:
+    return [
+        note("noise.square", name=square.name, mean=square.mean, low=square.low, high=square.high)
+        for square in noise
+    ]

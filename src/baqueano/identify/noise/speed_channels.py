@@ -21,6 +21,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.estimators.augmented.state import SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.velocity_readings import velocity_readings
+from baqueano.messages.language import mark as N_
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Run
@@ -106,7 +107,7 @@ def _undecided_channels(ekf: AugmentedEkf) -> Iterator[str]:
 def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
     """Return the speed (N,) at the ticks from a source that the estimator does not use, and its name, or (None, "")."""
     if run.truth is not None and np.isfinite(speed := true_speed(run.t_ns, run.truth)).any():
-        return speed, "the truth"
+        return speed, N_("the truth")
     names_used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
         readings = [one for one in velocity_readings(ekf.sensors, (name,)) if FORWARD in one.entries]

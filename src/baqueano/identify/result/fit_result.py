@@ -247,10 +247,10 @@ class Fit(Result):
         all diagnostics is written."""
         cells, remarks = [], [""]
         for row in self.rows():
-            remarks.append("" if row["estimate"] is None else row_remarks(row))
+            remarks.append(row_remarks(row))
             name = without_model_prefix(row["name"])
             if row["estimate"] is None:
-                cells.append([name, _("not identifiable"), "", _("fixed at {start:.4g}", start=row["start"])])
+                cells.append([name, "–", "", ""])
                 continue
             sd = f"± {number(row['sd']):.2g}" if row["sd"] is not None else "± ?"
             value = f"{number(round_to_error(row['estimate'], row['sd'])):.5g}"
@@ -354,7 +354,7 @@ def row_remarks(row: dict[str, Any]) -> str:
     """Return the remarks on a row of `Fit.rows()`, or "" without remarks."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
-        return _("not identifiable")
+        return _("not identifiable, fixed at {start:.4g}", start=row["start"])
     texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
     texts_ += [_("poorly identified")] if row["identifiable"] == "poorly" else []
     if sd is None:

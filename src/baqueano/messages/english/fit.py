@@ -42,6 +42,7 @@ TEMPLATES: dict[str, str] = {
     "fit.duty-step": (
         "the run shows that duties come in steps of 1/{steps}: duty_step was added to [model.drivetrain]"
     ),
+    "envelope.range": "{subject} from {low:.2g} to {high:.2g}",
     "fit.envelope": "fitted to {ranges}; outside this range, the model is not verified",
     "bound.low-held": "{subject} is at its lower bound, {bound:.4g}",
     "bound.high-held": "{subject} is at its upper bound, {bound:.4g}",
@@ -132,6 +133,7 @@ TEMPLATES: dict[str, str] = {
         "from a new start. In longer drives the result may differ"
     ),
     "truth.mount": "{subject}: add these values to those in [truth] of the map: {keys}",
+    "noise.of-sensor": "{sensor}: {values}",
     "noise.without-floor": "noise of the sensors without the disturbance of the floor: {noise}",
     "cost.floor-still": (
         "use the simulation error. A floor that disturbs the vehicle does not explain more (likelihood "

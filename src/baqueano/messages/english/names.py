@@ -4,6 +4,8 @@ TEMPLATES: dict[str, str] = {
     "name.near": "Did you mean {similar}? The names are {valid}",
     "name.none": "The list of names is empty",
     "name.unknown": "The names are {valid}",
+    "messages.list": "{first}, {then}",
+    "messages.number": "{value:.4g}",
     "messages.others": "{first} (also {others})",
     "messages.then": "{first}. {then}.",
     "messages.times": "{first} ({times} times)",

@@ -49,10 +49,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "noise.nees-off": (
         "noise: the covariances are inconsistent with a simulation of the fitted vehicle (NEES {nees}): "
-        "too small for {too_sure}, too large for {too_careful}."
+        "{states}."
     ),
     "noise.estimated-again": f"{INCONSISTENT_NOISE_TEXT}.",
-    "noise.still-off": f"{INCONSISTENT_NOISE_TEXT}: too small for {{too_sure}}, too large for {{too_careful}}.",
+    "noise.still-off": f"{INCONSISTENT_NOISE_TEXT}: {{states}}.",
+    "noise.too-small-for": "too small for {states}",
+    "noise.too-large-for": "too large for {states}",
+    "noise.state": "{name:word}",
+    "noise.square": "{name:word}: {mean:.2f} ({low:.2f} … {high:.2f})",
     "noise.lifted": "{subject}: {lifted} of {of} variances were raised to the lower limit",
     "noise.correlations-reduced": "{subject}: correlations were reduced, so that the matrix is positive definite",
     "noise.of-the-file": "Q of {subject} comes from the file: not all of its channels were part of the fit",

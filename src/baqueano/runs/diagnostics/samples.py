@@ -179,7 +179,7 @@ def _limit_samples(
     severity = Severity.WARNING if percent > 100.0 * MAX_LOST_FRACTION else Severity.INFO
     details = {
         "lost": int(is_invalid.sum()),
-        "ends": ", ".join(f"{end:.4g}" for end in ends),
+        "ends": map(float, ends),
         "at_end": end_count,
     }
     return is_invalid, [note("data.clipped", severity, subject=label, percent=percent, **details)]

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.messages import in_english
@@ -321,16 +321,16 @@ def _applied_commands(
                 map=m.path.name,
                 ticks=m.ticks,
                 commands=m.command.file,
-                ticks_span=_span_text(ticks),
-                commands_span=_span_text(t_ns),
+                ticks_span=_span(ticks),
+                commands_span=_span(t_ns),
             )
         )
     first = int(np.argmax(is_within))
     return first, ticks[is_within], u[rows_before[is_within]]
 
 
-def _span_text(t_ns: np.ndarray) -> str:
-    return f"{t_ns[0] / NANOSECONDS:.3f} s to {t_ns[-1] / NANOSECONDS:.3f} s"
+def _span(t_ns: np.ndarray) -> Diagnostic:
+    return note("import.span", first_s=t_ns[0] / NANOSECONDS, last_s=t_ns[-1] / NANOSECONDS)
 
 
 def _sample(
@@ -348,8 +348,8 @@ def _sample(
                 "import.clocks-differ",
                 key=signal.key,
                 table=source.table.label,
-                span=_span_text(t_ns),
-                ticks_span=_span_text(ticks),
+                span=_span(t_ns),
+                ticks_span=_span(ticks),
                 file=signal.file,
             )
         )

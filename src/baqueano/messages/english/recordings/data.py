@@ -5,6 +5,7 @@ MAP = "With this correction the residual falls ({less}) and the commands agree w
 SET_SIGN = "Write in the map: scale = -1.0 for the"
 
 TEMPLATES: dict[str, str] = {
+    "residual.from-to": "{before:.2g} → {after:.2g}",
     "data.not-finite": "{subject}: {lost} entries that are not finite were excluded",
     "data.dead-channel": (
         "{subject} is {value:g} in all {samples} samples and was excluded. Is it connected? Is it the "

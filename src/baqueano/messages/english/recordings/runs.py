@@ -56,6 +56,7 @@ TEMPLATES: dict[str, str] = {
         '{key} unit = "{value}", but its column\'s name indicates {column!r}; write unit = "{in_unit}"'
     ),
     "import.no-row": "[{key}] does not have a complete row of numbers in {table}. Are its columns right?",
+    "import.span": "{first_s:.3f} s to {last_s:.3f} s",
     "import.no-command": (
         "{map}: none of the ticks of [files.{ticks}] has a command of [files.{commands}]. The times of the "
         "ticks are {ticks_span}, and the times of the commands {commands_span}. Shift one of them: shift_s "
