@@ -85,7 +85,8 @@ def test_one_imported_run_is_written_to_the_reported_folder(baqueano, tmp_path):
         (tmp_path / f"{name}.csv").write_text("time_ms,pwm_left,pwm_right\n" + rows, encoding="utf-8")
     several = baqueano("runs", "import", "rover.toml", "first.csv", "second.csv", "-o", "my runs")
     assert several.out == "nothing in the data was doubtful\n"
-    (line,) = re.findall(r"^next: (.*)   \(", several.err, re.MULTILINE)
+    assert "next: baqueano new mylab\n" in several.err
+    (line,) = re.findall(r"^then: (.*)", several.err, re.MULTILINE)
     ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
     assert shlex.split(line) == [
         "baqueano",
@@ -94,7 +95,7 @@ def test_one_imported_run_is_written_to_the_reported_folder(baqueano, tmp_path):
         "--held-out",
         ends[1],
         "--vehicle",
-        "FILE",
+        "mylab/vehicle.toml",
         "--update",
     ]
     for file_name, names in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
@@ -280,3 +281,39 @@ def test_a_recording_at_rest_needs_no_command(baqueano, tmp_path):
     run = read_run(tmp_path / "rest.mcap")
     assert run.applied_commands.shape[1] == 3
     assert not run.applied_commands.any()
+
+
+def test_a_draft_reads_spanish_names_signs_of_units_and_the_encoding_of_excel(baqueano, tmp_path):
+    names = (
+        "t (µs);tracción izq (%);tracción der (%);acel. x (m/s²);acel. y (m/s²);giro z (°/s);velocidad (km/h)"
+    )
+    rows = "".join(f"{20000 * k};{k % 90},5;{k % 70};0,1;0,2;{k % 7},5;3,5\n" for k in range(60))
+    (tmp_path / "log.csv").write_text(f"{names}\n{rows}", encoding="cp1252")
+    end = baqueano("runs", "import", "log.csv", "--draft", "log.toml")
+    assert (end.code, "cp1252" in (tmp_path / "log.toml").read_text(encoding="utf-8")) == (0, True)
+    signal_map = load_map(tmp_path / "log.toml")
+    assert signal_map.files["log"].time_unit == "us"
+    assert [entry.unit for entry in signal_map.command.entries] == ["%", "%"]
+    assert [entry.unit for entry in signal_map.sensors["imu"].entries] == ["m/s^2", "m/s^2", "deg/s"]
+    assert signal_map.sensors["odometer"].entries[0].unit == "km/h"
+    assert baqueano("runs", "import", "log.toml", "log.csv").code == 0
+
+
+def test_columns_named_only_by_their_side_are_drafted_as_commands(tmp_path):
+    for number, names in enumerate(("izquierda;derecha", "left;right", "motor_izq;motor_der")):
+        rows = "".join(f"{k};{k % 7 / 10};{k % 5 / 10};0\n" for k in range(60))
+        (tmp_path / f"{number}.csv").write_text(f"tiempo_ms;{names};gz_dps\n{rows}", encoding="utf-8")
+        (tmp_path / f"{number}.toml").write_text(draft(tmp_path / f"{number}.csv"), encoding="utf-8")
+        signal_map = load_map(tmp_path / f"{number}.toml")
+        assert signal_map.wheels
+        assert [entry.column for entry in signal_map.command.entries] == names.split(";")
+
+
+def test_an_import_without_commands_advises_no_fit(baqueano, tmp_path):
+    rows = "".join(f"{20 * k},0.1,0.2,0.{k % 7}\n" for k in range(200))
+    (tmp_path / "log.csv").write_text("t_ms,ax_g,ay_g,gz_dps\n" + rows, encoding="utf-8")
+    baqueano("runs", "import", "log.csv", "--draft", "log.toml")
+    end = baqueano("runs", "import", "log.toml", "log.csv")
+    assert end.code == 0
+    assert "baqueano runs noise 0001-log" in end.err
+    assert "identify" not in end.err

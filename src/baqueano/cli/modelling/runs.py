@@ -164,11 +164,6 @@ def import_(
 
     vehicle_file = options.load_vehicle(vehicle, settings) if vehicle else None
     text = "" if vehicle_file is None else vehicle_file.text
-    vehicle_options = (
-        options.run_options(folder)
-        if vehicle_file is None
-        else options.vehicle_and_runs_options(vehicle_file, folder)
-    )
     first_name = files[0].name if files else map
     with show_activity(
         note("cli.reading-files", count=len(files))
@@ -185,7 +180,7 @@ def import_(
         )
         path = write_run(imports[0].run, output_path)
         print_answer(WrittenRun(path, imports[0]), as_json)
-        _print_next_command(path.stem if out is None else str(path), vehicle_options=vehicle_options)
+        options.advise_after_import([imports[0].run], [path], out, vehicle_file, folder)
         return
     paths = [write_run(item.run, _path_in(out, folder, item.run.name)) for item in imports]
     duration_s = sum(item.run.duration_s for item in imports)
@@ -193,22 +188,21 @@ def import_(
         note("cli.imported", count=len(paths), first=paths[0], last=paths[-1], duration_s=duration_s)
     )
     print_answer(ImportedRuns(tuple(imports)), as_json)
-    first_run, last_run = (path.stem if out is None else str(path) for path in (paths[0], paths[-1]))
-    _print_next_command(first_run, "--held-out", last_run, vehicle_options=vehicle_options)
+    options.advise_after_import(
+        [item.run for item in imports], [paths[0], paths[-1]], out, vehicle_file, folder
+    )
 
 
 def _draft_map(path: Path, *recordings: Path | str) -> None:
     """Write the draft of a map for recordings with the same columns to the file `path`."""
-    from baqueano.runs.importing.draft import draft
+    from baqueano.runs.importing.draft import UNKNOWN, draft
 
     if path.exists():
         raise FileError(fault("cli.file-exists", "--draft FILE.toml", out=path))
-    path.write_text(draft(*recordings), encoding="utf-8", newline="\n")
-    print_result(note("cli.drafted", fix=baqueano_command("runs", "import", path, *recordings), path=path))
-
-
-def _print_next_command(*runs: str, vehicle_options: list[str]) -> None:
-    print_message(note("cli.next-fit", fix=baqueano_command("identify", *runs, *vehicle_options, "--update")))
+    map_text = draft(*recordings)
+    path.write_text(map_text, encoding="utf-8", newline="\n")
+    code = "cli.drafted" if UNKNOWN in map_text else "cli.drafted-complete"
+    print_result(note(code, fix=baqueano_command("runs", "import", path, *recordings), path=path))
 
 
 class WrittenRun(NamedTuple):

@@ -239,7 +239,11 @@ TEMPLATES: dict[str, str] = {
     "cli.cut": "{path}: {duration_s:.2f} s",
     "cli.imported": "{count} runs: {first} to {last}, {duration_s:.0f} s",
     "cli.drafted": "{path} contains a draft of the map. Replace each ? by a unit, then type: {fix}",
-    "cli.next-fit": "next: {fix}   (baqueano new mylab creates a vehicle file to begin with)",
+    "cli.drafted-complete": "{path} contains a draft of the map. Check it, then type: {fix}",
+    "cli.next-at-rest": (
+        "The run contains no command, so a model cannot be fitted to it. If the vehicle drove, write [command] in "
+        "the map. If it was at rest, its noise can be measured: {fix}"
+    ),
     "cli.mount-written": "the result was written into {path}; next: {fix}, which uses it",
     "cli.averaging": "computing the Allan deviation for all averaging times",
     "cli.comparing": "comparing with the camera",

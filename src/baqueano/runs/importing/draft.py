@@ -21,15 +21,22 @@ UNIT_OF_ENDING = {  # ends of names → unit
     "grados": "deg", "gps": "deg/s", "grados_s": "deg/s",
     "rad": "rad", "dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rads": "rad/s", "rps": "turn/s", "rpm": "rpm",
     "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
-    "mm_s": "mm/s", "cm_s": "cm/s", "v": "V", "mv": "mV",
+    "mm_s": "mm/s", "cm_s": "cm/s", "km_h": "km/h", "kmh": "km/h", "percent": "%", "v": "V", "mv": "mV",
 }  # fmt: skip
-TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros)(_|$)"
+SIGNS = str.maketrans(
+    {"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent"}
+)  # letters that a name keeps
+TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros|fecha|hora)(_|$)"
 LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l)(_|$)", r"(^|_)(right|der(ech[ao])?|r)(_|$)"
 COMMAND_PATTERN, SPEED_PATTERN = (
-    r"pwm|duty|cmd|command|comando|throttle|acelerador|steer|servo|volante|^u_",
+    r"pwm|duty|ciclo|cmd|command|comando|throttle|acelerador|traccion|potencia|steer|servo|volante|direccion|^u_",
     r"rpm|speed|vel|encoder|wheel|rps",
 )
-STEERING_PATTERN = r"steer|servo|volante"
+STEERING_PATTERN = r"steer|servo|volante|direccion"
+BARE_SIDES = tuple(  # two columns that are named only by their side
+    rf"^(motor|rueda|wheel|u)?_?{side}(_percent)?$"
+    for side in (r"(left|izq(uierd[ao])?)", r"(right|der(ech[ao])?)")
+)
 FORWARD_PATTERN = r"(^|_)(speed|vel(ocity|ocidad)?(_x)?)(_|$)"
 IMU_PATTERNS = (
     r"(^|_)a(c+(el[a-z]*)?)?_?x(_|$)",
@@ -44,7 +51,7 @@ POSITION_PATTERN = r"^(?!.*(linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|
 POSE_PATTERNS = (
     rf"{POSITION_PATTERN}x(_|$)",
     rf"{POSITION_PATTERN}y(_|$)",
-    r"(^|_)(yaw|psi|theta|heading|rumbo)(_|$)",
+    r"(^|_)(yaw|psi|theta|heading|rumbo|guinada|orientacion)(_|$)",
 )
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
 FULL_DUTY_COUNTS = 255.0  # counts of a duty of 8 bits
@@ -55,9 +62,9 @@ def draft(path: Path | str, *others: Path | str) -> str:
     their columns cannot be read, and UsageError if they differ.
     """
     path = Path(path)
-    table = read_table(path, {})
+    table, encoding = _read_in_any_encoding(path)
     for other in map(Path, others):
-        columns = read_table(other, {}).columns
+        columns = _read_in_any_encoding(other)[0].columns
         if missing := [name for name in table.columns if name not in columns]:
             fix = baqueano_command("runs", "import", other, "--draft", other.with_suffix(".toml").name)
             raise UsageError(
@@ -68,7 +75,7 @@ def draft(path: Path | str, *others: Path | str) -> str:
         "\n".join(
             [
                 f"format = 1\nname = {_quoted(path.stem)}",
-                *_tables(table, free_columns),
+                *_tables(table, free_columns, encoding),
                 *_remaining_lines(free_columns),
             ]
         )
@@ -76,14 +83,28 @@ def draft(path: Path | str, *others: Path | str) -> str:
     )
 
 
-def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
+def _read_in_any_encoding(path: Path) -> tuple[LogTable, str]:
+    """Return the table of a CSV file, and the encoding that the map must name; "" if it is detected."""
+    try:
+        return read_table(path, {}), ""
+    except FileError as error:
+        codes = {"table.not-encoded": "cp1252", "table.utf-16": str(error.diagnostic.figures.get("encoding"))}
+        if error.diagnostic.code not in codes:
+            raise
+        encoding = codes[error.diagnostic.code]
+        return read_table(path, {"encoding": encoding}), encoding
+
+
+def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator[str]:
     """Yield each table of the map, and remove its columns from `free_columns`."""
-    yield "\n[files.log]"
+    yield "\n[files.log]" + (f'\nencoding = "{encoding}"' if encoding else "")
     if time := _take_column(free_columns, TIME_PATTERN):
         yield f'time = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    commands = _take_pair(free_columns, COMMAND_PATTERN)
+    is_named = any(re.search(COMMAND_PATTERN, _plain_name(column)) for column in free_columns)
+    bare_pair = [] if is_named else _take_all(free_columns, BARE_SIDES)
+    commands = bare_pair or _take_pair(free_columns, COMMAND_PATTERN)
     single_column = (
         []
         if commands
@@ -94,7 +115,9 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
             _largest_magnitude(table, column) for column in commands
         )  # both wheels share a full duty
         until_text = _('"until": the command of a row held up to its time')
-        yield f'\n[command]\nin_force = "from"                    # {until_text}'
+        measured_text = _("if these are measured, not commands: write them as z of [sensors.wheels]")
+        remark = f"{'':28}# {measured_text}" if bare_pair else ""
+        yield f'\n[command]{remark}\nin_force = "from"                    # {until_text}'
         yield f"wheels = [\n{_list_lines(_command(column, largest) for column in commands)}\n]"
     elif single_column:
         free_columns[:] = [column for column in free_columns if column not in single_column]
@@ -146,7 +169,8 @@ def _remaining_lines(free_columns: Sequence[str]) -> list[str]:
 
 def _plain_name(name: str) -> str:
     """Return a column's name in lower case and without accents, with its words separated by _."""
-    letters = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
+    words = unicodedata.normalize("NFKD", name.translate(SIGNS))
+    letters = "".join(c for c in words if not unicodedata.combining(c))
     return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")
 
 
@@ -178,7 +202,7 @@ def _unit(name: str, measures: str) -> str:
     """Return the unit at the end of a column's name; UNKNOWN if the name does not end with a unit of this quantity."""
     parts = _plain_name(name).split("_")
     for ending in ("_".join(parts[-2:]), parts[-1]):
-        unit_ = unit(UNIT_OF_ENDING.get(ending, ""))
+        unit_ = unit(UNIT_OF_ENDING.get(ending, UNKNOWN))
         if len(parts) > 1 and unit_ is not None and unit_.measures == measures:
             return UNIT_OF_ENDING[ending]
     return UNKNOWN
@@ -205,6 +229,8 @@ def _largest_magnitude(table: LogTable, column: str) -> float:
 
 
 def _command(column: str, largest: float) -> str:
+    if (unit_name := _unit(column, "ratio")) != UNKNOWN:
+        return f'{{ column = {_quoted(column)}, unit = "{unit_name}" }}'
     if largest <= 1.0:
         return f'{{ column = {_quoted(column)}, unit = "1" }}'
     full_count = FULL_DUTY_COUNTS if largest <= FULL_DUTY_COUNTS else largest
