@@ -275,3 +275,17 @@ def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
         assert "Funciona sin cambios." in texts[name]
         compile(texts[name], name, "exec")
+
+
+def test_one_placeholder_has_one_name_in_all_helps():
+    """FOLDER beside CARPETA in one help looks like two different things."""
+    language.choose_language("es")
+    try:
+        options = [
+            p for _, command in helps() for p in in_language(command).params if isinstance(p, click.Option)
+        ]
+    finally:
+        language.choose_language("")
+    words = {word for option in options for word in re.findall(r"[A-Z]{3,}", option.metavar or "")}
+    assert {"ARCHIVO", "CARPETA", "CLAVE"} <= words
+    assert words.isdisjoint(language.PLACEHOLDERS)

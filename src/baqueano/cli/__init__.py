@@ -49,7 +49,7 @@ SUBCOMMANDS_BY_SUBPACKAGE = {  # subpackage → verbs; the other verbs are modul
 MAX_HELP_LETTERS = 200  # characters; every first sentence is shorter
 
 # names of the values of options
-METAVARS = N_("TEXT"), N_("INTEGER"), N_("NUMBER"), N_("FLOAT"), N_("FILE"), N_("FOLDER")
+METAVARS = N_("TEXT"), N_("INTEGER"), N_("NUMBER"), N_("FLOAT")
 USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
 MIN_SIMILARITY = 0.65  # letters that a mistyped subcommand has in common with the right name, as a share
 BACKENDS = ("auto", "c", "python", "numpy")
@@ -110,7 +110,7 @@ def in_language(command: click.Command) -> click.Command:
     for param in command.params:
         if isinstance(param, click.Option):
             param.help = language.translate(param.help or "") or None
-            param.metavar = param.metavar or _metavar(param)
+            param.metavar = language.shown_placeholders(param.metavar or "") or _metavar(param)
     command.options_metavar = language.translate(command.options_metavar or "") or None
     if isinstance(command, click.Group):
         command.subcommand_metavar = language.translate(command.subcommand_metavar)

@@ -82,7 +82,8 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
             template = language.translate(template, str(message.code))
             subject = message.subject.removeprefix("model.")
             sentence = template.format_map(
-                {"subject": subject, "fix": message.fix, "arg": _Arguments(argument)} | figures
+                {"subject": subject, "fix": language.shown_command(message.fix), "arg": _Arguments(argument)}
+                | figures
             )
             return before + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version

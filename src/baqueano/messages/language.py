@@ -6,6 +6,7 @@ locale/<language>/LC_MESSAGES/baqueano.mo, which `make catalogues` writes.
 
 import gettext
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -97,6 +98,13 @@ def number(value: Shown) -> Shown:
 
 
 N_ = mark
+PLACEHOLDERS = (  # names of values; the names of arguments, such as RUN, are equal in every language
+    N_("ADDRESS"), N_("CELL"), N_("CLASS"), N_("DEG"), N_("DEVICE"), N_("FILE"), N_("FOLDER"), N_("HEIGHT"),
+    N_("HIGH"), N_("KEY"), N_("KIND"), N_("LOW"), N_("NAME"), N_("PART"), N_("SECONDS"), N_("SHAPE"), N_("SHARE"),
+    N_("VALUE"), N_("WAY"), N_("WHAT"), N_("WHEN"), N_("WIDTH"), N_("WORDS"),
+)  # fmt: skip
+_PLACEHOLDER = re.compile(rf"(?<![A-Z_])(?:{'|'.join(PLACEHOLDERS)})(?![A-Z_])")
+_MISSING_VALUE = re.compile(r"(?<=[ =])(?:FILE|FOLDER|KEY|VALUE)(?![\w.])")
 _OF_UNITS = (N_("unit of u"), N_(" per "))
 
 
@@ -110,6 +118,26 @@ def shown_unit(words: str) -> str:
     for unit_word in _OF_UNITS:
         words = words.replace(unit_word, translate(unit_word))
     return words
+
+
+def shown_placeholders(words: str) -> str:
+    """Return the name of an option's value in the current language.
+
+    >>> with use_language("es"):
+    ...     print(shown_placeholders("KEY=VALUE"))
+    CLAVE=VALOR
+    """
+    return _PLACEHOLDER.sub(lambda match: translate(match[0]), words)
+
+
+def shown_command(words: str) -> str:
+    """Return a command to type, with the placeholder of a missing value in the current language.
+
+    >>> with use_language("es"):
+    ...     print(shown_command("--vehicle FILE"), shown_command("runs import FILE.csv"))
+    --vehicle ARCHIVO runs import FILE.csv
+    """
+    return _MISSING_VALUE.sub(lambda match: translate(match[0]), words)
 
 
 class _Float(float):
