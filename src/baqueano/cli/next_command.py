@@ -1,4 +1,4 @@
-"""Suggest the command to type after an error: a command that helps, never the failed command unchanged.
+"""Suggest the command to type after an import, or after an error: never the failed command unchanged.
 
 The suggestion depends on the code and the values of the error. A mistyped name (`value`, with the nearest name in
 `near`, see names.py) is corrected in the command. A `missing` path is replaced by the nearest file, and a decimal comma
@@ -10,11 +10,19 @@ import difflib
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from baqueano.diagnostics import Diagnostic, fault
+from baqueano.cli import options
+from baqueano.cli.terminal import print_message
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.messages.printable import baqueano_command
 
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
+    from baqueano.vehicle_file.file import VehicleFile
+
 USAGE, BAD_FILE = 2, 3
+CAR_COMMANDS = 2  # throttle and steering
 GROUPS = (["runs"], ["route"], ["study"], ["blocks"], ["robot"])
 MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
@@ -124,3 +132,26 @@ def _alternatives_to(path: Path) -> Diagnostic:
 
 def _file_names(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.glob("*") if p.is_file() and not p.name.startswith("."))
+
+
+def advise_after_import(
+    runs: "list[Run]", paths: list[Path], out: Path | None, vehicle_file: "VehicleFile | None", folder: str
+) -> None:
+    """Print the command that fits the runs: to the vehicle of the user, or else to one that `new` makes before."""
+    first, *last = (path.stem if out is None else str(path) for path in paths)
+    if not any(run.applied.any() for run in runs):
+        noise = baqueano_command("runs", "noise", first, *options.runs_option(folder))
+        return print_message(note("cli.next-at-rest", fix=noise))
+    named = [first, *(["--held-out", *last] if last else [])]
+    is_new = vehicle_file is None and not options.DEFAULT_FILE.exists()
+    usual = ["--vehicle", "mylab/vehicle.toml"] if is_new else []
+    usual += (
+        options.vehicle_and_runs_options(vehicle_file, folder)
+        if vehicle_file
+        else options.runs_option(folder)
+    )
+    fit = baqueano_command("identify", *named, *usual, "--update")
+    if not is_new:
+        return print_message(note("cli.next-command", fix=fit))
+    kind = ["--vehicle", "car"] if runs[0].applied.shape[1] == CAR_COMMANDS else []
+    return print_message(note("cli.next-new", fix=fit, cd=baqueano_command("new", "mylab", *kind)))

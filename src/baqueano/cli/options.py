@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
-CAR_COMMANDS = 2  # throttle and steering
 DEFAULT_FILE = Path("vehicle.toml")
 ROUTES = Path("routes")
 
@@ -200,7 +199,7 @@ def vehicle_and_runs_options(vehicle_file: "VehicleFile", folder: str = "runs") 
             else vehicle_file.path
         )
     vehicle = [] if name == (str(DEFAULT_FILE) if DEFAULT_FILE.exists() else "small") else ["--vehicle", name]
-    return vehicle + _runs_option(folder)
+    return vehicle + runs_option(folder)
 
 
 def run_options(folder: str, run: "Run | None" = None) -> list[str]:
@@ -209,30 +208,12 @@ def run_options(folder: str, run: "Run | None" = None) -> list[str]:
     A replay of a `run` that contains a vehicle file does not need a vehicle option.
     """
     vehicle = [] if DEFAULT_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
-    return vehicle + _runs_option(folder)
+    return vehicle + runs_option(folder)
 
 
-def _runs_option(folder: str) -> list[str]:
+def runs_option(folder: str) -> list[str]:
+    """Return the option of a folder of runs; [] for the usual one."""
     return [] if folder == "runs" else ["--runs", folder]
-
-
-def advise_after_import(
-    runs: "list[Run]", paths: list[Path], out: Path | None, vehicle_file: "VehicleFile | None", folder: str
-) -> None:
-    """Print the command that fits the runs: to the vehicle of the user, or else to one that `new` makes before."""
-    first, *last = (path.stem if out is None else str(path) for path in paths)
-    if not any(run.applied.any() for run in runs):
-        noise = baqueano_command("runs", "noise", first, *_runs_option(folder))
-        return print_message(note("cli.next-at-rest", fix=noise))
-    named = [first, *(["--held-out", *last] if last else [])]
-    is_new = vehicle_file is None and not DEFAULT_FILE.exists()
-    usual = ["--vehicle", "mylab/vehicle.toml"] if is_new else []
-    usual += vehicle_and_runs_options(vehicle_file, folder) if vehicle_file else _runs_option(folder)
-    fit = baqueano_command("identify", *named, *usual, "--update")
-    if not is_new:
-        return print_message(note("cli.next-command", fix=fit))
-    kind = ["--vehicle", "car"] if runs[0].applied.shape[1] == CAR_COMMANDS else []
-    return print_message(note("cli.next-new", fix=fit, cd=baqueano_command("new", "mylab", *kind)))
 
 
 def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:

@@ -7,6 +7,7 @@ import click
 
 from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.blocks import RowsResult
+from baqueano.cli.next_command import advise_after_import
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Verdict, fault, note
@@ -180,7 +181,7 @@ def import_(
         )
         path = write_run(imports[0].run, output_path)
         print_answer(WrittenRun(path, imports[0]), as_json)
-        options.advise_after_import([imports[0].run], [path], out, vehicle_file, folder)
+        advise_after_import([imports[0].run], [path], out, vehicle_file, folder)
         return
     paths = [write_run(item.run, _path_in(out, folder, item.run.name)) for item in imports]
     duration_s = sum(item.run.duration_s for item in imports)
@@ -188,9 +189,7 @@ def import_(
         note("cli.imported", count=len(paths), first=paths[0], last=paths[-1], duration_s=duration_s)
     )
     print_answer(ImportedRuns(tuple(imports)), as_json)
-    options.advise_after_import(
-        [item.run for item in imports], [paths[0], paths[-1]], out, vehicle_file, folder
-    )
+    advise_after_import([item.run for item in imports], [paths[0], paths[-1]], out, vehicle_file, folder)
 
 
 def _draft_map(path: Path, *recordings: Path | str) -> None:
