@@ -351,7 +351,7 @@ def test_the_identified_noise_has_units_and_excludes_the_tape_measurement(taped_
     noise = measure_noise(taped_fit, taped_runs)
     units = {row["name"]: row["unit"] for row in noise.rows()}
     assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]
-    assert units["velocity_walk_std[2]"] == "rad/s^1.5"
+    assert units["velocity_walk_std[2]"] == "rad/s/√s"
     assert "tape[0]" not in units
     assert not any("tape" in note.subject for note in noise.notes)
 

@@ -113,7 +113,7 @@ class AugmentedEkf:
         "s", "T, time constant with which each of them decays", low=1e-3, default=(1.0, 0.2), shape=(2,)
     )
     velocity_walk_std: np.ndarray = parameter(
-        "m/s^1.5, m/s^1.5, rad/s^1.5", "random walk of ν in 1 s, due to the floor", low=0.0,
+        "m/s/√s, m/s/√s, rad/s/√s", "random walk of ν in 1 s, due to the floor", low=0.0,
         default=(0.03, 0.01, 0.1), shape=(3,),
     )  # fmt: skip
     course_std: float = parameter(

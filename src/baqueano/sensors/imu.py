@@ -73,10 +73,10 @@ class Imu:
         std="gyro_bias_std", walk="gyro_bias_walk",
     )  # fmt: skip
     accel_bias_walk: float = parameter(
-        "m/s^2.5", "random walk of the accelerometers' bias in 1 s", low=0.0, high=100.0, default=0.0
+        "m/s²/√s", "random walk of the accelerometers' bias in 1 s", low=0.0, high=100.0, default=0.0
     )
     gyro_bias_walk: float = parameter(
-        "rad/s^1.5", "random walk of the gyro's bias in 1 s", low=0.0, high=10.0, default=0.0
+        "rad/s/√s", "random walk of the gyro's bias in 1 s", low=0.0, high=10.0, default=0.0
     )
     accel_noise_std: np.ndarray = parameter(
         "m/s²", "white noise of an acceleration", low=0.0, high=1e3, default=(0.0, 0.0), shape=(2,)

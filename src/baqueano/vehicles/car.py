@@ -136,7 +136,7 @@ class Car:
         metadata={"roles": {"dead_zone_backward": "known", "coast": "known"}},
     )
     process_noise_std: np.ndarray = parameter(
-        "m/s^1.5, m/s^1.5, rad/s^1.5", "random walk of ν in 1 s; the second is not used", low=0.0, high=1e6,
+        "m/s/√s, m/s/√s, rad/s/√s", "random walk of ν in 1 s; the second is not used", low=0.0, high=1e6,
         default=NO_FRICTION, shape=(3,), role="noise",
     )  # fmt: skip
 

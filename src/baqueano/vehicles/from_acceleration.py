@@ -54,7 +54,7 @@ class FromAcceleration:
 
     drivetrain: Drivetrain = field(default_factory=Drivetrain)
     process_noise_std: np.ndarray = parameter(
-        "m/s^1.5, m/s^1.5, rad/s^1.5",
+        "m/s/√s, m/s/√s, rad/s/√s",
         "random walk of ν in 1 s",
         low=0.0,
         high=1e6,

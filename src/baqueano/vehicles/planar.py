@@ -85,7 +85,7 @@ class Planar:
         role="known",
     )
     process_noise_std: np.ndarray = parameter(
-        "m/s^1.5, m/s^1.5, rad/s^1.5",
+        "m/s/√s, m/s/√s, rad/s/√s",
         "white body acceleration outside the model: its random walk of ν in 1 s", low=0.0, high=1e6,
         default=NO_FRICTION, shape=(3,), role="noise",
     )  # fmt: skip

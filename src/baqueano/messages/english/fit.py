@@ -37,7 +37,7 @@ TEMPLATES: dict[str, str] = {
         "of {requested} parameters {unidentified} are not identifiable and {weak} are poorly identified. "
         "The runs are too short, or the motion is too small: drive longer, with larger commands"
     ),
-    "fit.weak": "{names}: poorly identified",
+    "fit.weak": "the data hardly determine {names}",
     "fit.unseen": "parameters that are not identifiable: {count}; they are listed below",
     "fit.duty-step": (
         "the run shows that duties come in steps of 1/{steps}: duty_step was added to [model.drivetrain]"
@@ -89,12 +89,9 @@ TEMPLATES: dict[str, str] = {
     "identifiability.command-still": (
         "{names}: {command} was 0 all the time. To identify this, record a run in which the command changes"
     ),
-    "identifiability.never": (
-        "{names}: the vehicle cannot move {command}, so this parameter has no effect and cannot be identified"
-    ),
+    "identifiability.never": ("the data do not depend on {names}, because the vehicle cannot move {command}"),
     "identifiability.never-sideways": (
-        "{names}: the vehicle cannot be driven sideways, so this parameter has no effect and "
-        "cannot be identified"
+        "the data do not depend on {names}, because the vehicle cannot be driven sideways"
     ),
     "identifiability.gyro-scale": (
         "{subject}: its gyro scale is not identifiable, so it is fixed at {at:.4g} ± "
