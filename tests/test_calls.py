@@ -36,6 +36,7 @@ def code_of(call) -> str:
     ("code", "call"),
     [
         ("call.kind", lambda: bq.repeat(ROBOT, "lab")),
+        ("call.unknown", lambda: bq.tune(ROBOT, ROUTE, speed=0.2)),
         ("call.kind", lambda: bq.replay("0001.mcap")),
         ("call.kind", lambda: bq.compare([RUN, ROBOT])),
         ("call.kind", lambda: bq.compare(RUN, RUN)),

@@ -10,6 +10,7 @@ import pytest
 
 import baqueano
 from baqueano.cli import SUBCOMMANDS as COMMANDS
+from baqueano.messages.language import use_language
 from baqueano.on_demand import MODULE_OF, on_demand
 
 ROOT = Path(baqueano.__file__).parent
@@ -58,6 +59,8 @@ def test_no_lazy_name_is_hidden_by_a_submodule(path):
 def test_an_unknown_name_of_a_package_raises_an_attribute_error():
     get = on_demand("baqueano.runs", {"folder": ("find",)})
     with pytest.raises(AttributeError, match=r"module 'baqueano\.runs' does not have attribute 'fnid'"):
+        get("fnid")
+    with use_language("es"), pytest.raises(AttributeError, match="no tiene el atributo 'fnid'"):
         get("fnid")
 
 

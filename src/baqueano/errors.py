@@ -10,6 +10,7 @@ from pathlib import Path
 
 from baqueano.diagnostics import Diagnostic, Severity
 from baqueano.messages import text
+from baqueano.messages.language import translate as _
 
 INTERRUPTED = 130  # Ctrl-C, as shells have it
 USER_MODULE_PREFIX = "baqueano_user_"  # beginning of the name of a module with the user's blocks
@@ -131,7 +132,10 @@ def user_code_place(error: BaseException) -> str:
         for module, code, line in frames
         if str(module).startswith(USER_MODULE_PREFIX)
     ]
-    return f"{Path(user_frames[-1][0]).name} line {user_frames[-1][1]}" if user_frames else ""
+    if not user_frames:
+        return ""
+    file, line = user_frames[-1]
+    return _("{file} line {line}", file=Path(file).name, line=str(line))
 
 
 def error_of_exit_code(

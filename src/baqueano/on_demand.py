@@ -36,11 +36,19 @@ def on_demand(
             return import_module(f"{package}.{name}")
         if name not in module_and_name:
             similar = _suggestion(name, [*module_and_name, *subpackages])
-            raise AttributeError(f"module {package!r} does not have attribute {name!r}{similar}")
+            raise AttributeError(_no_such_name(package, name) + similar)
         module, export = module_and_name[name]
         return getattr(import_module(module), export.partition(" as ")[0])
 
     return get
+
+
+def _no_such_name(package: str, name: str) -> str:
+    if name.startswith("_"):  # Python itself looks it up
+        return f"module {package!r} does not have attribute {name!r}"
+    from baqueano.messages.language import translate as _
+
+    return _("module {package} does not have attribute {name}", package=repr(package), name=repr(name))
 
 
 def _suggestion(name: str, names: "list[str]") -> str:

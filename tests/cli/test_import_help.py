@@ -9,7 +9,7 @@ import pytest
 
 from baqueano.cli.modelling.runs import MAP_EXAMPLE
 from baqueano.errors import FileError
-from baqueano.runs import read_run
+from baqueano.runs import import_run, read_run
 from baqueano.runs.importing.draft import draft
 from baqueano.runs.maps.column_map import load_map, maps_folder
 from tests.codes import refused
@@ -297,6 +297,9 @@ def test_a_draft_reads_spanish_names_signs_of_units_and_the_encoding_of_excel(ba
     assert [entry.unit for entry in signal_map.sensors["imu"].entries] == ["m/s^2", "m/s^2", "deg/s"]
     assert signal_map.sensors["odometer"].entries[0].unit == "km/h"
     assert baqueano("runs", "import", "log.toml", "log.csv").code == 0
+    one_path, in_a_list = (import_run(tmp_path / "log.toml", files).run
+                           for files in (str(tmp_path / "log.csv"), [tmp_path / "log.csv"]))  # fmt: skip
+    assert len(one_path.t_ns) == len(in_a_list.t_ns) == 59
 
 
 def test_columns_named_only_by_their_side_are_drafted_as_commands(tmp_path):

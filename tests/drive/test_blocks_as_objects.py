@@ -18,6 +18,8 @@ from baqueano.estimators import DeadReckoning
 from baqueano.guides import Repeat
 from baqueano.guides.repeat import RepeatState
 from baqueano.guides.shapes import circle
+from baqueano.messages import text
+from baqueano.messages.language import use_language
 from baqueano.runs import read_run
 from baqueano.signals import Command, Reference
 from baqueano.vehicle_file import load
@@ -152,6 +154,11 @@ def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(
     reason = stop_reason_of(run)
     assert (reason.code, reason.figures[figure[0]]) == (code, figure[1])
     assert reason.figures["block"] == f"guide Mine ({own_file}:{line})"
+    with use_language("es"):
+        assert text(reason).startswith("guía Mine (")
+    assert not [line for line in repr(run).splitlines()[1:3] if "command applied" in line], (
+        "the error comes first"
+    )
     assert run.metadata["guide"] == "Mine()"
     assert "class Mine" in run.metadata["guide.text"]
 

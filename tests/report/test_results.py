@@ -1,5 +1,6 @@
 """The outputs of a result: a short print, a card, a figure with a custom style, a data frame."""
 
+import ast
 import re
 import sys
 from dataclasses import replace
@@ -21,7 +22,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import forecast
 from baqueano.messages import language
-from baqueano.report import figures
+from baqueano.report import card, figures
 from baqueano.report.canvas import Canvas, at_width, with_width
 from baqueano.report.fit_report import page_of_fit, sections_of_fit
 from baqueano.report.page import Drawing, Page, Section, Table
@@ -31,6 +32,7 @@ from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
 from baqueano.validation.held_out import validate
 from baqueano.validation.parameter_drift import ParameterChange, ParameterHistory
+from tests.catalogues import read_catalogue
 from tests.figure_files import width_mm
 from tests.study.test_controllers import result as compared_controllers
 
@@ -369,3 +371,15 @@ def test_a_saved_figure_equals_that_of_matplotlib(tmp_path):
         with rc_context({"svg.fonttype": "none", "svg.hashsalt": "baqueano"}):
             figure.savefig(file, metadata={"Date": None})
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_each_heading_of_a_card_is_in_the_catalogue():
+    """A heading is a key of a row, so gettext finds it only if it is marked."""
+    source = ast.parse(Path(card.__file__).read_text(encoding="utf-8"))
+    rows = [n for node in ast.walk(source) if isinstance(node, ast.List | ast.ListComp | ast.Tuple)
+            for n in ast.walk(node) if isinstance(n, ast.Dict)]  # fmt: skip
+    headings = {ast.literal_eval(key.args[0] if isinstance(key, ast.Call) else key)
+                for row in rows for key in row.keys if isinstance(key, ast.Constant | ast.Call)}  # fmt: skip
+    translated = {entry.id for entry in read_catalogue("es")}
+    assert len(headings) > 20
+    assert {heading for heading in headings if heading.replace("_", " ") not in translated} == {"± 95 %"}

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.messages.language import translate as _
 
 OUTSIDE_MODULES = {  # forbidden module → replacement
     "time": note("outside.time"), "datetime": note("outside.time"),
@@ -23,9 +24,14 @@ OUTSIDE_CALLS = {
 def place(code_object: Any) -> str:
     """Return the file and the line of a class or function, as "my_controller.py line 12"."""
     try:
-        return f"{Path(inspect.getfile(code_object)).name} line {inspect.getsourcelines(code_object)[1]}"
+        return line_of(Path(inspect.getfile(code_object)), inspect.getsourcelines(code_object)[1])
     except (OSError, TypeError):
         return getattr(code_object, "__name__", str(code_object))
+
+
+def line_of(file: Path, line: int) -> str:
+    """Return a line of a file as text in the current language."""
+    return _("{file} line {line}", file=file.name, line=str(line))
 
 
 def outside_accesses(block_class: type) -> list[Diagnostic]:
@@ -45,7 +51,7 @@ def outside_accesses(block_class: type) -> list[Diagnostic]:
         fault(
             f"outside.{door}",
             subject=block_class.__name__,
-            place=f"{file.name} line {line}",
+            place=line_of(file, line),
             name=name,
             instead=advice,
         )

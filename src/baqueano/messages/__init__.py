@@ -54,11 +54,14 @@ class _Arguments:
 
 
 class _TranslatedText(str):
-    """A figure that is a text; the format `word` translates it."""
+    """A figure that is a text; the format `word` translates it, and `block` its first word, the role of a block."""
 
     __slots__ = ()
 
     def __format__(self, spec: str) -> str:
+        if spec == "block":
+            role, space, rest = self.partition(" ")
+            return language.translate(role) + space + rest
         return language.translate(str(self)) if spec == "word" else format(str(self), spec)
 
 

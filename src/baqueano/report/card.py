@@ -17,6 +17,7 @@ from baqueano.identify import Fit, Forecast
 from baqueano.identify.result.fit_result import verdict_lines
 from baqueano.identify.result.verdict import percent_text
 from baqueano.messages import text, texts
+from baqueano.messages.language import mark as N_
 from baqueano.messages.language import shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report.fit_report import row_of
@@ -131,8 +132,9 @@ def _run_card(result: Run) -> Card:
 def _comparison_card(result: Comparison) -> Card:
     rows = [
         {
-            "run": run.name, "time [s]": run.duration_s, "across its path [cm rms]": 100.0 * run.across_true.rms_m,
-            "position off [cm rms]": 100.0 * run.ate_m, "NEES of velocity": run.consistency.nees_velocity.mean,
+            "run": run.name, "time [s]": run.duration_s, N_("across its path [cm rms]"): 100.0 * run.across_true.rms_m,
+            N_("error of the position [cm rms]"): 100.0 * run.ate_m,
+            N_("NEES of the velocity"): run.consistency.nees_velocity.mean,
             "NIS": run.consistency.nis.mean, "covariance": run.verdict,
         }
         for run in result.runs
@@ -247,7 +249,7 @@ def _validation_card(result: Validation) -> Card:
 def _history_card(result: ParameterHistory) -> Card:
     title = text(note("front.card-history", vehicle=result.last.file.name, runs=len(result.runs)))
     rows = [
-        {"parameter": change.name.removeprefix("model."), "before": change.before, "after": change.after,
+        {"parameter": change.name.removeprefix("model."), "before": change.before, N_("after"): change.after,
          "unit": shown_unit(change.unit)}
         for change in result.changes
     ]  # fmt: skip

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 MEANS_KEY = "means"  # in the metadata: the names of the channels whose readings are means over an interval
 REST_KEY = "rest_s"  # of the metadata
+INDENT_OF_EVENT = 10  # letters before the second line of an event in the table
 MAX_AGE_S = 0.25  # an older measurement has the timestamp of another clock
 
 
@@ -137,7 +138,11 @@ class Run(Result):
 
         lines = show(self).table(is_by_severity=True).splitlines()
         topics = len(self.rows()) + 2  # the name, the head of the columns
-        return shorten(lines[:topics], lines[topics:], [])
+        events, count = lines[topics:], 0
+        if any(event.level == "error" for event in self.events):
+            is_further = [line[:INDENT_OF_EVENT].isspace() for line in events[1:]]
+            count = 1 + (is_further.index(False) if False in is_further else len(is_further))
+        return shorten([lines[0], *events[:count]], [*lines[1:topics], *events[count:]], [])
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per topic; an unknown value is None."""

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Guide, OwnBlock
+from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.geometry import compose
@@ -227,6 +228,7 @@ def _mean_in_batch(
     return total / len(case.inputs), steep / len(case.inputs)
 
 
+@checked_call("bq.tune(robot, route)")
 def tuning_objective(
     vehicle_file: "VehicleFile",
     routes: Route | Guide | Sequence[Route | Guide],

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Verdict
+from baqueano.messages.language import mark as N_
 from baqueano.vehicle_file.paths import is_table, key_exists, known_paths
 from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
 
@@ -44,7 +45,7 @@ def model_values(data: "JsonObject", provenance: dict[str, Provenance]) -> list[
     for key, value in _flat_items("model", data.get("model", {})):
         origin = provenance.get(key, provenance.get("model", Provenance("")))
         rows.append(
-            {"parameter": key, "value": str(value), "measured by": origin.run, "verdict": origin.verdict}
+            {"parameter": key, "value": str(value), N_("measured by"): origin.run, "verdict": origin.verdict}
         )
     return rows
 

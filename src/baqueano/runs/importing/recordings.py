@@ -122,7 +122,7 @@ class ImportedRuns(NamedTuple):
 @checked_call('bq.import_run("map.toml", ["recording.csv"])')
 def import_run(
     column_map: ColumnMap | Path | str,
-    files: list[Path | str] | dict[str, Path | str] | None = None,
+    files: Path | str | list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
 ) -> ImportedRun:
     r"""Import the files of a recording by a map, and return their run in SI units.
@@ -131,7 +131,7 @@ def import_run(
     ----------
     column_map : ColumnMap, path or str
         A map, its path, or the name of a map of the package; docs/importing.md describes maps.
-    files : list of path or dict, optional
+    files : path, list of path or dict, optional
         A path for each [files.NAME] by name, or one path for all files without a path in the map.
     vehicle_text : str
         Text of the vehicle file, stored in the run.
@@ -168,7 +168,7 @@ def import_run(
 
 def import_runs(
     column_map: ColumnMap | Path | str,
-    files: list[Path | str] | dict[str, Path | str] | None = None,
+    files: Path | str | list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
 ) -> list[ImportedRun]:
     """Return all runs of the files of a map, in order: one per file, or one per part of a split file.
@@ -176,7 +176,7 @@ def import_runs(
     `import_run` does, and if all parts are too short."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     runs, failures, source = [], [], None
-    for recording in recordings_of(m, files or {}):
+    for recording in recordings_of(m, [files] if isinstance(files, str | Path) else files or {}):
         if len(recording.sources[m.ticks].t_ns) < MIN_TICKS:
             failures.append(recording.name)
             source = recording.sources[m.ticks]
