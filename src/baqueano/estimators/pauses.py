@@ -11,7 +11,6 @@ without measurements. A delay line contains one command per row period, so a pau
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
 from math import ceil
 from typing import NamedTuple
 
@@ -86,15 +85,16 @@ def limiting_factors(cov: np.ndarray) -> np.ndarray:
 def rows_of_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     """Return the rows of N ticks, and the index (N,) of the row of each tick. Leaves begin with an axis N.  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
-    silent_times_of_gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise([-1, *t_ns])]
-    counts = np.array([len(gap_times) + 1 for gap_times in silent_times_of_gaps], dtype=np.int64)
+    since_ns = np.concatenate([[-1], t_ns[:-1]])
+    can_be_long = (since_ns < 0) | (t_ns - since_ns > round(max_row_s(rate_hz) * NANOSECONDS))
+    gaps = {k: silent_times(int(since_ns[k]), int(t_ns[k]), rate_hz) for k in np.flatnonzero(can_be_long)}
+    counts = np.ones(len(t_ns), dtype=np.int64)
+    counts[list(gaps)] += [len(times) for times in gaps.values()]
     tick_indices = np.cumsum(counts) - 1
     row_times = np.repeat(t_ns, counts)
-    row_times[np.setdiff1d(np.arange(len(row_times)), tick_indices)] = [
-        t for gap_times in silent_times_of_gaps for t in gap_times
-    ]
     has_reading = np.zeros(len(row_times))
     has_reading[tick_indices] = 1.0
+    row_times[has_reading == 0.0] = [t for times in gaps.values() for t in times]
 
     def repeat(x: Value) -> Value:
         return np.repeat(np.broadcast_to(x, (len(t_ns), *np.shape(x)[1:])), counts, axis=0)
