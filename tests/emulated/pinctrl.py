@@ -2,7 +2,8 @@
 
 Written from its source (raspberrypi/utils, pinctrl.c and gpiochip_bcm2835.c), not from its callers: refusals, output
 and exit codes. `set` exits with 0 even after a failure. An output receives its function before its level. A BCM2837
-does not report pull and drive. The lines are stored in a JSON file, named by PINCTRL_LINES:
+does not report pull and drive. The lines are stored in a file, named by PINCTRL_LINES. One recovery calls the program
+25 times, so it imports only modules of the interpreter itself:
 
     bits      the bits that the chip sends at the next clocks; at a 0 it holds SDA. After the last it releases SDA
     scl_held  a chip holds SCL
@@ -12,12 +13,10 @@ does not report pull and drive. The lines are stored in a JSON file, named by PI
 A falling SCL moves the chip to its next bit; a START or STOP (SDA moves while SCL is high) ends its byte.
 """
 
-import json
+import marshal
 import os
-import re
 import sys
 import time
-from pathlib import Path
 
 GPIO, NAMES = (2, 3), {"a0": {2: "SDA1", 3: "SCL1"}, "ip": "input", "op": "output"}
 FUNCTIONS, LEVELS, PULLS = ("ip", "op", "a0", "a1", "a2", "a3", "a4", "a5"), ("dl", "dh"), ("pu", "pd", "pn")
@@ -68,7 +67,7 @@ def main(lines: dict, words: list[str]) -> int:
     if verb not in ("get", "set"):
         print(f'Unknown command "{verb}"')
         return 1
-    if not re.fullmatch(r"\d+(,\d+)*", pins):
+    if not all(part.isdigit() for part in pins.split(",")):
         print("Need GPIO number to set" if verb == "set" and not pins else f'Unknown GPIO "{pins}"')
         return 1
     numbers = sorted({int(n) for n in pins.split(",")} & set(GPIO))
@@ -115,20 +114,20 @@ def put_pin(lines: dict, pin: str, options: list[str]) -> None:
 class Lines:
     """The two lines, for a test: an emulated bus is `held` as long as the object is true."""
 
-    def __init__(self, path: Path, bits: list[int], scl_held: bool = False) -> None:
+    def __init__(self, path: str) -> None:
         self.path = path
-        self.write(new(bits, scl_held))
 
     def __bool__(self) -> bool:
         lines = self.read()
         return set(lines["function"].values()) != {"a0"} or levels(lines) != (1, 1)
 
     def read(self) -> dict:
-        return json.loads(self.path.read_text())
+        with open(self.path, "rb") as file:
+            return marshal.load(file)
 
     def write(self, lines: dict) -> None:
-        part = self.path.with_suffix(".part")
-        part.write_text(json.dumps(lines))
+        with open(part := f"{self.path}.part", "wb") as file:
+            marshal.dump(lines, file)
         os.replace(part, self.path)
 
     def put(self, **values) -> None:
@@ -144,9 +143,10 @@ class Lines:
         return set(self.read()["function"].values()) == {"a0"}
 
 
-def on_path(folder: Path, patches, bits: list[int], scl_held: bool = False) -> Lines:
+def on_path(folder, patches, bits: list[int], scl_held: bool = False) -> Lines:
     """Return two lines, and put a `pinctrl` that works on them in front of the path."""
-    lines = Lines(folder / "lines.json", bits, scl_held)
+    lines = Lines(str(folder / "lines"))
+    lines.write(new(bits, scl_held))
     (folder / "bin").mkdir()
     program = folder / "bin" / "pinctrl"
     program.write_text(f'#!/bin/sh\nPINCTRL_LINES={lines.path} exec {sys.executable} -I -S {__file__} "$@"\n')
@@ -156,8 +156,7 @@ def on_path(folder: Path, patches, bits: list[int], scl_held: bool = False) -> L
 
 
 if __name__ == "__main__":
-    pin_file = Lines.__new__(Lines)
-    pin_file.path = Path(os.environ["PINCTRL_LINES"])
+    pin_file = Lines(os.environ["PINCTRL_LINES"])
     state = pin_file.read()
     state["calls"].append(sys.argv[1:])
     pin_file.write(state)
