@@ -33,7 +33,7 @@ def with_gyro(run, factor):
 def at_ten_hertz():
     """A car whose log has 10 rows a second."""
     file = override(car, ["rate_hz=10.0", "sensors.imu.rate_hz=10.0", "sensors.odometer.rate_hz=10.0"])
-    u = random_steps(file.command.limit, 30.0, 10.0, 3)
+    u = random_steps(file.command.limit, 20.0, 10.0, 3)
     fine = simulate(
         override(car, ["rate_hz=100.0"]), np.repeat(u, 10, axis=0), 3
     )  # because a vehicle moves meanwhile
@@ -159,7 +159,7 @@ def test_without_wheels_a_curve_shows_that_gyro_and_accelerometer_disagree(at_te
 @pytest.mark.parametrize("seed", [0, 3])
 @pytest.mark.parametrize("use", [None, ("imu",)])
 def test_an_accelerometer_in_mg_causes_no_report_about_the_gyro(seed, use):
-    run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
+    run = simulate(car, random_steps(car.command.limit, 10.0, car.rate_hz, seed), seed)
     c, milli_g = run.sensors["imu"], 1000.0 / STANDARD_GRAVITY
     run = replace(run, sensors={**run.sensors, "imu": c._replace(z=c.z * [milli_g, milli_g, 1.0])})
     assert physical_units.check_gyro_unit(run, car, "imu")
