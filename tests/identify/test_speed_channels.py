@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from baqueano.drive import experiment
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise.accelerometer_misfit import MIN_SHARE, accelerometer_share
 from baqueano.identify.noise.speed_channels import ratio_of_blocks, speed_channels
+from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
@@ -21,7 +21,7 @@ HELD_S = 80.0
 
 def drive_fit(file, seconds_, seed, **truth):
     u = excitation("random_steps", file.command.limit, seconds_, file.rate_hz, seed=seed)
-    return experiment(file, u, truth=file.with_values(truth), seed=seed)
+    return simulate(file.with_values(truth), u, seed)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_without_a_validation_run_no_speed_channel_is_chosen(fit):
     assert not noise.speed.is_from_held_out
     assert noise.speed.message.fix == "--held-out RUN"
     assert "speed_from" not in noise.updated_file(fit[0].vehicle_file).data["estimator"]
-    blind = replace(drive_fit(SMALL, HELD_S, 2), truth=None)
+    blind = replace(drive_fit(SMALL, 20.0, 2), truth=None)
     assert measure_noise(*fit, held_out=[blind]).speed == noise.speed
 
 
