@@ -35,7 +35,7 @@ from baqueano.symbolic.c_code import compile
 from tests.turns import turn
 
 HERE = Path(__file__).parent
-SLOW = {  # folders and files; except in symbolic/, their many short kernels are compiled quickly
+SLOW = {  # folders and files
     "calibration", "cli", "design", "door", "drive", "emulated", "fuzz", "identify", "monitor", "report", "robot",
     "selection", "study", "sweep", "tune", "validation", "web",
     "compare/test_comparison_of_runs.py", "compare/test_consistency.py", "compare/test_corridor.py",
@@ -186,11 +186,10 @@ def not_skipped(report: Report) -> Report:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Compile quickly for tests with many short kernels; the other tests use the compiler flags of the package."""
+    """Compile the many short kernels quickly; the tests of the engine use the compiler flags of the package."""
     level = "-O1" if is_in(item.path, LONG_RUNS) and not is_in(item.path, SHORT_RUNS) else "-O0"
-    quick = 0, 0, level, level
-    is_quick = is_in(item.path, SLOW) and not is_in(item.path, {"symbolic"})
-    for name, value in zip(FLAGS, quick if is_quick else SHIPPED, strict=True):
+    flags = SHIPPED if is_in(item.path, {"symbolic"}) else (0, 0, level, level)
+    for name, value in zip(FLAGS, flags, strict=True):
         setattr(compile, name, value)
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
         item.stash[ALONE]()

@@ -83,7 +83,6 @@ def stop(wheel):
     assert wheel.off_after(lambda: wheel.tab.press(" ", "Space")) <= OFF_S
 
 
-@pytest.mark.alone
 def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_robot(firmware, tmp_path):
     (tmp_path / "routes").mkdir()
     write_route(circle(0.3, 0.2), tmp_path / "routes" / "ring.csv")
