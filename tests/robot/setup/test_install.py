@@ -42,9 +42,12 @@ def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
     assert "User=baqueano\nGroup=baqueano\nSupplementaryGroups=dialout i2c gpio\n" in unit
     assert (pi / "var/lib/baqueano/vehicle.toml").read_text() == "# mine\n"
     calls = (tmp_path / "calls").read_text()
-    assert [line for line in calls.splitlines() if line.startswith("usermod")] == [
-        "usermod -aG dialout,gpio,input,baqueano ana"  # the account of the service has only the groups of its unit
-    ]
+    assert (
+        [line for line in calls.splitlines() if line.startswith("usermod")]
+        == [
+            "usermod -aG dialout,gpio,input,baqueano ana"  # the account of the service has only the groups of its unit
+        ]
+    )
     (useradd,) = [line for line in calls.splitlines() if line.startswith("useradd")]
     assert "--system" in useradd
     assert "--shell /usr/sbin/nologin baqueano" in useradd
