@@ -4,6 +4,8 @@ Each truth must lie within 3.5 of its standard errors, over two seeds. With 50 n
 probability of 2 %; the seeds are fixed.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from baqueano.messages import texts
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicles import constant_effort
 from tests.codes import of_code
 
 SIGMAS = 3.5
@@ -140,12 +143,12 @@ def test_dry_friction_of_a_car_is_identified_forward_and_backward(seed):
 def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):
     """A vehicle on rubber tyres stops sideways faster than one tick can resolve."""
     blocks = FittedBlocks(small.vehicle, small.sensors)
-    paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[1]"]
+    paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[0]"]
     _, free = enable_parameters(
         blocks, free_parameters(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), lambda delay_s: 25
     )
     high = {parameter.path.removeprefix("model.friction."): parameter.high for parameter in free}
-    assert high["quadratic[1]"] == 1e6  # as the field states
+    assert high["quadratic[0]"] == 1e6  # as the field states: a drive forward shows it
     assert high["linear[1]"] / 0.61 < 1.5 * small.rate_hz
     for i in range(3):
         values = small.vehicle.friction.linear.copy()
@@ -156,6 +159,25 @@ def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):
     small.with_values(
         {f"model.friction.{k}": x.tolist() for k, x in zip(("linear", "coulomb"), both, strict=True)}
     )
+
+
+def test_the_largest_sideways_friction_of_a_fit_is_integrable_in_a_fast_turn(small):
+    """Two wheels do not slide, so a fit drives the sideways friction to its bound. A row has 20 ms, and v r 3 m/s²."""
+    paths = ["model.friction.linear[1]", "model.friction.quadratic[1]"]
+    blocks = FittedBlocks(small.vehicle, small.sensors)
+    _, free = enable_parameters(
+        blocks, free_parameters(blocks, paths, (), {}), 50.0, np.zeros((1, 3)), lambda delay_s: 25
+    )
+    friction = small.vehicle.friction
+    linear, quadratic = friction.linear.copy(), friction.quadratic.copy()
+    linear[1], quadratic[1] = (parameter.high for parameter in free)
+    stiff = replace(small.vehicle, friction=replace(friction, linear=linear, quadratic=quadratic))
+    sideways, effort = [0.0], constant_effort(np.zeros(3))
+    for _ in range(50):
+        nu = np.array([1.0, sideways[-1], 3.0])
+        sideways.append(stiff.advance(np.zeros(3), nu, effort, 0.02)[1][1])
+    assert -0.05 < sideways[-1] < 0.0
+    assert sideways[-1] == pytest.approx(sideways[-2], rel=1e-6)
 
 
 def test_a_search_without_convergence_names_the_parameter_that_still_moved(small, monkeypatch):

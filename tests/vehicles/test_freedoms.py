@@ -14,6 +14,7 @@ from baqueano.vehicles.freedoms import (
     decay_rates,
     is_steered,
     is_turned_by_last_command,
+    quadratic_damping,
 )
 
 SMALL, CAR, KINEMATIC = load("small").vehicle, load("car").vehicle, Kinematic(np.eye(3))
@@ -60,3 +61,11 @@ def test_the_yaw_decay_rate_of_a_car_is_one_over_its_lag():
     car = Car(0.15, 7.0, 0.4, linear_drag=2.0, yaw_lag_s=0.05, drivetrain=Drivetrain(commands=2))
     assert decay_rates(car) == pytest.approx([2.0, 0.0, 20.0], rel=1e-6)
     assert decay_rates(KINEMATIC).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_friction_with_the_square_of_the_speed_is_distinguished_from_a_linear_friction():
+    friction = Friction(linear=np.array([3.0, 4.0, 0.01]), quadratic=np.array([0.0, 6.0, 0.0]))
+    vehicle = Planar(0.5, 0.002, np.eye(3), friction=friction)
+    k_by_path = dict(quadratic_damping(vehicle, [path for path, _ in all_parameters(vehicle, "model")]))
+    assert set(k_by_path) == {f"model.friction.quadratic[{i}]" for i in range(3)}
+    assert k_by_path["model.friction.quadratic[1]"] == pytest.approx([0.0, 2.0, 0.0])

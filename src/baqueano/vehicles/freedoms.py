@@ -3,6 +3,7 @@
 kept    entries of ν that remain after a tick without a command; empty for a kinematic vehicle        (1)
 rates   −∂ν̇_i/∂ν_i at rest [1/s], the rate at which a small motion decays                             (2)
 slopes  change of (2) by one unit of a parameter, if (2) is linear in it                              (3)
+k       −ν̇_i/ν_i² by one unit of a parameter, if this friction grows with the square of ν_i          (4)
 """
 
 from collections.abc import Collection, Iterator
@@ -10,6 +11,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Value
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import value_at_path, with_value
@@ -46,28 +48,53 @@ def damping_derivatives(
     """Yield (path with its entry, slope (3,)) of each parameter of the `fields`, "model.…", that damps a motion.  (3)
     `freedoms` is the result of `coasting_axes`, if it is already known.
     """
-    model, freedoms = {"model": vehicle}, coasting_axes(vehicle) if freedoms is None else freedoms
+    freedoms = coasting_axes(vehicle) if freedoms is None else freedoms
+    for path, rates_at in _rates_by_entry(vehicle, fields, freedoms, SMALL_SPEED):
+        first_step, second_step = rates_at[1] - rates_at[0], rates_at[2] - rates_at[1]
+        if np.any(first_step > 1e-6) and np.allclose(first_step, second_step, rtol=1e-3):
+            yield path, np.where(first_step > 1e-6, first_step, 0.0)
+
+
+def quadratic_damping(
+    vehicle: DynamicVehicle, fields: Collection[str], freedoms: tuple[int, ...] | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield (path with its entry, k (3,)) of each parameter of the `fields`, "model.…", whose friction grows with the
+    square of the speed.  (4)  `freedoms` is the result of `coasting_axes`, if it is already known.
+    """
+    freedoms = coasting_axes(vehicle) if freedoms is None else freedoms
+    at_double_speed = dict(_rates_by_entry(vehicle, fields, freedoms, 2.0))
+    for path, rates_at in _rates_by_entry(vehicle, fields, freedoms, 1.0):
+        k, at_two = rates_at[1] - rates_at[0], at_double_speed[path][1] - at_double_speed[path][0]
+        if np.any(k > 1e-6) and np.allclose(2.0 * k, at_two, rtol=1e-3):
+            yield path, np.where(k > 1e-6, k, 0.0)
+
+
+def _rates_by_entry(
+    vehicle: DynamicVehicle, fields: Collection[str], freedoms: tuple[int, ...], speed: float
+) -> Iterator[tuple[str, list[np.ndarray]]]:
+    """Yield (path with its entry, rates (3,) for its values 0, 1 and 2) of each parameter that changes a rate."""
+    model = {"model": vehicle}
     for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
+
+        def rates(path: str, value: Value) -> np.ndarray:
+            return _rates(with_value(model, path, value)["model"], freedoms, speed)
+
         shape = np.shape(value_at_path(model, path))
-        rates_at_zero, rates_at_one = (
-            _rates(with_value(model, path, np.full(shape, x))["model"], freedoms) for x in (0.0, 1.0)
-        )
-        for index in np.ndindex(shape) if np.any(np.abs(rates_at_one - rates_at_zero) > 1e-6) else ():
+        change = rates(path, np.full(shape, 1.0)) - rates(path, np.full(shape, 0.0))
+        for index in np.ndindex(shape) if np.any(np.abs(change) > 1e-6) else ():
             entry_path = f"{path}[{','.join(map(str, index))}]" if index else path
-            rates_at = [_rates(with_value(model, entry_path, x)["model"], freedoms) for x in (0.0, 1.0, 2.0)]
-            first_step, second_step = rates_at[1] - rates_at[0], rates_at[2] - rates_at[1]
-            if np.any(first_step > 1e-6) and np.allclose(first_step, second_step, rtol=1e-3):
-                yield entry_path, np.where(first_step > 1e-6, first_step, 0.0)
+            yield entry_path, [rates(entry_path, x) for x in (0.0, 1.0, 2.0)]
 
 
-def _rates(vehicle: DynamicVehicle, index: tuple[int, ...]) -> np.ndarray:
+def _rates(vehicle: DynamicVehicle, index: tuple[int, ...], speed: float = SMALL_SPEED) -> np.ndarray:
+    """Return −ν̇_i/ν_i (3,) at a speed along each axis of `index`.  (2), (4)"""
     zero_command, fading_rates = np.zeros(vehicle.commands), np.zeros(3)
     for i in index:
-        nu = SMALL_SPEED * np.eye(3)[i]
+        nu = speed * np.eye(3)[i]
         fading_rates[i] = (vehicle.nu_dot(-nu, zero_command)[i] - vehicle.nu_dot(nu, zero_command)[i]) / (
-            2.0 * SMALL_SPEED
+            2.0 * speed
         )
     return fading_rates
 

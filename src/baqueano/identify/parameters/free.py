@@ -26,7 +26,13 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.signals import Motion
 from baqueano.symbolic import value_at_path, with_value
-from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, decay_rates
+from baqueano.vehicles.freedoms import (
+    AXIS_NAMES,
+    coasting_axes,
+    damping_derivatives,
+    decay_rates,
+    quadratic_damping,
+)
 from baqueano.vehicles.rk4 import row_rate_hz
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
@@ -46,6 +52,7 @@ LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0
 LIMIT_START = 0.7  # of the largest command: start of the search for the limit of a motor
 # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
 MAX_DECAY_PER_ROW = 1.5
+MAX_INERTIAL_M_S2 = 3.0  # ν_x ν_ψ, the acceleration along an axis that no command drives
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
@@ -251,10 +258,13 @@ def enable_parameters(
 def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """Return, for each free friction (path → value), the upper bound up to which the motion of a row is integrable.
 
-    The free frictions of an axis share the remaining range.
+    The free frictions of an axis share the remaining range. A quadratic friction k θ ν² decays as fast as the speed ν
+    permits. Along an axis that no command drives, the inertial acceleration a sets ν: (r + k θ ν) ν = a, so the rate
+    r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. Together with the largest r, it is at most √2 the limit.
     """
     axes, bounds = coasting_axes(blocks.model), {}
-    slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, axes), 0.0)
+    limit, rates = MAX_DECAY_PER_ROW * row_rate_hz(rate_hz), decay_rates(blocks.model, axes)
+    slack = np.maximum(limit - rates, 0.0)
     fields = {path.partition("[")[0] for path in paths}
     fields &= {path for path, p in all_parameters(blocks.model, "model") if p.role != "known"}
     slopes = damping_derivatives(blocks.model, fields, axes)
@@ -264,6 +274,11 @@ def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> 
         for path in paths_of_axis:
             bound = value(blocks, path) + float(slack[i] / (free_slopes[path][i] * len(paths_of_axis)))
             bounds[path] = min(bound, bounds.get(path, np.inf))
+    inertial_axes = [i for i in axes if i not in driven_axes(blocks)]
+    for path, k in quadratic_damping(blocks.model, fields, axes):
+        for i in (i for i in inertial_axes if path in paths and k[i] > 0.0):
+            bound = float(max(limit**2 - rates[i] ** 2, 0.0) / (4.0 * k[i] * MAX_INERTIAL_M_S2))
+            bounds[path] = max(bound, value(blocks, path))
     return bounds
 
 
