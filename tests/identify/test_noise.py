@@ -16,7 +16,13 @@ from baqueano.estimators import Ekf
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify import excitation, identify, measure_noise, random_steps
 from baqueano.identify.noise.covariances import positive_definite, unfitted_covariance
-from baqueano.identify.noise.filter_noise import MIN_READINGS, MIN_RESIDUALS, _free_noise, _rounding
+from baqueano.identify.noise.filter_noise import (
+    MIN_READINGS,
+    MIN_RESIDUALS,
+    _free_noise,
+    _rounding,
+    _with_noise,
+)
 from baqueano.identify.noise.process_noise import coordinate_search, log_det_and_square
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
@@ -243,3 +249,15 @@ def test_the_noise_of_a_counted_speed_is_at_least_its_step():
         ("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)
     }
     assert rounding_of(speed) == {}
+
+
+def test_no_noise_of_two_wheels_trusts_one_of_them():
+    """A wrong track changes both oppositely, and their mean, the speed, does not change."""
+    text = load("small").text + '\n[sensors.wheels]\nkind = "wheels"\ntrack_m = 0.12\nnoise_std = 0.004\n'
+    ekf = parse(text, "small").estimator(use=("imu", "wheels"))
+    free = _free_noise(ekf, {"imu"}, {}, {"imu": 6000, "wheels": 6000})
+    x = np.random.default_rng(4).uniform(-9.0, 0.0, len(free))
+    (left, both), (_, right) = _with_noise(ekf, free, x).sensors.wheels.cov
+    mean, turn = (np.exp(2.0 * x[k]) for k, one in enumerate(free) if ".wheels." in one.path)
+    assert left == right
+    assert (0.5 * (left + both), 0.5 * (left - both)) == (pytest.approx(mean), pytest.approx(turn))

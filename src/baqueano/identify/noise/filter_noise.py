@@ -3,6 +3,7 @@
     J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of correcting channels) (1)
     of an inertial channel:  σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
     c(τ) = σ_d² e^(−τ/T),  c the autocovariance of r, T of the file;   walk of ν_x ≤ σ √δ                    (3)
+    Q = σ_m² [1 1; 1 1] + σ_t² [1 −1; −1 1]  of a left and a right wheel                                   (4)
 
 y and S are the innovations of the filter over the log (augmented_ekf.py), r the residuals of the fit, ρ as in
 process_noise.py. The second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A
@@ -11,6 +12,7 @@ residuals. A sensor with fewer than MIN_RESIDUALS readings keeps the noise in th
 example of a counter, have σ² ≥ step²/12. With only an IMU, (3) estimates the error of the speed from the forward
 accelerometer. If wheels measure the speed, an error that the accelerometer does not measure is slip
 (accelerometer_misfit.py). The least `course_std` is the angle between the course and the heading of the model.
+(4): a wrong track changes both wheels oppositely, so no wheel is better than the other (docs/derivations/kalman.md).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,11 +21,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.optional import has_field, is_dynamic
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import Tree, Value
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.identify.noise.accelerometer_misfit import accelerometer_share, forward_accelerometer
 from baqueano.identify.noise.process_noise import (
     TICKS,
@@ -72,6 +75,7 @@ LAGS_S = (0.1, 2.0)  # lags of (3): from LAGS_S[0] seconds, beyond the noise, to
 CLIP_SIGMA = 4.0  # σ, of a residual for (3)
 STRAIGHT_S, MIN_SPEED_M_S = 1.0, 0.02  # of the drive that shows a model's course
 TOE_RAD = 0.01  # angle error of wheels that are mounted by hand
+WHEEL_PATTERNS = np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([[1.0, -1.0], [-1.0, 1.0]])  # (4)
 
 
 class FreeNoise(NamedTuple):
@@ -81,6 +85,9 @@ class FreeNoise(NamedTuple):
     low: float
     high: float
     power: float  # exponent of the value at `path`: 2 for a variance
+    pattern: np.ndarray | None = (
+        None  # (m, m) a term of a covariance: the value at `path` is the sum of its terms
+    )
 
 
 def filter_noise(
@@ -106,7 +113,8 @@ def filter_noise(
         for i in _correcting_entries(filter_layout, name) if name in inertial else ():
             rounding[name, i] = _variance_range(fit, name, i, rest.get(name), variance[i])
             variance[i] = rounding[name, i][1]
-        sensors = sensors._replace(**{name: replace(sensor, measurement_noise_cov=np.diag(variance))})
+        Q = Q if _is_wheel_pair(sensor, filter_layout, name) else np.diag(variance)
+        sensors = sensors._replace(**{name: replace(sensor, measurement_noise_cov=Q)})
     ekf = replace(estimator, vehicle=fit.blocks.model, sensors=sensors)
     rounding |= _rounding(filter_layout, inertial, runs)
     free = _free_noise(ekf, inertial, rounding, readings)
@@ -114,10 +122,9 @@ def filter_noise(
     kernel = scan(_likelihood(ekf, free), ekf.init(), example, np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
     low, high = (np.log([getattr(one, side) for one in free]) for side in ("low", "high"))
-    start = np.clip([np.log(value_at_path(ekf, one.path)) / one.power for one in free], low, high)
+    start = np.clip([_start(ekf, one) for one in free], low, high)
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
-    for value, parameter in zip(x, free, strict=True):
-        ekf = with_value(ekf, parameter.path, float(np.exp(parameter.power * value)))
+    ekf = _with_noise(ekf, free, [float(value) for value in x])
     if is_dynamic(ekf.vehicle):
         speed_is_measured = np.any(filter_layout.moving_mask[:, FORWARD_STATES[0]])
         reduce = _without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer
@@ -195,7 +202,14 @@ def _free_noise(
         max_count = np.max(counts * (filter_layout.moving_mask[:, state] > 0.0), initial=0)
         count = len(paths) if max_count >= MIN_RESIDUALS else int(max_count >= MIN_READINGS)
         free_noise += [FreeNoise(*path, 1.0) for path in paths[:count]]
-    for name, i in filter_layout.channel_entries:
+    pairs = [n for n in filter_layout.names if _is_wheel_pair(getattr(ekf.sensors, n), filter_layout, n)]
+    for name in (name for name in pairs if readings[name] >= MIN_RESIDUALS):
+        low = np.sqrt(0.5 * max(rounding.get((name, i), (0.0, 0.0))[0] for i in (0, 1)))
+        for pattern in WHEEL_PATTERNS:
+            std = np.sqrt(_pattern_variance(getattr(ekf.sensors, name).cov, pattern))
+            limits = max(low, std * np.exp(-LOG_RANGE)), std * np.exp(LOG_RANGE)
+            free_noise.append(FreeNoise(f"sensors.{name}.measurement_noise_cov", *limits, 2.0, pattern))
+    for name, i in (channel for channel in filter_layout.channel_entries if channel[0] not in pairs):
         std = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
         low, high = np.sqrt(rounding.get((name, i), (0.0, 0.0)))
         if name not in inertial:
@@ -204,6 +218,40 @@ def _free_noise(
             path = f"sensors.{name}.measurement_noise_cov[{i},{i}]"
             free_noise.append(FreeNoise(path, float(low), float(high), 2.0))
     return free_noise
+
+
+def _is_wheel_pair(sensor: Sensor, layout: Layout, name: str) -> bool:
+    """Return True if both entries of a sensor are used, and measure the speeds of a left and a right wheel.  (4)"""
+    if [i for n, i in layout.channel_entries if n == name] != [0, 1] or sensor.size != 2:
+        return False
+    speed, yaw_rate = measurement_jacobian(sensor, np.zeros(9))[:, [3, 5]].T
+    return bool(speed[0] * speed[1] > 0.0 and yaw_rate[0] * yaw_rate[1] < 0.0)
+
+
+def _pattern_variance(Q: np.ndarray, pattern: np.ndarray) -> float:
+    """Return the coefficient of the `pattern` (2, 2) in Q (2, 2), at least a hundredth of the mean variance.  (4)"""
+    return max(0.25 * float(np.sum(pattern * Q)), 0.005 * float(np.trace(Q)))
+
+
+def _start(ekf: AugmentedEkf, parameter: FreeNoise) -> float:
+    """Return the value at the start of the search: a logarithm.  (1)"""
+    value = value_at_path(ekf, parameter.path)
+    value = value if parameter.pattern is None else _pattern_variance(value, parameter.pattern)
+    return float(np.log(value)) / parameter.power
+
+
+def _with_noise(
+    ekf: AugmentedEkf, free: Sequence[FreeNoise], x: Sequence[Value] | np.ndarray
+) -> AugmentedEkf:
+    """Return the filter with the noise parameters `free` at their logarithms x.  (1), (4)"""
+    values: dict[str, Value] = {}
+    for k, parameter in enumerate(free):
+        term = np.exp(parameter.power * x[k])
+        term = term if parameter.pattern is None else term * parameter.pattern
+        values[parameter.path] = values[parameter.path] + term if parameter.path in values else term
+    for path, value in values.items():
+        ekf = with_value(ekf, path, value)
+    return ekf
 
 
 def _rounding(
@@ -228,10 +276,7 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
     is_correcting = np.any(layout(ekf).moving_mask > 0.0, axis=1)
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
-        trial = ekf
-        for k, parameter in enumerate(free):
-            trial = with_value(trial, parameter.path, np.exp(parameter.power * x[k]))
-        belief, estimate = trial.row(belief, tick)
+        belief, estimate = _with_noise(ekf, free, x).row(belief, tick)
         y, S = estimate.innovation, estimate.innovation_cov
         assert y is not None
         assert S is not None

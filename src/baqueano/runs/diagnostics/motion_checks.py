@@ -139,12 +139,9 @@ def _shifted_truth(
     late_s, true = float(lags[k]), true_of(float(lags[k]))
     if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[best_lag] ** 2):
         return true, []
-    spec, code = (
-        motion.m.files[truth.file],
-        "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier",
-    )
+    code = "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier"
     reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[best_lag], then=r[k])
-    line = note("recording.write-shift", shift_s=f"{spec.shift_s + late_s:.3g}", file=spec.name)
+    line = note("recording.write-shift", shift_s=f"{truth.mount.shift_s + late_s:.3g}")
     return true, [ImportFinding("clock", "info", None, reason, line)]
 
 

@@ -19,7 +19,7 @@ TEMPLATES = {
     "recording.check-with-speed": "check its unit and scale, and those of the speed, {source}",
     "recording.write-scale": "write scale = {scale} for this channel",
     "recording.write-unit": 'write unit = "{unit_of_it}" for {key}',
-    "recording.write-shift": "write shift_s = {shift_s} in [files.{file}]",
+    "recording.write-shift": "write shift_s = {shift_s} in [truth]",
     "recording.write-pulses": "write {line}, for pulses of 1000 to 2000 µs with 1500 in the middle",
     "recording.write-largest": (
         "write {line}, where {most} is the largest value: a set-point in a physical unit does not have a "
