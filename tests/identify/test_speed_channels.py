@@ -12,7 +12,7 @@ from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise.accelerometer_misfit import MIN_SHARE, accelerometer_share
 from baqueano.identify.noise.speed_channels import ratio_of_blocks, speed_channels
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load
+from baqueano.vehicle_file import load, parse
 
 SMALL = load("small")
 FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
@@ -40,6 +40,15 @@ def test_without_a_validation_run_no_speed_channel_is_chosen(fit):
 
 
 @pytest.mark.long
+def test_the_sensor_that_measures_the_speed_is_named():
+    text = load("small").text + '\n[sensors.wheels]\nkind = "wheels"\ntrack_m = 0.12\nnoise_std = 0.01\n'
+    for use, code in ((("imu",), "speed.of-the-model"), (("imu", "wheels"), "speed.of-sensors")):
+        ekf = parse(text, "small").estimator(use=use)
+        speed = speed_channels(lambda names, ekf=ekf: ekf, (), [])
+        assert speed.message.code == "speed.by-the-model"
+        assert speed.message.figures["origin"].code == code
+
+
 def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     """The floor pushes the vehicle: no command explains this, but an accelerometer measures it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}

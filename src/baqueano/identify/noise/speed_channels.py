@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.estimators.augmented.state import SCALE_INDEX, layout
+from baqueano.estimators.augmented.state import FORWARD_STATES, SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.messages.language import mark as N_
@@ -60,7 +60,7 @@ def speed_channels(
     with_speed = [(run, speed, source) for run, speed, source in references if speed is not None]
     if not with_speed:
         code = "speed.by-the-file" if file_names else "speed.by-the-model"
-        message = note(code, fix="--held-out RUN", channels=file_names)
+        message = note(code, fix="--held-out RUN", channels=file_names, origin=_origin(without_speed))
         return SpeedChannels(file_names, message, is_from_held_out=False)
     errors_without, ratios = _errors(without_speed, with_speed, backend), {}
     if not np.isfinite(errors_without).all():
@@ -81,7 +81,15 @@ def speed_channels(
     details = {"channels": best_names, "ratio": ratio, "low": low, "high": high, "by": source, "runs": runs}
     if high < 1.0:
         return SpeedChannels(best_names, note("speed.corrected", **details))
-    return SpeedChannels((), note("speed.left", **details))
+    return SpeedChannels((), note("speed.left", **details, origin=_origin(without_speed)))
+
+
+def _origin(ekf: AugmentedEkf) -> Diagnostic:
+    """Return a note with the sensors that measure the speed without an accelerometer, or with the model."""
+    corrects_speed = layout(ekf).moving_mask[:, FORWARD_STATES[0]] > 0.0
+    channels = zip(layout(ekf).channel_entries, corrects_speed, strict=True)
+    sensors = list(dict.fromkeys(name for (name, _), corrects in channels if corrects))
+    return note("speed.of-sensors", sensors=sensors) if sensors else note("speed.of-the-model")
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:

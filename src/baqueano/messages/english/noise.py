@@ -64,13 +64,15 @@ TEMPLATES: dict[str, str] = {
         "Q of {subject} is the noise at rest, σ = {sigma:.3g}: the sensor was not part of the fit"
     ),
     "speed.by-the-file": f"speed: corrected by {{channels}}, as in the file. {HELD_OUT}",
-    "speed.by-the-model": f"speed: obtained only from the model. {HELD_OUT}",
+    "speed.by-the-model": f"speed: {{origin}}. {HELD_OUT}",
+    "speed.of-the-model": "obtained only from the model",
+    "speed.of-sensors": "measured by {sensors}",
     "speed.too-short": (
         "speed: {runs} is too short to test the accelerometers ({pieces} of {least} segments of "
         "{block_s:g} s). The setting in the vehicle file does not change."
     ),
     "speed.corrected": f"speed: corrected by {{channels}}; {ERROR_RATIO_TEXT}",
-    "speed.left": f"speed: obtained only from the model. With {{channels}}, the best choice, {ERROR_RATIO_TEXT}",
+    "speed.left": f"speed: {{origin}}. With {{channels}}, the best choice, {ERROR_RATIO_TEXT}",
     "at-rest.bursts": (
         "{subject}: the timestamps come in bursts (step: median {median_ms:.3g} ms, mean {mean_ms:.4g} ms, "
         "longest {longest_ms:.3g} ms), so they are times of arrival. The samples were spaced evenly, at "
