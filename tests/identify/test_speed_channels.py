@@ -39,7 +39,6 @@ def test_without_a_validation_run_no_speed_channel_is_chosen(fit):
     assert measure_noise(*fit, held_out=[blind]).speed == noise.speed
 
 
-@pytest.mark.long
 def test_the_sensor_that_measures_the_speed_is_named():
     text = load("small").text + '\n[sensors.wheels]\nkind = "wheels"\ntrack_m = 0.12\nnoise_std = 0.01\n'
     for use, code in ((("imu",), "speed.of-the-model"), (("imu", "wheels"), "speed.of-sensors")):
@@ -49,6 +48,7 @@ def test_the_sensor_that_measures_the_speed_is_named():
         assert speed.message.figures["origin"].code == code
 
 
+@pytest.mark.long
 def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     """The floor pushes the vehicle: no command explains this, but an accelerometer measures it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}
