@@ -82,16 +82,22 @@ def identifiability_of(
         collinear[removed_entry] = tuple(i for i in main_entries if i != removed_entry)
         is_identifiable[removed_entry] = False
     is_of_vehicle = np.arange(len(theta)) < len(shared)
-    signal = signal if span is None else np.minimum(signal, span)
+    # a bound of the integrator does not limit the effect that the equations can have
+    is_numerical = np.array([k < len(shared) and shared[k].is_numerical_bound for k in range(len(theta))])
+    span = np.full(len(theta), np.inf) if span is None else span
+    weak_signal = np.where(is_numerical, signal, np.minimum(signal, span))
+    signal = np.minimum(signal, span)
     is_scale = np.array([k < len(shared) and shared[k].definition.role == "scale" for k in range(len(theta))])
-    signal = np.where(is_scale, np.minimum(signal, SCALE_STD / BLIND_RATIO), signal)
+    signal, weak_signal = (
+        np.where(is_scale, np.minimum(x, SCALE_STD / BLIND_RATIO), x) for x in (signal, weak_signal)
+    )
     is_weak = np.zeros(len(theta), bool)
     while is_identifiable.any():
         index = np.flatnonzero(is_identifiable)
         std = np.sqrt(np.diagonal(covariance_of(info, index)))
         excess = np.where(is_of_vehicle[index], std - BLIND_RATIO * signal[index], -1.0)
         if not np.any(excess > 0.0):
-            is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * signal[index])
+            is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * weak_signal[index])
             is_weak[index] = is_large & is_of_vehicle[index]
             for k in np.flatnonzero(is_weak).tolist():
                 near[k] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, k)

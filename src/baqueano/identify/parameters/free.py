@@ -65,6 +65,8 @@ class FreeParameter(NamedTuple):
     high: float
     definition: Parameter  # description of its field
     entry: tuple[int, ...]
+    # True if the integrator sets the upper bound, and the equations cannot
+    is_numerical_bound: bool = False
 
     @property
     def short(self) -> str:
@@ -245,11 +247,13 @@ def enable_parameters(
     if any(path.startswith(LIMIT_PATH) for path in paths):
         blocks, limits = _with_reached_limit(blocks, paths, u)
         high |= limits
-    high |= _friction_bounds(blocks, paths, rate_hz)
+    quadratic_bounds = _quadratic_bounds(blocks, paths, rate_hz)
+    high |= _friction_bounds(blocks, paths, rate_hz) | quadratic_bounds
     return blocks, [
         parameter._replace(
             low=max(parameter.low, low.get(parameter.path, -np.inf)),
             high=min(parameter.high, high.get(parameter.path, np.inf)),
+            is_numerical_bound=parameter.path in quadratic_bounds,
         )
         for parameter in free
     ]
@@ -258,13 +262,10 @@ def enable_parameters(
 def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """Return, for each free friction (path → value), the upper bound up to which the motion of a row is integrable.
 
-    The free frictions of an axis share the remaining range. A quadratic friction k θ ν² decays as fast as the speed ν
-    permits. Along an axis that no command drives, the inertial acceleration a sets ν: (r + k θ ν) ν = a, so the rate
-    r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. Together with the largest r, it is at most √2 the limit.
+    The free frictions of an axis share the remaining range.
     """
     axes, bounds = coasting_axes(blocks.model), {}
-    limit, rates = MAX_DECAY_PER_ROW * row_rate_hz(rate_hz), decay_rates(blocks.model, axes)
-    slack = np.maximum(limit - rates, 0.0)
+    slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, axes), 0.0)
     fields = {path.partition("[")[0] for path in paths}
     fields &= {path for path, p in all_parameters(blocks.model, "model") if p.role != "known"}
     slopes = damping_derivatives(blocks.model, fields, axes)
@@ -274,7 +275,19 @@ def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> 
         for path in paths_of_axis:
             bound = value(blocks, path) + float(slack[i] / (free_slopes[path][i] * len(paths_of_axis)))
             bounds[path] = min(bound, bounds.get(path, np.inf))
+    return bounds
+
+
+def _quadratic_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
+    """Return, for each free quadratic friction along an axis that no command drives, the upper bound (path → value).
+
+    A friction k θ ν² decays as fast as the speed ν permits. The inertial acceleration a sets ν: (r + k θ ν) ν = a, so
+    the rate r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. With the largest r it is at most √2 the limit.
+    """
+    axes, bounds = coasting_axes(blocks.model), {}
+    limit, rates = MAX_DECAY_PER_ROW * row_rate_hz(rate_hz), decay_rates(blocks.model, axes)
     inertial_axes = [i for i in axes if i not in driven_axes(blocks)]
+    fields = {path.partition("[")[0] for path in paths}
     for path, k in quadratic_damping(blocks.model, fields, axes):
         for i in (i for i in inertial_axes if path in paths and k[i] > 0.0):
             bound = float(max(limit**2 - rates[i] ** 2, 0.0) / (4.0 * k[i] * MAX_INERTIAL_M_S2))
