@@ -219,6 +219,30 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
     assert share_at_limit(run.sent_commands, limits_of(car.text)) < 0.01  # the first tick
 
 
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("speed", [0.15, -0.3])
+def test_a_car_stays_on_its_circle_with_a_calm_servo_in_both_directions(law, speed):
+    """Before, the slip b ω / v of the origin was fed back: it shook the servo of a slow car, or in reverse."""
+    car, radius_m = load("car"), 1.2
+    controller, vehicle = car.controller(law), car.vehicle
+    motion, state = vehicle.init(nu=np.array([speed, 0.0, speed / radius_m])), controller.init()
+    steer = function(controller.step, state, reference(np.zeros(3)), estimate(np.zeros(3)), backend="python")
+    move = function(vehicle.step, motion, np.zeros(2), 0.02, np.zeros(3), backend="python")
+    off, servo = [], []
+    for k in range(round(3.0 / abs(speed) * car.rate_hz)):
+        psi = speed * 0.02 * k / radius_m
+        on_circle = [radius_m * np.sin(psi), radius_m * (1.0 - np.cos(psi)), psi]
+        t = 2 * k
+        state, command = steer(
+            state, reference(on_circle, [speed, 0.0, speed / radius_m], t), estimate(motion.eta, motion.nu, t)
+        )
+        motion, _ = move(motion, command.u, 0.02, np.zeros(3))
+        off.append(np.hypot(motion.eta[0], motion.eta[1] - radius_m) - radius_m)
+        servo.append(command.u[1])
+    assert rms(np.array(off[len(off) // 2 :])) < 0.004
+    assert np.abs(np.diff(servo[len(off) // 2 :])).sum() < 0.3
+
+
 def test_the_regulator_gain_equals_the_riccati_solution_of_scipy():
     """At a steady speed the forward iteration of the equation converges to the solution of the algebraic equation."""
     from scipy.linalg import solve_discrete_are

@@ -15,6 +15,7 @@ from baqueano.drive import repeat, stop_reason_of
 from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.shapes import circle, line, sinuous_circle
+from baqueano.routes import reverse
 from baqueano.signals import Estimate, Reference
 from baqueano.simulate import simulate_loop
 from baqueano.study.driving import driving
@@ -68,6 +69,17 @@ def test_mpc_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m
         off = np.abs(np.hypot(*(poses[:, :2] - centre).T) - radius_m)
         assert np.max(off[round(1.0 / speed * HZ) :]) < 0.03, (ahead, left, heading_deg)
         assert np.all(np.abs(u) <= file.command.limit + 1e-9)
+
+
+@pytest.mark.parametrize("speed", [0.3, -0.3], ids=["forward", "backward"])
+def test_a_car_stays_on_a_circle_that_was_drawn_for_its_origin(speed):
+    """The origin is ahead of the rear axle, so on the circle the car points outward of the tangent."""
+    lap = circle(1.2, 0.3)
+    route = lap if speed > 0.0 else reverse(lap, backing=True)
+    poses, _ = drive(law(CAR), CAR, route, route.eta[0], 10.0)
+    off = np.abs(np.hypot(poses[:, 0], poses[:, 1] - 1.2) - 1.2)
+    assert np.max(off) < 0.012
+    assert np.max(off[250:]) < 0.002
 
 
 def test_mpc_drives_a_custom_vehicle_class():

@@ -1,18 +1,18 @@
 """Base of the controllers with a model: a law requests a velocity, and the model computes the command for it.
 
     η_p = η + J(ψ + ½ T ω) T (ν + 2 ν_f + ν_r) / 4          the pose when a present command acts          (1)
-    e = J(ψ_p)⁻¹ (η_r − η_p),    e_χ = ψ_r + β_r − ψ_p − β,    β = atan(ν_y / ν_x)                        (2)
+    e = J(ψ_p)⁻¹ (η_r − η_p) + b (1 − cos e_χ, − sin e_χ, 0),    e_χ = ψ_r + β_r − ψ_p − β_f              (2)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
     v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law               (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
-η, ν: pose and velocity; ω: mean yaw rate over T; index r: reference; e_χ: error of the course; ν_w = (v_w, ω_w). (5)
-inverts friction, actuator matrix, unequal wheels and dead zone, so weak feedback (4) is enough: the same gains suit a
-small robot and a car. If a wheel reaches its limit, the turn has priority. An inverse of the delay and lag of the
-motors would amplify noise. So the vehicle is T = delay + lag + λ behind its reference, and (1) predicts over T. (5) is
+η, ν: pose and velocity; ω: mean yaw rate over T; index r: reference; e_χ: error of the course; β = atan(ν_y / ν_x);
+ν_w = (v_w, ω_w). ν_y of ν_f is the present one, changed to the yaw rate of ν_f; in (1) that of ν_r too. (2) is the
+error of the centre of turning, b behind the origin: with errors of the origin, a car in reverse is unstable. (5)
+inverts friction, actuator matrix, unequal wheels and dead zone, so weak feedback (4) is enough. If a wheel reaches its
+limit, the turn has priority. The vehicle is T = delay + lag + λ behind its reference, and (1) predicts over T. (5) is
 one Newton step per tick, exact for a model linear in its effort. Use an identified model: a guessed dead zone causes a
-wrong speed. Source of (5): computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9;
-docs/derivations/pd_feedforward.md.
+wrong speed. (5): Slotine and Li, Applied Nonlinear Control, 1991, ch. 9; docs/derivations/pd_feedforward.md.
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, MissingMethod
@@ -30,7 +31,7 @@ from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.effort import constant_effort
 from baqueano.vehicles.rk4 import row_counts
-from baqueano.vehicles.state import DynamicVehicle
+from baqueano.vehicles.state import DynamicVehicle, Vehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
 MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # of ν_f: a start does not need the whole command
@@ -71,11 +72,11 @@ class Tracking(NamedTuple):
     Attributes
     ----------
     e : ndarray (3,) [m, m, rad]
-        Error of the pose in the body frame; |e_x| is at most MAX_ALONG_ERROR_M.
+        Error of the pose of the centre of turning, in the body frame; |e_x| is at most MAX_ALONG_ERROR_M.
     e_chi : float [rad]
         Error of the course.
     nu_f : ndarray (3,) [m/s, m/s, rad/s]
-        Velocity of the reference without jumps, in the body frame.
+        Velocity of the reference without jumps, in the body frame; ν_y is that of the vehicle at this yaw rate.
     kappa : float [1/m]
         Curvature of the reference.
     forward_sign : float
@@ -168,10 +169,13 @@ class ModelFollower:
         nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # ν_f starts at the velocity of the vehicle
         nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
-        displacement = 0.25 * self.response_delay_s * (nu + 2.0 * nu_f + nu_r)
+        b = turning_arm_m(self.vehicle)
+        slide = nu[1] - b * nu[2]  # ν_y of the centre of turning
+        nu_f, nu_end = (np.array([x[0], slide + b * x[2], x[2]]) for x in (nu_f, nu_r))
+        displacement = 0.25 * self.response_delay_s * (nu + 2.0 * nu_f + nu_end)
         eta_p = eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement  # (1)
-        e = pose_error(eta_r, eta_p)
-        e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu))  # (2)
+        e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu_f))  # (2)
+        e = pose_error(eta_r, eta_p) + b * np.array([1.0 - np.cos(e_chi), -np.sin(e_chi), 0.0])
         e_x, max_integral = (
             np.clip(e[0], -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M),
             MAX_INTEGRAL_SHARE * np.abs(nu_f[0]),
@@ -216,6 +220,12 @@ def slip(nu: np.ndarray) -> Value:
     β is 0 at rest.  (2)
     """
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + MIN_COURSE_SPEED_M_S**2))
+
+
+def turning_arm_m(vehicle: Vehicle) -> Value:
+    """Return b [m], the distance from the centre of turning forward to the origin; 0 if the model does not name it."""
+    arm = optional.attribute(vehicle, "turning_arm_m")
+    return 0.0 if arm is None else arm
 
 
 def point_ahead(tracking: Tracking, distance_m: Value) -> tuple[Value, Value]:

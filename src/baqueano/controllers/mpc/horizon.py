@@ -1,4 +1,4 @@
-"""The model over the horizon, and its quadratic program: equations (1), (2) and (4) of mpc.py.
+"""The model over the horizon, and its quadratic program: equations (1), (2), (4) and (5) of mpc.py.
 
     J = ∂e/∂E / e_max,   P = JᵀJ + DᵀD,   q = Jᵀ (e / e_max − J E°) − Dᵀ d,   D E − d = Δε / change_max   (1)
 
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
+from baqueano.controllers.model_following import slip, turning_arm_m
 from baqueano.controllers.mpc.state import MpcState
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.signals import Estimate, Reference
@@ -140,6 +141,7 @@ class Horizon:
         # linear interpolation between the steps
         E = np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
         E = np.where(np.abs(E) < MIN_EFFORT, MIN_EFFORT * np.arange(1.0, self._k + 1.0), E)
+        eta_r, nu_r = self._reference_of_vehicle(eta_r, nu_r, nu)
         entries = (
             eta,
             nu,
@@ -150,6 +152,18 @@ class Horizon:
             nu_r,
         )
         return E, drivetrain, np.concatenate(entries)
+
+    def _reference_of_vehicle(self, eta_r: Value, nu_r: Value, nu: Value) -> tuple[Value, Value]:
+        """Return the reference (3,), (3,) with the slip that the vehicle has at the yaw rate of the reference.  (5)
+        A vehicle with three commands can choose its slip.
+        """
+        if self._k > 2:
+            return eta_r, nu_r
+        b = turning_arm_m(self._linear_vehicle)
+        beta_r, beta = slip(nu_r), slip(np.array([nu_r[0], nu[1] + b * (nu_r[2] - nu[2]), 0.0]))
+        speed = nu_r[0] * np.cos(beta_r) + nu_r[1] * np.sin(beta_r)
+        eta = eta_r + np.array([0.0, 0.0, beta_r - beta])
+        return eta, np.array([speed * np.cos(beta), speed * np.sin(beta), nu_r[2]])
 
     def _scan(self, start: np.ndarray) -> Scan:
         """Return the kernel, which computes e / e_max and the coordinates with walls at the end of each step."""

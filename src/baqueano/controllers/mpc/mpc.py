@@ -4,6 +4,7 @@
     r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / change_max)     e: error from the reference      (2)
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
+    ψ_r ← ψ_r + β_r − β        β: slip of the vehicle at the yaw rate of the reference, with two commands   (5)
 
 x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, within which a command has no effect; u =
 drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted only when the
@@ -46,7 +47,7 @@ class Mpc:
 
     Notes
     -----
-    Equations (1)-(4) of the module. The controller needs a solver: `pip install osqp`. A tick takes less than 1 ms on a
+    Equations (1)-(5) of the module. The controller needs a solver: `pip install osqp`. A tick takes less than 1 ms on a
     laptop. The step calls that solver, so it is not compiled: it works in `repeat` and `sweep`, and cannot be tuned.
 
     References
