@@ -16,6 +16,7 @@ In motion, p of an accelerometer contains the floor's slope too. log_odds.py dec
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -73,89 +74,72 @@ class AgreementMonitor:
         row = filter_row(previous.t_ns, tick, self.model.rate_hz)
         model, _ = self.model.row(previous, tick)
         predicted_reading, H, K = self._expectation(previous, model, row, tick)
-        slots = [getattr(tick.sensors, name) for name in channels.sensors]
-        z = np.concatenate([slot.z for slot in slots])
-        is_arrived = (
-            np.concatenate([np.where(slot.has > 0.0, 1.0, 0.0) * np.ones(len(slot.z)) for slot in slots])
-            > 0.0
-        )
-        is_unusable = is_arrived & ~(np.isfinite(z) & (np.abs(z) < USABLE_RANGE * channels.limit))
-        is_good, z = is_arrived & ~is_unusable, np.where(np.isfinite(z), z, 0.0)
         at_rest = (model.quiet_s >= MIN_REST_S) & np.all(np.abs(model.mean[3:6]) < MAX_REST_NU)
+        reading = self._reading(tick)
+        timed, dt_s = _with_durations(memory, reading, row.dt_s)
+        is_frozen = channels.is_inertial & (timed.unchanged_s >= FROZEN_S)
 
-        silent_s = memory.silent_s + row.dt_s
-        dt_s = np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
-        is_unchanged = is_arrived & (z == memory.last_reading)
-        unchanged_s = np.where(
-            is_unchanged, memory.unchanged_s + silent_s, np.where(is_arrived, 0.0, memory.unchanged_s)
-        )
-        longest_s = np.where(
-            is_arrived & ~is_unchanged,
-            np.maximum(memory.longest_unchanged_s, memory.unchanged_s),
-            memory.longest_unchanged_s,
-        )
-        is_constant = (
-            channels.is_inertial
-            & is_stuck(memory._replace(unchanged_s=unchanged_s, longest_unchanged_s=longest_s))
-            & ~at_rest
-        )
-
-        C = mirror_upper(H @ model.cov @ H.T)
         p = memory.bias_var + channels.bias_walk**2 * row.dt_s
-        slope_std = np.where(channels.measures_acceleration, FLOOR_SLOPE_STD * GRAVITY_M_S2, 0.0)
-        N = block_diagonal([getattr(self.model.sensors, name).cov for name in channels.sensors])
-        N = N + np.diag(p + np.where(at_rest, 0.0, slope_std**2))
-        r = np.where(is_good, self._difference(z, predicted_reading) - memory.bias, 0.0)
+        C, N = mirror_upper(H @ model.cov @ H.T), self._noise_cov(p, at_rest)
+        r = np.where(reading.is_good, self._difference(reading.z, predicted_reading) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
-        is_outlier = is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
-        is_suspect = is_unusable | is_outlier | is_constant
-        is_off = is_arrived & (
+        is_outlier = reading.is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
+        is_constant = channels.is_inertial & is_stuck(timed) & ~at_rest
+        is_suspect = reading.is_unusable | is_outlier | is_constant
+        is_off = reading.is_arrived & (
             is_suspect | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
         )
         s = predicted_reading - channels.reading_at_rest
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
-        fading = np.where(
-            channels.is_inertial & (unchanged_s >= FROZEN_S),
-            0.0,
-            SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share,
-        )
+        fading = np.where(is_frozen, 0.0, SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share)
         doubt_s = np.clip(memory.doubt_s + dt_s * np.where(is_off, 1.0, -fading), 0.0, DEGRADED_S)
 
-        is_accelerometer = channels.is_inertial & ~channels.measures_turn
-        causes = [
-            np.where(
-                is_accelerometer,
-                np.diag(r),
-                response[:, None] * (response * r / (response**2 + MIN_VARIANCE)),
-            )
-            for response in (K @ model.cov[3:6, d] for d in range(6, SCALE_INDEX))
-        ]
-        usable = np.where(
-            is_good & ~channels.is_pose & ~(channels.is_inertial & (unchanged_s >= FROZEN_S)), 1.0, 0.0
-        )
+        is_evidence = np.where(reading.is_good & ~channels.is_pose & ~is_frozen, 1.0, 0.0)
+        causes = self._causes(K, model.cov, r)
+        odds = np.where(is_outlier, dt_s, 0.0) * log_odds(r, C + N, causes, is_evidence, channels.groups)
         memory_factor = np.exp(-dt_s / MEMORY_S)
-        evidence = memory.evidence * memory_factor + np.where(is_outlier, dt_s, 0.0) * log_odds(
-            r, C + N, causes, usable, channels.groups
-        )
-        evidence = np.where(doubt_s > 0.0, np.clip(evidence, -MAX_EVIDENCE, MAX_EVIDENCE), 0.0)
+        evidence = np.clip(memory.evidence * memory_factor + odds, -MAX_EVIDENCE, MAX_EVIDENCE)
 
-        gain = np.where(
-            at_rest & is_good & ~is_off & (channels.bias_std > 0.0), p / (p + np.diag(N) + MIN_VARIANCE), 0.0
+        is_calibrating = at_rest & reading.is_good & ~is_off & (channels.bias_std > 0.0)
+        gain = np.where(is_calibrating, p / (p + np.diag(N) + MIN_VARIANCE), 0.0)
+        shown_s, is_arrived = np.where(reading.is_good, dt_s, 0.0), reading.is_arrived
+        next_memory = timed._replace(
+            doubt_s=doubt_s,
+            evidence=np.where(doubt_s > 0.0, evidence, 0.0),
+            is_broken=np.where(is_arrived, np.where(reading.is_unusable, 1.0, 0.0), memory.is_broken),
+            bias=memory.bias + gain * r,
+            bias_var=p * (1.0 - gain),
+            predicted_reading=np.where(is_arrived, predicted_reading + memory.bias, memory.predicted_reading),
+            last_reading=np.where(is_arrived, reading.z, memory.last_reading),
+            change_count=memory.change_count + np.where(reading.is_changed(memory), 1.0, 0.0),
+            expected_squares=memory_factor * memory.expected_squares + shown_s * s * s,
+            cross_products=memory_factor * memory.cross_products + shown_s * s * (s + r),
+            measured_squares=memory_factor * memory.measured_squares + shown_s * (s + r) * (s + r),
         )
-        shown_s = np.where(is_good, dt_s, 0.0)
-        new_memory = Memory(
-            doubt_s, evidence, np.where(is_arrived, 0.0, silent_s), np.where(is_arrived, z, memory.last_reading),
-            unchanged_s, longest_s,
-            memory.change_count + np.where(is_arrived & ~is_unchanged, 1.0, 0.0), np.where(is_arrived,
-            np.where(is_unusable, 1.0, 0.0), memory.is_broken),
-            memory.bias + gain * r, p * (1.0 - gain),
-            np.where(is_arrived, predicted_reading + memory.bias, memory.predicted_reading),
-            memory_factor * memory.expected_squares + shown_s * s * s,
-            memory_factor * memory.cross_products + shown_s * s * (s + r),
-            memory_factor * memory.measured_squares + shown_s * (s + r) * (s + r),
-        )  # fmt: skip
-        state = tree_where(row.is_new, MonitorState(model, np.stack(new_memory)), state)
+        state = tree_where(row.is_new, MonitorState(model, np.stack(next_memory)), state)
         return state, state.memory[0]
+
+    def _reading(self, tick: Tick) -> "_Reading":
+        """Return the readings of a tick. One that is not finite, or at the end of its range, is unusable."""
+        slots = [getattr(tick.sensors, name) for name in self.channels.sensors]
+        z = np.concatenate([slot.z for slot in slots])
+        has = [np.where(slot.has > 0.0, 1.0, 0.0) * np.ones(len(slot.z)) for slot in slots]
+        is_arrived = np.concatenate(has) > 0.0
+        is_unusable = is_arrived & ~(np.isfinite(z) & (np.abs(z) < USABLE_RANGE * self.channels.limit))
+        return _Reading(np.where(np.isfinite(z), z, 0.0), is_arrived, is_unusable)
+
+    def _noise_cov(self, bias_var: np.ndarray, at_rest: Value) -> np.ndarray:
+        """Return Q + p (m, m), with the slope of the floor while the vehicle moves."""
+        slope_std = np.where(self.channels.measures_acceleration, FLOOR_SLOPE_STD * GRAVITY_M_S2, 0.0)
+        Q = block_diagonal([getattr(self.model.sensors, name).cov for name in self.channels.sensors])
+        return Q + np.diag(bias_var + np.where(at_rest, 0.0, slope_std**2))
+
+    def _causes(self, K: np.ndarray, cov: np.ndarray, r: np.ndarray) -> list[np.ndarray]:
+        """Return G (m, m) of log_odds.py for a wrong thrust and a wrong torque of the model."""
+        is_accelerometer = self.channels.is_inertial & ~self.channels.measures_turn
+        responses = [K @ cov[3:6, d] for d in range(6, SCALE_INDEX)]
+        causes = [b[:, None] * (b * r / (b**2 + MIN_VARIANCE)) for b in responses]
+        return [np.where(is_accelerometer, np.diag(r), cause) for cause in causes]
 
     def _expectation(
         self, previous: AugmentedBelief, model: AugmentedBelief, row: Value, tick: Tick
@@ -205,6 +189,36 @@ class AgreementMonitor:
         for k, c in enumerate(self.entries):
             is_outlier[c] = np.where(np.isfinite(y[k]), y[k], 0.0) ** 2 > GATE_SIGMA**2 * S[k, k]
         return np.array(is_outlier)
+
+
+class _Reading(NamedTuple):
+    """The readings of one tick."""
+
+    z: np.ndarray  # (m,) 0 for a reading that is not finite
+    is_arrived: np.ndarray  # (m,)
+    is_unusable: np.ndarray  # (m,)
+
+    @property
+    def is_good(self) -> np.ndarray:
+        """Return a mask (m,): True for a reading that arrived and is usable."""
+        return self.is_arrived & ~self.is_unusable
+
+    def is_changed(self, memory: Memory) -> np.ndarray:
+        """Return a mask (m,): True for a reading that differs from the last one of its channel."""
+        return self.is_arrived & ~(self.z == memory.last_reading)
+
+
+def _with_durations(memory: Memory, reading: _Reading, dt_s: Value) -> tuple[Memory, np.ndarray]:
+    """Return the memory with its durations after a row of `dt_s`, and the time (m,) that each reading stands for."""
+    silent_s, is_arrived, is_changed = memory.silent_s + dt_s, reading.is_arrived, reading.is_changed(memory)
+    constant_s = np.where(is_changed, 0.0, memory.unchanged_s + silent_s)
+    longest_s = np.maximum(memory.longest_unchanged_s, memory.unchanged_s)
+    timed = memory._replace(
+        silent_s=np.where(is_arrived, 0.0, silent_s),
+        unchanged_s=np.where(is_arrived, constant_s, memory.unchanged_s),
+        longest_unchanged_s=np.where(is_changed, longest_s, memory.longest_unchanged_s),
+    )
+    return timed, np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
 
 
 def _is_only_suspect(suspect: np.ndarray) -> np.ndarray:

@@ -74,23 +74,8 @@ def correct_tick(
         none, no_rows = last_innovations, np.zeros((0, n))
         update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
         return x, Innovations(none, place_doubt, 0.0, none, np.zeros((0, 0)), none, update, np.ones(n))
-    innovations, jacobians, noise, arrivals, corrections = [], [], [], [], []
-    for name, rows in zip(states.names, states.entries, strict=True):
-        sensor, slot, indices = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
-
-        def h(mean: np.ndarray, name: str = name) -> np.ndarray:
-            return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
-
-        is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.attribute(sensor, "limit")
-        predicted_measurement, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
-        z = np.where(has, slot.z, predicted_measurement)
-        innovations.append(difference(sensor, z, predicted_measurement)[indices])
-        jacobians.append(jacobian(h)(x.mean)[indices])
-        noise.append(sensor.cov[indices][:, indices])
-        arrivals.append(np.where(has, 1.0, 0.0)[indices])
-        corrections += list(mistake_corrections(sensor, z).T[indices])
-    y, H, has = (np.concatenate(arrays) for arrays in (innovations, jacobians, arrivals))
-    Q, H_of_present = block_diagonal(noise), H * has[:, None]
+    y, H, Q, has, corrections = _compared_channels(estimator, x, effort, nu_dot, tick)
+    H_of_present = H * has[:, None]
     channels = PoseChannels(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, corrections)
     decision = gate_decision(states.pose_groups, channels, place_doubt, dt_s, estimator.gate_sigma)
     D = np.ones(n)
@@ -118,6 +103,40 @@ def correct_tick(
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(has > 0.0, values, np.nan) for values in (y, w))
     return x, Innovations(latest_innovations, decision.memory, rejected_count, y, S, w, update, D)
+
+
+class _ComparedChannels(NamedTuple):
+    """The m channels that may correct the state, and their prediction."""
+
+    y: np.ndarray  # (m,) innovations; 0 without a measurement
+    H: np.ndarray  # (m, n)
+    Q: np.ndarray  # (m, m)
+    has: np.ndarray  # (m,) 1 for a channel with a usable measurement, else 0
+    corrections: list[np.ndarray]  # of each channel, for the known mistakes of its sensor
+
+
+def _compared_channels(
+    estimator: "AugmentedEkf", x: Gaussian, effort: Effort, nu_dot: Value, tick: Tick
+) -> _ComparedChannels:
+    """Return innovations, Jacobian and noise of the channels of a tick. A reading at the end of its range is unused."""
+    states = layout(estimator)
+    innovations, jacobians, noise, arrivals, corrections = [], [], [], [], []
+    for name, rows in zip(states.names, states.entries, strict=True):
+        sensor, slot, indices = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
+
+        def h(mean: np.ndarray, name: str = name) -> np.ndarray:
+            return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
+
+        is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.attribute(sensor, "limit")
+        predicted_measurement, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
+        z = np.where(has, slot.z, predicted_measurement)
+        innovations.append(difference(sensor, z, predicted_measurement)[indices])
+        jacobians.append(jacobian(h)(x.mean)[indices])
+        noise.append(sensor.cov[indices][:, indices])
+        arrivals.append(np.where(has, 1.0, 0.0)[indices])
+        corrections += list(mistake_corrections(sensor, z).T[indices])
+    y, H, has = (np.concatenate(arrays) for arrays in (innovations, jacobians, arrivals))
+    return _ComparedChannels(y, H, block_diagonal(noise), has, corrections)
 
 
 def predict_measurement(

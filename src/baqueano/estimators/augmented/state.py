@@ -15,12 +15,13 @@ h determines the measured quantity (sensor_numbers.py). A channel whose bias wal
 a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all channels correct all biases.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.blocks import Sensor
+from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.estimators.readings.inconsistency import SPEED_AND_YAW_RATE
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
@@ -90,69 +91,82 @@ def layout(estimator: "AugmentedEkf") -> Layout:
     """Return the layout for `sensors`, `use` and `speed_from` of an estimator."""
     sensors, uses = estimator.sensors, estimator.use
     names = tuple(split_use(use)[0] for use in uses)
-    used_channels = tuple(channel_indices(sensors, use) for use in uses)
-    biases = tuple(
-        bias
-        for name, rows in zip(names, used_channels, strict=True)
-        for bias in uncertain_parameters(sensors, name, rows, np.zeros(3))
-        if bias.walk
-    )
-    reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in channel_indices(sensors, use)}
-    channels = [(name, i) for name, rows in zip(names, used_channels, strict=True) for i in rows]
+    entries = tuple(channel_indices(sensors, use) for use in uses)
+    used_channels = list(zip(names, entries, strict=True))
+    channels = [(name, i) for name, rows in used_channels for i in rows]
+    biases = tuple(bias for name, rows in used_channels for bias in _walking(sensors, name, rows))
+    bias_states = [
+        [BIAS_INDEX + biases.index(b) for b in _walking(sensors, name, (i,))] for name, i in channels
+    ]
     signals = {name: _dependencies(getattr(sensors, name)) for name in names}
     dependencies = [signals[name][i] for name, i in channels]
-    bias_indices = [
-        [biases.index(bias) for bias in uncertain_parameters(sensors, name, (i,), np.zeros(3)) if bias.walk]
-        for name, i in channels
-    ]
-    is_leading = [
-        depends_on_yaw_rate and not (depends_on_pose or depends_on_speed)
-        for depends_on_pose, depends_on_speed, depends_on_yaw_rate in dependencies
-    ]
-    moving_mask = np.zeros((len(channels), BIAS_INDEX + len(biases)))
-    for k, (channel, (depends_on_pose, depends_on_speed, depends_on_yaw_rate)) in enumerate(
-        zip(channels, dependencies, strict=True)
-    ):
-        if depends_on_pose:
-            moving_mask[k] = 1.0
-            continue
-        if (depends_on_speed and not bias_indices[k]) or channel in reliable:
-            moving_mask[k, [*POSITION_STATES, *FORWARD_STATES]] = 1.0
-        if channel in reliable:
-            moving_mask[k, [BIAS_INDEX + j for j in bias_indices[k]]] = 1.0
-        if depends_on_yaw_rate and not (any(is_leading) and depends_on_speed):
-            moving_mask[k, [*TURNING_STATES]] = 1.0
-    if any(depends_on_pose for depends_on_pose, _, _ in dependencies):
-        moving_mask[:, BIAS_INDEX:] = 1.0
-    moving_mask[:, BEND_INDEX] = 0.0
+    reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in channel_indices(sensors, use)}
+    moving_mask = _moving_mask(dependencies, bias_states, [c in reliable for c in channels], len(biases))
     resting_mask = moving_mask.copy()
-    for k, indices in enumerate(bias_indices):
-        resting_mask[k, [BIAS_INDEX + j for j in indices]] = 1.0
+    for k, states in enumerate(bias_states):
+        resting_mask[k, states] = 1.0
     at_rest = {name: measurement_jacobian(getattr(sensors, name), np.zeros(9)) for name in names}
-    rest_jacobian = (
-        np.array([at_rest[name][i, SPEED_AND_YAW_RATE] for name, i in channels]).reshape(-1, 2)
-        * moving_mask[:, SPEED_AND_YAW_RATE]
-    )
-    pose_groups = tuple(
-        group
+    slopes = np.array([at_rest[name][i, SPEED_AND_YAW_RATE] for name, i in channels]).reshape(-1, 2)
+    groups = (
+        tuple(k for k, (of_channel, _) in enumerate(channels) if of_channel == name and dependencies[k].pose)
         for name in dict.fromkeys(names)
-        if (
-            group := tuple(
-                k for k, (name_k, _) in enumerate(channels) if name_k == name and dependencies[k][0]
-            )
-        )
     )
     return Layout(
         names,
-        used_channels,
+        entries,
         biases,
         moving_mask,
         resting_mask,
-        np.where(is_leading, LEADING_GYRO_FACTOR, 1.0),
-        rest_jacobian,
-        pose_groups,
-        has_speed_scale(sensors, dict(zip(names, used_channels, strict=True))),
+        np.where([d.is_turn_only for d in dependencies], LEADING_GYRO_FACTOR, 1.0),
+        slopes * moving_mask[:, SPEED_AND_YAW_RATE],
+        tuple(group for group in groups if group),
+        has_speed_scale(sensors, dict(used_channels)),
     )
+
+
+class _Dependencies(NamedTuple):
+    """The signals on which a channel depends, at rest."""
+
+    pose: bool
+    speed: bool  # ν_x
+    yaw_rate: bool
+
+    @property
+    def is_turn_only(self) -> bool:
+        """Return True for a channel of the yaw rate alone, such as a gyro: it determines the turning states."""
+        return self.yaw_rate and not (self.pose or self.speed)
+
+
+def _moving_mask(
+    dependencies: Sequence[_Dependencies],
+    bias_states: Sequence[Sequence[int]],
+    is_reliable: Sequence[bool],
+    bias_count: int,
+) -> np.ndarray:
+    """Return E (m, n) of each channel while the vehicle drives.  (2)"""
+    mask, has_gyro = (
+        np.zeros((len(dependencies), BIAS_INDEX + bias_count)),
+        any(d.is_turn_only for d in dependencies),
+    )
+    for k, channel in enumerate(dependencies):
+        if channel.pose:
+            mask[k] = 1.0
+            continue
+        if (channel.speed and not bias_states[k]) or is_reliable[k]:
+            mask[k, [*POSITION_STATES, *FORWARD_STATES]] = 1.0
+        if is_reliable[k]:
+            mask[k, bias_states[k]] = 1.0
+        if channel.yaw_rate and not (has_gyro and channel.speed):
+            mask[k, [*TURNING_STATES]] = 1.0
+    if any(d.pose for d in dependencies):
+        mask[:, BIAS_INDEX:] = 1.0
+    mask[:, BEND_INDEX] = 0.0
+    return mask
+
+
+def _walking(sensors: SensorBlocks, name: str, rows: tuple[int, ...]) -> list[UncertainParameter]:
+    """Return the biases of the channels `rows` of a sensor that are a random walk."""
+    return [bias for bias in uncertain_parameters(sensors, name, rows, np.zeros(3)) if bias.walk]
 
 
 def start_std(estimator: "AugmentedEkf") -> np.ndarray:
@@ -166,11 +180,10 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
 
 
-def _dependencies(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
-    """Return three booleans for each channel of a sensor: it depends on the pose; on ν_x at rest; on ν_ψ at rest."""
+def _dependencies(sensor: Sensor) -> list[_Dependencies]:
+    """Return what each channel of a sensor depends on."""
+    rows = zip(measurement_jacobian(sensor), measurement_jacobian(sensor, np.zeros(9)), strict=True)
     return [
-        (bool(np.any(row[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
-        for row, at_rest in zip(
-            measurement_jacobian(sensor), measurement_jacobian(sensor, np.zeros(9)), strict=True
-        )
+        _Dependencies(bool(np.any(row[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
+        for row, at_rest in rows
     ]
