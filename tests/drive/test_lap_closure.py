@@ -31,7 +31,7 @@ def _each_replay_once():
     replays, replay = {}, module.replay
 
     def replay_once(run, file, **options):
-        columns = run.t_ns, run.applied, *(channel.z for channel in run.sensors.values())
+        columns = run.t_ns, run.applied_commands, *(channel.z for channel in run.sensors.values())
         key = file.text, repr(options), *(column.tobytes() for column in columns)
         if key not in replays:
             replays[key] = replay(run, file, **options)

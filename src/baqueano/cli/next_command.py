@@ -139,7 +139,7 @@ def advise_after_import(
 ) -> None:
     """Print the command that fits the runs: to the vehicle of the user, or else to one that `new` makes before."""
     first, *last = (path.stem if out is None else str(path) for path in paths)
-    if not any(run.applied.any() for run in runs):
+    if not any(run.applied_commands.any() for run in runs):
         noise = baqueano_command("runs", "noise", first, *options.runs_option(folder))
         return print_message(note("cli.next-at-rest", fix=noise))
     named = [first, *(["--held-out", *last] if last else [])]
@@ -153,5 +153,5 @@ def advise_after_import(
     fit = baqueano_command("identify", *named, *usual, "--update")
     if not is_new:
         return print_message(note("cli.next-command", fix=fit))
-    kind = ["--vehicle", "car"] if runs[0].applied.shape[1] == CAR_COMMANDS else []
+    kind = ["--vehicle", "car"] if runs[0].applied_commands.shape[1] == CAR_COMMANDS else []
     return print_message(note("cli.next-new", fix=fit, cd=baqueano_command("new", "mylab", *kind)))
