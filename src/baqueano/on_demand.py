@@ -45,7 +45,7 @@ def on_demand(
 
 def _no_such_name(package: str, name: str) -> str:
     if name.startswith("_"):  # Python itself looks it up
-        return f"module {package!r} does not have attribute {name!r}"
+        return f"{package}.{name}"
     from baqueano.messages.language import translate as _
 
     return _("module {package} does not have attribute {name}", package=repr(package), name=repr(name))

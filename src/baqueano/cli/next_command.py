@@ -142,7 +142,7 @@ def advise_after_import(
     if not any(run.applied_commands.any() for run in runs):
         noise = baqueano_command("runs", "noise", first, *options.runs_option(folder))
         return print_message(note("cli.next-at-rest", fix=noise))
-    named = [first, *(["--held-out", *last] if last else [])]
+    runs_and_options = [first, *(["--held-out", *last] if last else [])]
     is_new = vehicle_file is None and not options.DEFAULT_FILE.exists()
     usual = ["--vehicle", "mylab/vehicle.toml"] if is_new else []
     usual += (
@@ -150,7 +150,7 @@ def advise_after_import(
         if vehicle_file
         else options.runs_option(folder)
     )
-    fit = baqueano_command("identify", *named, *usual, "--update")
+    fit = baqueano_command("identify", *runs_and_options, *usual, "--update")
     if not is_new:
         return print_message(note("cli.next-command", fix=fit))
     kind = ["--vehicle", "car"] if runs[0].applied_commands.shape[1] == CAR_COMMANDS else []

@@ -131,7 +131,7 @@ def import_run(
     ----------
     column_map : ColumnMap, path or str
         A map, its path, or the name of a map of the package; docs/importing.md describes maps.
-    files : path, list of path or dict, optional
+    files : path, list or dict, optional
         A path for each [files.NAME] by name, or one path for all files without a path in the map.
     vehicle_text : str
         Text of the vehicle file, stored in the run.
