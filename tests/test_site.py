@@ -10,6 +10,8 @@ from types import ModuleType
 
 import pytest
 
+from docs.site.reference import ROOMS
+
 ROOT = Path(__file__).parents[1]
 DOCS, SPANISH = ROOT / "docs", ROOT / "docs" / "es"
 
@@ -24,6 +26,9 @@ NAMES = names_of(DOCS)
 TWINS = {"the README": (ROOT / "README.md", ROOT / "README.es.md")} | {
     name: (DOCS / f"{name}.md", SPANISH / f"{name}.md") for name in NAMES
 }
+OTHER_SPANISH_WORDS = (
+    r"\bajust\w+ (las |sus |los )?ganancias", r"\bsacudidas\b", r"con un mando\b",  # sintonizar, cambio brusco, joystick
+)  # fmt: skip
 needs_sphinx = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
     reason="the site needs the extra docs: pip install '.[docs]'",
@@ -91,6 +96,17 @@ def test_a_spanish_page_links_to_spanish_pages_and_has_decimal_commas(name):
     assert not re.findall(
         r"(?<![\w.])\d+\.\d+(?![\w.]) (?:m|s|cm|mm|ms|V|A|°|%|N|kg|GHz|kΩ|dólares)\b", prose
     )
+
+
+@pytest.mark.parametrize("word", OTHER_SPANISH_WORDS)
+def test_one_idea_has_one_spanish_word(word):
+    """Pages and messages use the same words: a reader of `tune --help` searches for its word on the pages."""
+    pages = {
+        path.name: path.read_text(encoding="utf-8")
+        for path in (*SPANISH.rglob("*.md"), TWINS["the README"][1])
+    }
+    messages = {path.name: path.read_text(encoding="utf-8") for path in ROOT.glob("*/**/*.po")}
+    assert not [name for name, text in (pages | messages).items() if re.search(word, text, re.IGNORECASE)]
 
 
 def test_the_glossaries_have_the_same_terms():
@@ -198,6 +214,10 @@ def test_the_spanish_reference_describes_each_function_of_the_front_door(site):
     assert not [name for name in functions if f'id="baqueano.{name}"' not in door]
     assert "Repite una ruta con los bloques del archivo." in door
     assert "Return " not in door
+    contents = (site / "es/reference/index.html").read_text(encoding="utf-8")
+    assert not [
+        about for about in ROOMS.values() if f">{about}<" in contents.replace("<p>", "").replace("</p>", "")
+    ]
     links = {link.rstrip("#") for link in page_parts(page).links}
     assert {"../../reference/baqueano.html", "../../reference/estimators.html"} <= links
     assert "../es/reference/baqueano.html" in page_parts(site / "reference/baqueano.html").links

@@ -37,7 +37,7 @@ ROOMS = {  # module → its purpose; the first one that offers a name describes 
     "baqueano.parameter": "parameters of a block, with unit and bounds",
     "baqueano.geometry": "poses, frames, angles",
     "baqueano.symbolic": "compilation and derivatives of plain NumPy",
-    "baqueano.drive": "drives",
+    "baqueano.drive": "drives of a vehicle: experiment, teach, repeat, replay",
     "baqueano.monitor": "messages during a drive",
     "baqueano.simulate": "simulation of one drive or of many",
     "baqueano.identify": "identification of models",
