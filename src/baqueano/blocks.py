@@ -307,6 +307,15 @@ def _class_of(path: Path, name: str) -> type:
     return member
 
 
+def _check_encoding(name: str, content: bytes) -> None:
+    """Raise FileError if Python's complaint about a file is due to letters that are not UTF-8."""
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise FileError(fault("toml.not-utf-8", file=name, line=line, byte=content[error.start])) from None
+
+
 def _module(path: Path) -> ModuleType:
     import hashlib  # imported here because it loads OpenSSL, which only blocks of the user need
 
@@ -325,6 +334,7 @@ def _module(path: Path) -> ModuleType:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except SyntaxError as error:
         del sys.modules[name]
+        _check_encoding(path.name, content)
         line = (error.text or "").strip()
         raise FileError(
             fault("block.not-python", file=path.name, line=error.lineno, error=error.msg, text=line)
