@@ -6,10 +6,11 @@ import subprocess
 import sys
 from importlib import import_module
 
+import click
 import pytest
 
 from baqueano import __version__
-from baqueano.cli import SUBCOMMANDS, main
+from baqueano.cli import SUBCOMMANDS, command_of, main
 from baqueano.diagnostics import fault
 
 
@@ -263,3 +264,13 @@ def test_the_command_line_computes_small_matrices_without_threads(given, expecte
     with pytest.raises(SystemExit):
         main(["--version"])
     assert os.environ["OPENBLAS_NUM_THREADS"] == expected
+
+
+def test_the_help_of_a_folder_names_a_folder():
+    """`-o FILE  Folder to write` states two things."""
+    commands = [command_of(verb) for verb in SUBCOMMANDS]
+    commands += [below for command in commands for below in getattr(command, "commands", {}).values()]
+    options = [p for command in commands for p in command.params if isinstance(p, click.Option) and p.help]
+    folders = [p for p in options if p.help.startswith("Folder")]
+    assert len(folders) > 5
+    assert not [p.name for p in folders if not p.metavar and getattr(p.type, "file_okay", True)]

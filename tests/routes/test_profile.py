@@ -140,6 +140,7 @@ def test_the_route_is_checked_against_the_walls_of_the_room():
     assert examine(lap, small, room_of(small, "1.5x3")).free_m == pytest.approx(0.75 - 0.07 - 0.5, abs=1e-3)
     (finding,) = examine(lap, small, room_of(small, "2x2")).findings
     assert finding.code == "route.through-wall"
+    assert " -0." not in examine(lap, small, room_of(small, "2x2")).table()
     assert finding.figures["beyond_m"] == pytest.approx(1.0 - 0.93, abs=1e-3)
     factor = float(finding.fix.split()[-1])
     assert not examine(scale(lap, factor), small, room_of(small, "2x2")).findings

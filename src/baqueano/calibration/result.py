@@ -107,7 +107,7 @@ class Calibration(Result):
     def table(self) -> str:
         """Return the table as text."""
         rows = (
-            [entry.name, f"{number(entry.value):.4f}", f"± {number(entry.half_width):.2g}",
+            [entry.name, f"{number(round(entry.value, 4) + 0.0):.4f}", f"± {number(entry.half_width):.2g}",
              "" if entry.in_file is None else f"{number(entry.in_file):.4g}", f"{entry.unit}  {entry.words}"]
             for entry in self.numbers
         )  # fmt: skip

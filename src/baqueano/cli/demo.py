@@ -42,7 +42,7 @@ def _picture_file(path: Path) -> Path:
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, file_okay=False),
     help="Folder to write; default: demo, or the next free name, demo-2.",
 )
 @click.option(

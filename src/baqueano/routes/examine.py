@@ -156,7 +156,7 @@ class RouteReport(Result):
             )
         if np.isfinite(self.share):
             lines.append(_("needs up to {share} of the command", share=number(f"{100.0 * self.share:.0f} %")))
-        if np.isfinite(self.free_m):
+        if self.free_m >= 0.0:  # beyond a wall, a finding tells the place
             lines.append(_("stays {m:.2f} m from the walls", m=self.free_m))
         return in_lines([*lines, verdict_line(self.verdict, self.findings)])
 

@@ -80,7 +80,7 @@ def card(
 @host
 @options.vehicle
 @click.option("--dry-run", "dry", is_flag=True, help="Only show the changes, and do not make them.")
-@click.option("--bundle", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
+@click.option("--bundle", "folder", type=click.Path(path_type=Path, file_okay=False),
               help="Folder of the robot's packages; default: the cache.")  # fmt: skip
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
     from baqueano.door.ssh import ssh_line
