@@ -79,6 +79,7 @@ class Bare(EmulatedRobot):
             self.uno.pump()
 
 
+@pytest.mark.long
 def test_rt18_memory_does_not_grow_in_five_minutes_with_a_fast_clock(firmware, monkeypatch, tmp_path):
     monkeypatch.setattr(writer, "SYNC_PERIOD_S", 1e9)  # a chunk every 256 kB instead of every half second
     head, rest = vehicle_file.load("small").text.split("[sensors.imu]")

@@ -79,6 +79,7 @@ def drives():
     return cars_on_floor(range(12), 30.0)
 
 
+@pytest.mark.long
 def test_block_errors_have_coverage_with_floor_disturbance_and_outliers(drives):
     rng, inside, before = np.random.default_rng(0), [], []
     for drive in drives:

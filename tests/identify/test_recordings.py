@@ -56,6 +56,7 @@ def test_the_model_of_one_run_predicts_the_other_run(fits, runs):
         assert r2["imu", 2] > 0.9
 
 
+@pytest.mark.long
 def test_a_repeated_imu_fit_of_a_recording_gives_the_same_estimate(runs):
     """With a raw gyro, a free delay and a servo of 8 ms, below the row period of 25 ms, the second fit identified
     nothing."""
