@@ -10,9 +10,8 @@ import pytest
 from baqueano.diagnostics import StopReason
 from baqueano.door import clients, sockets
 from baqueano.door.clients import MAX_BACKLOG, MAX_SHORT_LINE_BYTES, READ_BYTES, DoorClient
-from baqueano.door.operator import Operator
-from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, STOP_CONNECTIONS, Door
-from tests.door.test_sockets import Person, until
+from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, STOP_CONNECTIONS
+from tests.door.test_sockets import until
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
@@ -22,26 +21,6 @@ HALF_A_MISSION = (
     b'{"do": "mission", "door": %d, "mission": "' % sockets.VERSION + b"x" * 2 * MAX_SHORT_LINE_BYTES
 )
 STOP = b'{"do": "stop", "why": "it nears the stairs"}\n'
-
-
-@pytest.fixture
-def door(tmp_path):
-    door = Door(tmp_path / "s", Operator(), tmp_path)
-    yield door
-    door.close()
-
-
-@pytest.fixture
-def connect(door):
-    people = []
-
-    def add_person():
-        people.append(Person(door.path))
-        return people[-1]
-
-    yield add_person
-    for person in people:
-        person.close()
 
 
 @pytest.fixture

@@ -48,29 +48,8 @@ class Person:
 
 
 @pytest.fixture
-def door(tmp_path):
-    door = Door(tmp_path / "s", Operator(), tmp_path)
-    yield door
-    door.close()
-
-
-@pytest.fixture
-def people(door):
-    """Return a function that connects one more client to the door."""
-    group = []
-
-    def add_person():
-        group.append(Person(door.path))
-        return group[-1]
-
-    yield add_person
-    for person in group:
-        person.close()
-
-
-@pytest.fixture
-def person(people):
-    return people()
+def person(connect):
+    return connect()
 
 
 def until(true):
@@ -104,12 +83,12 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
     np.testing.assert_allclose(commands[-1], [0.1, 0.0, 0.2])
 
 
-def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, people):
+def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, connect):
     file = vehicle_file.load("small")
     mission = pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
     person.send(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.pop_mission() is not None)
-    second = people()
+    second = connect()
     second.send(do="mission", door=VERSION, mission=mission)
     assert second.receive()["about"]["code"] == "door.somebody"
     second.send(do="hand", u=[1.0, 0.0, 0.0])
@@ -120,7 +99,7 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, peo
 
 
 @pytest.mark.parametrize("ticks", [3, 3000])
-def test_a_refused_mission_is_not_decoded(door, person, people, monkeypatch, ticks):
+def test_a_refused_mission_is_not_decoded(door, person, connect, monkeypatch, ticks):
     file, decoded_texts, loads = vehicle_file.load("small"), [], json.loads
     person.send(
         do="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
@@ -128,7 +107,7 @@ def test_a_refused_mission_is_not_decoded(door, person, people, monkeypatch, tic
     until(lambda: door.operator.pop_mission() is not None)
     large = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).to_json()
     monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
-    second = people()
+    second = connect()
     second.send(do="mission", door=VERSION, mission=large)
     assert loads(second.file.readline())["about"]["code"] == "door.somebody"
     assert all(
@@ -144,14 +123,14 @@ def test_several_messages_in_one_packet_are_all_received(door, person):
     assert person.receive()["token"] == 3
 
 
-def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, person, people):
+def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, person, connect):
     mission = pack(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).to_json()
     person.send(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.pop_mission() is not None)
     person.send(do="mission", door=VERSION, mission=mission)
     assert person.receive()["about"]["code"] == "door.own-mission"
     person.close()
-    second = people()
+    second = connect()
     until(lambda: door.operator.stop_reason() is not None)  # the door accepts no more clients
     second.send(do="mission", door=VERSION, mission=mission)
     assert second.receive()["about"]["code"] == "door.mission"
@@ -189,11 +168,11 @@ def test_fi6_an_invalid_line_is_answered_without_disconnecting(door, person, lin
     assert person.receive() == {"is": "runs", "runs": []}
 
 
-def test_a_new_client_receives_the_last_state_at_once(door, people):
+def test_a_new_client_receives_the_last_state_at_once(door, connect):
     door.broadcast({"is": "state", "state": "READY"})
     door.broadcast({"is": "state", "state": "MISSION"})
     door.broadcast({"is": "event", "text": "nothing more is sent while a mission is prepared"})
-    assert people().receive() == {"is": "state", "state": "MISSION", "door": VERSION}
+    assert connect().receive() == {"is": "state", "state": "MISSION", "door": VERSION}
 
 
 LONG_LINES = [
@@ -285,8 +264,8 @@ def test_a_run_that_is_being_written_is_not_listed(door, person, tmp_path):
         assert person.receive() == {"is": "runs", "runs": names}
 
 
-def test_ne5_a_client_that_does_not_read_is_disconnected(door, person, people):
-    people()
+def test_ne5_a_client_that_does_not_read_is_disconnected(door, person, connect):
+    connect()
     until(lambda: len(door._clients) == 2)
     for k in range(200):
         door.broadcast({"is": "event", "text": "x" * 100_000, "k": k})

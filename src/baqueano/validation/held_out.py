@@ -15,7 +15,7 @@ motion of a command that moved in the fit; then segments of the fitted runs deci
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,9 +41,6 @@ from baqueano.selection.cross_validation import BLOCK_S, SHORT_BLOCK_S, independ
 from baqueano.selection.cross_validation import MIN_SIGNS as MIN_INDEPENDENT_MOTIONS
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
-
-if TYPE_CHECKING:
-    pass
 
 MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the error is the model's
 FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a correct model

@@ -33,22 +33,6 @@ UNITS = {
 AXIS_NAMES, TURNING_AXIS = ("forward", "sideways", "turning"), 2
 
 
-def check_gain_changes(
-    blocks: FittedBlocks,
-    names: Sequence[str],
-    estimate: np.ndarray,
-    std: np.ndarray,
-    file_sigma: np.ndarray,
-    sigma: np.ndarray,
-    labels: Sequence[str],
-) -> list[Diagnostic]:
-    """Return messages on gains and noise that differ from the file before the fit. `estimate` and `std` (p,) belong to
-    `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0 if the file does not contain it.
-    `sigma` (m,) is the estimated noise."""
-    findings = gain_findings(blocks, names, estimate, std)
-    return findings + _noise_findings(file_sigma, sigma, labels)
-
-
 def gain_findings(
     blocks: FittedBlocks, names: Sequence[str], estimate: np.ndarray, std: np.ndarray
 ) -> list[Diagnostic]:
@@ -59,7 +43,8 @@ def gain_findings(
     return _scalar_gain_findings(blocks, estimates) + _matrix_findings(blocks, estimates)
 
 
-def _noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
+def noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
+    """Return findings on channels whose noise `sigma` (m,) is much less than `file_sigma` (m,), that of the file."""
     findings = []
     for label, was, now in zip(labels, file_sigma, sigma, strict=True):
         if was > 0.0 and SILENT_RATIO < now / was < QUIET_RATIO:

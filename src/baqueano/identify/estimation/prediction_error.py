@@ -52,11 +52,6 @@ class FilterNoise(NamedTuple):
     floor: np.ndarray  # (k,) v of each axis, per second
     sensors: np.ndarray  # (m,) ½ log q: logarithm of the factor on σ of each channel
 
-    @property
-    def vector(self) -> np.ndarray:
-        """Return v and ½ log q as one vector (k + m,)."""
-        return np.concatenate([self.floor, self.sensors])
-
 
 class MaximumLikelihood(NamedTuple):
     """The x of maximum likelihood, with its information and the ratio (4)."""
@@ -97,7 +92,7 @@ class Prediction:
     def x(self, theta: np.ndarray, noise: FilterNoise | None = None) -> np.ndarray:
         """Return x = (θ, v, ½ log q). Without `noise`, v is 0 and σ is that of the simulation."""
         noise = noise or FilterNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
-        return np.concatenate([theta, noise.vector])
+        return np.concatenate([theta, *noise])
 
     def split_vector(self, x: np.ndarray) -> tuple[np.ndarray, FilterNoise]:
         """Return θ (p,) and the noise that x contains."""

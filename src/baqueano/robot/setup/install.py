@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import baqueano
 from baqueano.diagnostics import fault
@@ -27,9 +27,6 @@ from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot.setup.deployed_vehicle_file import renew_file
 from baqueano.vehicle_file.file import VehicleFile
-
-if TYPE_CHECKING:
-    pass
 
 LOCKED_PACKAGE = re.compile(
     r"^([\w.-]+)==(\S+)(?: \\\n +--hash=sha256:\w+)+\n", re.MULTILINE
