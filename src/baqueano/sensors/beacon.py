@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import SampledSensor, sensor_position
+from baqueano.sensors.sampling import SampledSensor, noise_cov_parameter, sensor_position
 from baqueano.signals import Motion
 
 MIN_DISTANCE_M = 1e-3  # keeps (1) differentiable directly under the beacon
@@ -63,9 +63,7 @@ class Beacon(SampledSensor):
         measured_by="the tape",
     )  # fmt: skip
     delay_s: float = parameter("s", "age of the range that is read", low=0.0, high=2.0, default=0.0)
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m²", 1)
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the range (1,) [m] without noise.  (1)"""

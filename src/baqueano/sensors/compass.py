@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.parameter import document, parameter
-from baqueano.sensors.sampling import SampledSensor
+from baqueano.sensors.sampling import SampledSensor, noise_cov_parameter
 from baqueano.signals import Motion
 
 
@@ -60,9 +60,7 @@ class Compass(SampledSensor):
         default=(0.0, 0.0), shape=(2,), shown_by="a whole turn on the spot",
     )  # fmt: skip
     delay_s: float = parameter("s", "age of the heading that is read", low=0.0, high=2.0, default=0.0)
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "rad²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("rad²", 1)
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the heading (1,) [rad] without noise.  (1)"""

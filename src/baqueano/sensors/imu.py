@@ -23,7 +23,13 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import SensorState, check_sensor_fields, sample, start_state
+from baqueano.sensors.sampling import (
+    SensorState,
+    check_sensor_fields,
+    noise_cov_parameter,
+    sample,
+    start_state,
+)
 from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
 from baqueano.vehicles.drivetrain import quantise
 
@@ -140,12 +146,7 @@ class Imu:
         "1", "standard deviation of gyro_scale: 0.03 by the data sheet, 0.01 after two turns on its mark",
         low=0.0, high=1.0, default=0.03, role="noise",
     )  # fmt: skip
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m²/s⁴, rad²/s²",
-        "covariance Q that the filter assumes; if missing: from the noise",
-        default=None,
-        shape=(3, 3),
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m²/s⁴, rad²/s²", 3)
 
     def __post_init__(self) -> None:
         if self.measurement_model not in MODELS:

@@ -19,6 +19,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.parameter import INF, document, parameter
+from baqueano.sensors.sampling import noise_cov_parameter
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
@@ -60,9 +61,7 @@ class Mark:
     noise_std: float = parameter(
         "m", ("standard deviation of the position of a crossing"), low=0.0, high=100.0, default=0.005
     )
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m²", 1)
 
     def __post_init__(self) -> None:
         check_bounds(self)

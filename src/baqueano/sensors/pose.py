@@ -15,7 +15,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
 from baqueano.parameter import document, parameter
-from baqueano.sensors.sampling import SampledSensor
+from baqueano.sensors.sampling import SampledSensor, noise_cov_parameter
 from baqueano.signals import Motion
 
 
@@ -60,12 +60,7 @@ class Pose(SampledSensor):
     heading_rad: float = parameter(
         "rad", "angle to the left by which the mark is turned, χ", low=-7.0, high=7.0, default=0.0
     )
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m², rad²",
-        "covariance Q that the filter assumes; if missing: from the noise",
-        default=None,
-        shape=(3, 3),
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m², rad²", 3)
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the measured pose (x, y, ψ) (3,) without noise.  (1)"""

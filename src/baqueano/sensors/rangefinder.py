@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import SampledSensor, sensor_position
+from baqueano.sensors.sampling import SampledSensor, noise_cov_parameter, sensor_position
 from baqueano.signals import Motion
 
 MIN_COS = 0.1  # keeps (1) finite for an estimated pose that faces away from the wall
@@ -70,9 +70,7 @@ class Rangefinder(SampledSensor):
         "rad", "turn of the beam on the vehicle, to the left, ζ", low=-7.0, high=7.0, default=0.0
     )
     delay_s: float = parameter("s", "age of the range that is read", low=0.0, high=2.0, default=0.0)
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m²", 1)
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the range (1,) [m] without noise.  (1)"""

@@ -14,18 +14,29 @@ The reading is the signal of delay_s ago, from a list of past values (vehicles/d
 that list is long enough.
 """
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
+from baqueano.parameter import parameter
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, delayed_value, with_newest
 
 PHASE_TOLERANCE = 1e-6  # of a period: tick times are rounded to whole nanoseconds
+
+
+def noise_cov_parameter(unit: str, size: int) -> Any:
+    """Return the parameter for the covariance Q (size, size) that a filter assumes."""
+    return parameter(
+        unit,
+        "covariance Q that the filter assumes; if missing: from the noise",
+        default=None,
+        shape=(size, size),
+    )
 
 
 class Signal(NamedTuple):

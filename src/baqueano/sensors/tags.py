@@ -20,7 +20,7 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import sensor_position
+from baqueano.sensors.sampling import noise_cov_parameter, sensor_position
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
@@ -72,9 +72,7 @@ class Tags:
         "m", "position of the reader in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
         measured_by="the tape",
     )  # fmt: skip
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(2, 2)
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m²", 2)
 
     def __post_init__(self) -> None:
         check_bounds(self)

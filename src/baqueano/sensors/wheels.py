@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.parameter import document, parameter
-from baqueano.sensors.sampling import SampledSensor
+from baqueano.sensors.sampling import SampledSensor, noise_cov_parameter
 from baqueano.signals import Motion
 
 SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel with moderate acceleration on a hard floor
@@ -99,12 +99,7 @@ class Wheels(SampledSensor):
     radius_scale_std: float = scale_std_parameter()
     slip_std: float = slip_parameter()
     slip_fade_s: float = slip_fade_parameter()
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m²/s²",
-        "covariance Q that the filter assumes; if missing: from the noise",
-        default=None,
-        shape=(2, 2),
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m²/s²", 2)
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the speeds of the wheels (2,) [m/s] without noise.  (1)"""
@@ -149,12 +144,7 @@ class Odometer(SampledSensor):
     scale_std: float = scale_std_parameter()
     slip_std: float = slip_parameter()
     slip_fade_s: float = slip_fade_parameter()
-    measurement_noise_cov: np.ndarray | None = parameter(
-        "m²/s²",
-        "covariance Q that the filter assumes; if missing: from the noise",
-        default=None,
-        shape=(1, 1),
-    )
+    measurement_noise_cov: np.ndarray | None = noise_cov_parameter("m²/s²", 1)
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the forward speed (1,) [m/s] without noise.  (2)"""
