@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.signal import lfilter
 
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
@@ -21,6 +22,7 @@ from baqueano.identify.noise.filter_noise import (
     MIN_RESIDUALS,
     _free_noise,
     _rounding,
+    _with_misfit_from_accelerometer,
     _with_noise,
 )
 from baqueano.identify.noise.process_noise import coordinate_search, log_det_and_square
@@ -213,6 +215,19 @@ def test_a_fit_of_one_of_two_sensors_gives_the_noise_of_both():
 TAGS = '\n[sensors.tags]\nkind = "tags"\npoints_m = [[0.5, 0.0], [-0.5, 0.0]]\n'
 FORWARD = ["disturbance_std[0]", "disturbance_fade_s[0]", "velocity_walk_std[0]"]
 NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
+
+
+@pytest.mark.parametrize("decay_rate", [0.5, 20.0])
+def test_an_accelerometer_shows_a_push_against_the_drag(decay_rate):
+    """d fades in 1 s, and v̇ = d − λ v. With λ = 20 1/s the push changes the speed within 50 ms, and then not v̇."""
+    dt_s, std, ekf = 0.01, 0.4, load("small").estimator(use=("imu",))
+    fade, rng = np.exp(-dt_s), np.random.default_rng(5)
+    d = lfilter([1.0], [1.0, -fade], std * np.sqrt(1.0 - fade**2) * rng.standard_normal(60_000))
+    v = lfilter([dt_s], [1.0, -np.exp(-decay_rate * dt_s)], d)
+    r = d - decay_rate * v + 0.03 * rng.standard_normal(len(d))
+    channel = SimpleNamespace(sensor="imu", entry=0, measured=r, predicted=np.zeros(len(r)), sigma=1.0)
+    ekf = _with_misfit_from_accelerometer(ekf, SimpleNamespace(channels=[channel]), {"imu"}, decay_rate)
+    assert ekf.disturbance_std[0] == pytest.approx(std, rel=0.2)
 
 
 @pytest.mark.parametrize(

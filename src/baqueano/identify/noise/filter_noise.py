@@ -2,17 +2,18 @@
 
     J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of correcting channels) (1)
     of an inertial channel:  σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
-    c(τ) = σ_d² e^(−τ/T),  c the autocovariance of r, T of the file;   walk of ν_x ≤ σ √δ                    (3)
+    c(τ) = σ_d² (λ e^(−λτ) − a e^(−aτ)) a/(λ² − a²),  a = 1/T of the file;   walk of ν_x ≤ σ √δ             (3)
     Q = σ_m² [1 1; 1 1] + σ_t² [1 −1; −1 1]  of a left and a right wheel                                   (4)
 
 y and S are the innovations of the filter over the log (augmented_ekf.py), r the residuals of the fit, ρ as in
 process_noise.py. The second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A
 rest with more scatter than this limit is not used. A channel that does not correct the motion has the noise of its
 residuals. A sensor with fewer than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities, for
-example of a counter, have σ² ≥ step²/12. With only an IMU, (3) estimates the error of the speed from the forward
-accelerometer. If wheels measure the speed, an error that the accelerometer does not measure is slip
-(accelerometer_misfit.py). The least `course_std` is the angle between the course and the heading of the model.
-(4): a wrong track changes both wheels oppositely, so no wheel is better than the other (docs/derivations/kalman.md).
+example of a counter, have σ² ≥ step²/12. With only an IMU, (3) estimates the disturbance from the forward
+accelerometer: its r is the rate of change of the speed error, which the drag λ of the model limits to d/λ. If wheels
+measure the speed, an error that the accelerometer does not measure is slip (accelerometer_misfit.py). In (4) a wrong
+track changes both wheels oppositely, so neither is better. The least `course_std` is the angle between the course and
+the heading of the model. docs/derivations/kalman.md derives (3) and (4).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -71,7 +72,8 @@ LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file'
 MIN_RESIDUALS = 30  # residuals for (2), (3), readings for the noise of a sensor
 MIN_READINGS = 6  # readings for the magnitude of a misfit, with an error of 30 %
 MAX_LEVEL_SHARE = 0.5  # of the readings: with fewer levels they are quantised
-LAGS_S = (0.1, 2.0)  # lags of (3): from LAGS_S[0] seconds, beyond the noise, to LAGS_S[1] times T
+# lags of (3): beyond the noise, from LAGS_S[0] seconds or 1/λ if it is less, to LAGS_S[1] times T
+LAGS_S, MIN_LAG_S = (0.1, 2.0), 0.03
 CLIP_SIGMA = 4.0  # σ, of a residual for (3)
 STRAIGHT_S, MIN_SPEED_M_S = 1.0, 0.02  # of the drive that shows a model's course
 TOE_RAD = 0.01  # angle error of wheels that are mounted by hand
@@ -127,21 +129,42 @@ def filter_noise(
     ekf = _with_noise(ekf, free, [float(value) for value in x])
     if is_dynamic(ekf.vehicle):
         speed_is_measured = np.any(filter_layout.moving_mask[:, FORWARD_STATES[0]])
-        reduce = _without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer
-        ekf = reduce(ekf, fit, inertial)
+        if speed_is_measured:
+            ekf = _without_wheel_slip(ekf, fit, inertial)
+        else:
+            moving = [u[u != 0.0] for u in (run.applied[:, 0] for run in runs)]
+            rms = float(np.sqrt(np.mean(np.concatenate([np.zeros(1), *moving]) ** 2)))
+            ekf = _with_misfit_from_accelerometer(ekf, fit, inertial, _straight_drive(fit, rms).decay_rate)
     ekf = with_speed_error(ekf, fit, runs)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit))))
+
+
+class StraightDrive(NamedTuple):
+    """The steady state of the fitted model with a constant forward command."""
+
+    nu: np.ndarray  # (3,)
+    decay_rate: float  # λ = −∂ν̇_x/∂ν_x [1/s]; 0 for a kinematic model
+
+
+def _straight_drive(fit: "Fit", command: float) -> StraightDrive:
+    """Return the motion of the fitted model after STRAIGHT_S with a forward `command`."""
+    vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
+    u, state, motion, effort = np.zeros(vehicle.commands), vehicle.init(), None, None
+    u[0] = command
+    for _ in range(round(STRAIGHT_S / dt_s)):
+        effort = vehicle.drivetrain.step(state.drivetrain, u, dt_s)[1]
+        state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
+    nu, step = np.asarray(motion.nu if motion else np.zeros(3), dtype=float), np.array([1e-4, 0.0, 0.0])
+    if effort is None or not is_dynamic(vehicle):
+        return StraightDrive(nu, 0.0)
+    accelerations = [float(vehicle.nu_dot(nu + side * step, effort.last)[0]) for side in (-1.0, 1.0)]
+    return StraightDrive(nu, max(0.0, (accelerations[0] - accelerations[1]) / (2.0 * step[0])))
 
 
 def _crab_angle_rad(fit: "Fit") -> float:
     """Return the angle between course and heading of the fitted model, driving forward at half its largest command
     [rad]. Return 0 if its speed is below MIN_SPEED_M_S."""
-    vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
-    u, state, nu = np.zeros(vehicle.commands), vehicle.init(), np.zeros(3)
-    u[0] = 0.5 * fit.file.command.limit[0]
-    for _ in range(round(STRAIGHT_S / dt_s)):
-        state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
-        nu = np.asarray(motion.nu)
+    nu = _straight_drive(fit, 0.5 * fit.file.command.limit[0]).nu
     return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > MIN_SPEED_M_S else 0.0
 
 
@@ -153,15 +176,30 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
     return ekf
 
 
-def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """Return the filter with the speed error from the residuals of the forward accelerometer. With too few residuals
+def residual_autocorrelation(tau_s: np.ndarray, fade_s: float, decay_rate: float) -> np.ndarray:
+    """Return c/σ_d² (K,) of (3) at the lags `tau_s` (K,), for a disturbance that decays with `fade_s`, and the decay
+    rate λ [1/s] of the speed. Without drag it is exp(−τ/T).
+
+    >>> residual_autocorrelation(np.array([0.0, 1.0]), 1.0, 0.0).round(3)
+    array([1.   , 0.368])
+    """
+    a, rate = 1.0 / fade_s, decay_rate
+    rate = rate if abs(rate - a) > 1e-3 * a else 1.001 * a  # the limit of two equal rates
+    return a * (rate * np.exp(-rate * tau_s) - a * np.exp(-a * tau_s)) / (rate**2 - a**2)
+
+
+def _with_misfit_from_accelerometer(
+    ekf: AugmentedEkf, fit: "Fit", inertial: set[str], decay_rate: float
+) -> AugmentedEkf:
+    """Return the filter with the disturbance from the residuals of the forward accelerometer. With too few residuals
     the filter is unchanged. (3)"""
     accelerometer = forward_accelerometer(ekf, inertial)
     if accelerometer is None:
         return ekf
     sensor, entry, slope = accelerometer
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
-    lags = np.unique(np.rint(np.linspace(LAGS_S[0], LAGS_S[1] * T, 40) / dt_s).astype(int))
+    first_s = max(MIN_LAG_S, min(LAGS_S[0], 1.0 / max(decay_rate, 1e-3)))
+    lags = np.unique(np.rint(np.linspace(first_s, LAGS_S[1] * T, 40) / dt_s).astype(int))
     lags = lags[lags > 0]
     products, count, residuals = np.zeros(len(lags)), np.zeros(len(lags)), []
     for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
@@ -173,7 +211,7 @@ def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set
             count[k] += np.isfinite(pairs).sum()
     if np.min(count, initial=np.inf) < MIN_RESIDUALS:
         return ekf
-    fading = np.exp(-lags * dt_s / T)
+    fading = residual_autocorrelation(lags * dt_s, T, decay_rate)
     variance = float(np.sum(fading * products / count) / np.sum(fading**2))
     low, high = FORWARD_NOISE[0][1:]
     ekf = with_value(ekf, "disturbance_std[0]", float(np.clip(np.sqrt(max(variance, 0.0)), low, high)))
