@@ -12,12 +12,12 @@ import pytest
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation import search
-from baqueano.identify.parameters.free import enable_parameters, free_parameters
+from baqueano.identify.parameters.free import default_free, enable_parameters, free_parameters
 from baqueano.messages import texts
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.edit import override
-from baqueano.vehicles import constant_effort
+from baqueano.vehicles import Kinematic, constant_effort
 from tests.codes import of_code
 
 SIGMAS = 3.5
@@ -159,6 +159,13 @@ def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):
     small.with_values(
         {f"model.friction.{k}": x.tolist() for k, x in zip(("linear", "coulomb"), both, strict=True)}
     )
+
+
+@pytest.mark.parametrize(("sideways", "is_free"), [(0.0, False), (1.0, True)])
+def test_a_row_of_zeros_states_that_no_command_drives_sideways(small, sideways, is_free):
+    """A turned IMU looks like a sideways velocity, and the estimated position of such a fit drifts to the side."""
+    blocks = FittedBlocks(Kinematic(np.diag([1.0, sideways, 2.0])), small.sensors)
+    assert ("model.velocity_matrix[1,0]" in default_free(blocks)) is is_free
 
 
 def test_the_largest_sideways_friction_of_a_fit_is_integrable_in_a_fast_turn(small):
