@@ -200,6 +200,22 @@ def test_a_draft_reads_the_steering_of_a_car_and_the_counter_of_its_axle(tmp_pat
     assert (counter["column"], counter["unit"]) == ("hall", "counts")
 
 
+@pytest.mark.parametrize(
+    ("names", "unit", "radius_m"),
+    [(("volts_l", "volts_r"), "V", None), (("set_l_rad_s", "set_r_rad_s"), "rad/s", 0.0)],
+)
+def test_a_draft_reads_voltages_and_set_points_of_two_wheels_as_commands(tmp_path, names, unit, radius_m):
+    """The voltage of a battery, in one column, is not a command."""
+    log = tmp_path / "log.csv"
+    log.write_text(
+        f"t_ms,{names[0]},{names[1]},battery_volts,cnt_l,cnt_r\n0,3.5,4.0,7.9,1,2\n", encoding="utf-8"
+    )
+    tables = tomllib.loads(draft(log))
+    entry = {"unit": unit} | ({} if radius_m is None else {"radius_m": radius_m})
+    assert tables["command"]["wheels"] == [{"column": name} | entry for name in names]
+    assert [entry["unit"] for entry in tables["sensors"]["wheels"]["z"]] == ["counts", "counts"]
+
+
 def test_a_draft_reads_the_abbreviations_of_spanish_columns(tmp_path):
     head = "tiempo_s;pwm_izq;pwm_der;giro_gps;vel_m_s"
     (tmp_path / "log.csv").write_text(head + "\n" + "0,02;1;2;3;0,5\n" * 9, encoding="utf-8")

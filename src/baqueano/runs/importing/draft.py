@@ -32,6 +32,9 @@ COMMAND_PATTERN, SPEED_PATTERN = (
     r"pwm|duty|ciclo|cmd|command|comando|throttle|acelerador|traccion|potencia|steer|servo|volante|direccion|^u_",
     r"rpm|speed|vel|encoder|wheel|rps",
 )
+# commands of a left and a right wheel; a single voltage is that of the battery
+SETPOINT_PATTERN = r"(^|_)(volts?|voltage|set(point)?|target|goal|ref(erence)?|consigna|tension)(_|$)"
+VOLTAGE_PATTERN = r"(^|_)(volts?|voltage|tension)(_|$)"
 STEERING_PATTERN = r"steer|servo|volante|direccion"
 BARE_SIDES = tuple(  # two columns that are named only by their side
     rf"^(motor|rueda|wheel|u)?_?{side}(_percent)?$"
@@ -45,7 +48,7 @@ IMU_PATTERNS = (
 )
 ENCODER_NAMES = r"enc|encoder|hall|pulses?|pulsos?"
 ENCODER_PATTERN = rf"(^|_)({ENCODER_NAMES})(_|$)"
-COUNT_PATTERN = rf"{ENCODER_PATTERN}|(^|_)(counts?|ticks?)(_|$)"
+COUNT_PATTERN = rf"{ENCODER_PATTERN}|(^|_)(counts?|cnt|ticks?)(_|$)"
 TWIST_PATTERNS = r"(^|_)linear_x$", r"(^|_)angular_z$"  # names of ROS
 POSITION_PATTERN = r"^(?!.*(linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|_)"
 POSE_PATTERNS = (
@@ -103,8 +106,9 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
     is_named = any(re.search(COMMAND_PATTERN, _plain_name(column)) for column in free_columns)
-    bare_pair = [] if is_named else _take_all(free_columns, BARE_SIDES)
-    commands = bare_pair or _take_pair(free_columns, COMMAND_PATTERN)
+    commands = _take_pair(free_columns, COMMAND_PATTERN) or _take_pair(free_columns, SETPOINT_PATTERN)
+    bare_pair = [] if commands or is_named else _take_all(free_columns, BARE_SIDES)
+    commands = commands or bare_pair
     single_column = (
         []
         if commands
@@ -118,7 +122,7 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         measured_text = _("if these are measured, not commands: write them as z of [sensors.wheels]")
         remark = f"{'':28}# {measured_text}" if bare_pair else ""
         yield f'\n[command]{remark}\nin_force = "from"                    # {until_text}'
-        yield f"wheels = [\n{_list_lines(_command(column, largest) for column in commands)}\n]"
+        yield f"wheels = [\n{_list_lines(_wheel_command(table, column, largest) for column in commands)}\n]"
     elif single_column:
         free_columns[:] = [column for column in free_columns if column not in single_column]
         single_column.sort(key=lambda column: bool(re.search(STEERING_PATTERN, _plain_name(column))))
@@ -236,6 +240,14 @@ def _command(column: str, largest: float) -> str:
     full_count = FULL_DUTY_COUNTS if largest <= FULL_DUTY_COUNTS else largest
     full_text = _("1 at {of:g}: is this full duty?", of=full_count)
     return f'{{ column = {_quoted(column)}, unit = "raw", scale = {1.0 / full_count:.6g} }},   # {full_text}'
+
+
+def _wheel_command(table: LogTable, column: str, largest: float) -> str:
+    """Return the entry of a command of a wheel: a voltage, a speed with its unit, or a duty."""
+    if re.search(VOLTAGE_PATTERN, _plain_name(column)):
+        return _entry(column, "voltage", "V")
+    has_unit = any(_unit(column, measures) != UNKNOWN for measures in ("angular rate", "speed"))
+    return _wheel(table, column) if has_unit else _command(column, largest)
 
 
 def _wheel(table: LogTable, column: str) -> str:
