@@ -58,6 +58,14 @@ def test_the_reference_waits_for_a_blocked_vehicle():
     assert last.done == 0.0
 
 
+def test_the_waiting_reference_keeps_its_speed_for_a_vehicle_beside_the_route():
+    """Before, its speed fell to 0, and a law that steers only in motion stopped there for ever."""
+    guide, beside = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.0, -0.3, 0.0])
+    references = drive_guide(guide, lambda k, _: beside, 400)
+    assert references[-1].nu[0] == pytest.approx(0.2)
+    np.testing.assert_allclose(references[-1].eta, references[-50].eta, atol=0.01)
+
+
 def test_the_reference_returns_to_a_vehicle_that_was_pushed_back():
     guide, back = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.4, 1.0 - np.cos(0.41), 0.41])
 

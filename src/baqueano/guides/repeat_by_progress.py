@@ -5,13 +5,14 @@
     τ̇ = 1                                                     while |d| ≤ slack
       = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stop, move back
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
-    η_r = route(τ),   ν_r = max(τ̇, 0) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps                       (4)
+    η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps      (4)
 
 τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
 and (1) searches only near τ, so the crossing of a figure eight is not a short cut. slack = slack_m + slack_s |v| allows
-for delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. In (1) a radian of heading
-has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine,
-1995.
+for delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. e is the distance to the
+point k. For a vehicle beside the route, ν_r does not become 0, because most laws cannot steer at rest. In (1) and e, a
+radian of heading has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., IEEE Robotics and
+Automation Magazine, 1995.
 """
 
 from dataclasses import dataclass
@@ -80,18 +81,18 @@ class RepeatByProgress(Repeat):
         end = laps * period if laps > 0 else FAR_AWAY
         phase = state.tau_s - period * np.floor(state.tau_s / period)
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
-        pace = self._pace(phase, estimate)
+        pace, aside_m = self._pace(phase, estimate)
         tau_s = np.clip(state.tau_s + pace * dt_s, 0.0, end)
         is_over: Value = np.where(tau_s >= end, 1.0, 0.0)
         phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
-        forward_pace = np.where(is_over > 0.0, 0.0, np.maximum(pace, 0.0))
+        forward_pace = np.where(is_over > 0.0, 0.0, np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)))
         nu = forward_pace * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
         reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, is_over)
         return ProgressState(estimate.t_ns, tau_s), reference
 
-    def _pace(self, phase: Value, estimate: Estimate) -> Value:
-        """Return τ̇ at the time `phase` [s] of a lap.  (1)-(3)"""
+    def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value]:
+        """Return τ̇ at the time `phase` [s] of a lap, and the distance [m] of the vehicle from the route.  (1)-(3)"""
         t_s, eta, s = self._points()
         (behind_s, front), distances, is_on_route = self._window(s), s, 1.0
         if behind_s + front + 2 < len(s):
@@ -110,12 +111,13 @@ class RepeatByProgress(Repeat):
         squared_distances = np.where(
             (np.abs(lag_m) <= self.reach_m) & (is_on_route > 0.0), squared_distances, FAR_AWAY
         )
-        is_nearest = squared_distances <= np.min(squared_distances)
+        least = np.min(squared_distances)
+        is_nearest = squared_distances <= least
         d = np.sum(np.where(is_nearest, lag_m, 0.0)) / np.sum(np.where(is_nearest, 1.0, 0.0))
         tolerance_m = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
         waiting_pace = 1.0 - np.maximum(d - tolerance_m, 0.0) / self.wait_m
         catching_pace = np.maximum(-d - tolerance_m, 0.0) / self.wait_m
-        return np.clip(waiting_pace + catching_pace, -1.0, self.fastest)
+        return np.clip(waiting_pace + catching_pace, -1.0, self.fastest), np.sqrt(least)
 
     def _points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the times (m,), the poses (m, 3) and the distances s (m,) of the points of (1).
