@@ -49,7 +49,7 @@ def test_an_experiment_prints_the_contents_of_its_run(baqueano, tmp_path):
         "estimate",
         "truth",
     }
-    assert "next: baqueano identify 0001-experiment" in end.err
+    assert "next: baqueano identify 0001-experiment --update" in end.err
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["0001-experiment.mcap"]
 
 

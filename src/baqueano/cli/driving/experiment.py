@@ -107,7 +107,7 @@ def command(
         note(
             "cli.next-command",
             fix=baqueano_command(
-                "identify", *run_names, *options.vehicle_and_runs_options(vehicle_file, folder)
+                "identify", *run_names, *options.vehicle_and_runs_options(vehicle_file, folder), "--update"
             ),
         )
     )
