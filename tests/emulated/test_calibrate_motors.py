@@ -58,9 +58,9 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
     np.testing.assert_allclose(
         [way.dead_zone_permille / 1000 for way in motors.settings.curves], zones, atol=0.02
     )
-    assert motors.verdict == "STRAIGHT"
-    assert max(map(abs, motors.left_over)) < 0.02
-    assert max(map(abs, motors.held_deg)) < 2.0
+    assert motors.verdict == "BALANCED"
+    assert max(map(abs, motors.wheel_differences)) < 0.02
+    assert max(map(abs, motors.heading_errors_deg)) < 2.0
     settings = robot.uno.settings(robot.wait)
     assert settings == motors.settings
     assert settings.battery_permille == 3127
@@ -234,7 +234,7 @@ def test_possible_causes_are_listed_if_a_vehicle_does_not_drive_straight():
     motors = calibrate_motors.MotorCalibration(
         settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0), (1.5, -0.2)
     )
-    assert motors.verdict == "CROOKED"
+    assert motors.verdict == "UNBALANCED"
     assert "does a wheel slip or rub" in motors.table()
     assert "(before the trim +20.0%); heading error by the gyro +1.5° after 1.5 s" in motors.table()
     assert motors.rows()[0]["wheels_differ"] == (0.08, 0.01)

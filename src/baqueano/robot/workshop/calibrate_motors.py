@@ -70,27 +70,28 @@ Sweeps = tuple[Sweep, ...]
 class MotorCalibration:
     """The result of `calibrate`, which is stored in the Uno.
 
-    `left_over` (2,) is the remaining relative difference of the wheels, forwards and backwards. `held_deg` (2,) is the
-    heading error at the end of (6).
+    `wheel_differences` (2,) is the remaining relative difference of the wheels, forwards and backwards.
+    `heading_errors_deg` (2,) is the heading error at the end of (6).
     """
 
     settings: Settings
     sweeps: Sweeps
     before: tuple[float, float]
-    left_over: tuple[float, float]
-    turned_dps: tuple[float, float]
-    held_deg: tuple[float, float]
+    wheel_differences: tuple[float, float]
+    turn_rates_dps: tuple[float, float]
+    heading_errors_deg: tuple[float, float]
 
     @property
     def verdict(self) -> str:
-        """Return STRAIGHT if the wheels differ by at most MAX_DIFFERENCE in both directions, else CROOKED."""
-        return "STRAIGHT" if max(map(abs, self.left_over)) <= MAX_DIFFERENCE else "CROOKED"
+        """Return BALANCED if the wheels differ by at most MAX_DIFFERENCE in both directions, else UNBALANCED."""
+        return "BALANCED" if max(map(abs, self.wheel_differences)) <= MAX_DIFFERENCE else "UNBALANCED"
 
     def rows(self) -> list["TableRow"]:
         """Return a row for the whole vehicle, then a row for each wheel and direction."""
         row = {
             "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
-            "wheels_differ": self.left_over, "turned_dps": self.turned_dps, "held_deg": self.held_deg,
+            "wheels_differ": self.wheel_differences, "turned_dps": self.turn_rates_dps,
+            "held_deg": self.heading_errors_deg,
         }  # fmt: skip
         ways = zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
         return [row, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
@@ -115,7 +116,8 @@ class MotorCalibration:
         head = ["", _("starts"), _("dead zone"), _("slope"), _("fit")]
         lines = [wiring_text(self.settings.wiring), *text_table("<>>><", head, *rows)]
         names = _("forwards"), _("backwards")
-        ways = zip(names, self.before, self.left_over, self.turned_dps, self.held_deg, strict=True)
+        parts = self.before, self.wheel_differences, self.turn_rates_dps, self.heading_errors_deg
+        ways = zip(names, *parts, strict=True)
         for name, b, e, w, h in ways:
             lines.append(
                 _(
@@ -129,7 +131,7 @@ class MotorCalibration:
                     straight_s=STRAIGHT_S,
                 )
             )
-        if self.verdict == "CROOKED":
+        if self.verdict == "UNBALANCED":
             lines.append(
                 _(
                     "The wheels differ by more than {straight:.0%}: does a wheel slip or rub? Clean the "
