@@ -21,9 +21,9 @@ class Compressed(Residuals):
         return SHOCK * np.log(x + np.sqrt(x * x + 1.0))
 
 
-def by_scipy(evaluate, theta, low, high, *, fixed, tolerance, most, damping):
+def by_scipy(evaluate, theta, low, high, *, is_fixed, tolerance, most, damping):
     """Minimise with SciPy's L-BFGS-B and the exact gradient; each entry of θ (p,) is scaled by its curvature."""
-    moving = np.ones(len(theta), bool) if fixed is None else ~fixed
+    moving = np.ones(len(theta), bool) if is_fixed is None else ~is_fixed
     start, unit = evaluate(theta), np.ones(len(theta))
     unit[moving] = 1.0 / np.sqrt(np.maximum(np.diagonal(np.asarray(start.hessian))[moving], 1e-12))
 

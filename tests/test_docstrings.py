@@ -51,7 +51,9 @@ ROOMS = [
 ]
 MOST_NAMES = 190  # of all rooms together
 MODULE_LINES = 15  # of the docstring of a module: equations and source
-LETTERS = re.compile(r"(eta|nu|u|psi|xy|nu_dot)(_\w+)?")  # physical quantities by their letter alone
+UNIT_IN_NAME = re.compile(
+    r"_(?:(?:k?m|m?s|ns|rad|hz|deg|kg|v|std)2?|dps|per_m)$"
+)  # of a parameter, as in mass_kg
 FRAMED = re.compile(r"\b(poses?|velocity|velocities)\b", re.I)  # quantities that have components in a frame
 SHAPE = re.compile(r"\([^)]*\b[236],?\)")  # of 2, 3 or 6 components
 FRAME = re.compile(r"\b(map|body|sensor frame|relative to)\b", re.I)
@@ -111,6 +113,19 @@ def test_a_pose_or_velocity_of_a_public_name_states_its_frame():
     assert not lacks, "name the frame (map, body, sensor frame, relative to): " + "; ".join(lacks)
 
 
+def test_a_number_of_a_public_name_states_its_unit():
+    lacks = []
+    for name, value in DOCUMENTED.items():
+        doc = NumpyDocString(inspect.getdoc(value) or "")
+        for section in ("Parameters", "Attributes", "Other Parameters", "Returns", "Yields"):
+            for entry in doc[section]:
+                is_number = re.search(r"\b(float|ndarray)\b", entry.type) and "bool" not in entry.type
+                is_named = all(UNIT_IN_NAME.search(part) for part in entry.name.split(", "))
+                if is_number and not is_named and "[" not in " ".join([entry.type, *entry.desc]):
+                    lacks.append(f"{name}: {entry.name or section} : {entry.type}")
+    assert not lacks, "write its unit, such as [m/s] or [no unit]: " + "; ".join(lacks)
+
+
 def in_a_function(function, doc: NumpyDocString) -> list[str]:
     signature = inspect.signature(function)
     parameters = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
@@ -161,8 +176,6 @@ def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str
             lacks.append(f"type and meaning of {name}")
         if "ndarray" in str(annotation) and not re.search(r"\([^)]*,[^)]*\)|\(\)", text):
             lacks.append(f"the shape of {name}")
-        if LETTERS.fullmatch(name) and "ndarray" in str(annotation) and "[" not in text:
-            lacks.append(f"the unit of {name}")
     return lacks
 
 

@@ -45,7 +45,7 @@ def map_from_body(psi: Value) -> np.ndarray:
     Returns
     -------
     ndarray (3, 3)
-        J(ψ), which multiplies a velocity of the body.
+        J(ψ) [no unit], which multiplies a velocity of the body.
 
     Notes
     -----

@@ -42,7 +42,7 @@ class Parameter(NamedTuple):
     unit : str
         SI unit, "1" for none; one unit for all entries, or one per entry separated by ", ".
     low, high : float
-        Smallest and largest allowed value of each entry.
+        Smallest and largest allowed value of each entry [unit of the field].
     meaning : str
         Meaning of the parameter, in one line.
     shape : tuple of int or None
@@ -50,11 +50,11 @@ class Parameter(NamedTuple):
     role : str
         One of ROLES: its use in a default fit.
     neutral : float or None
-        Value at which the effect vanishes; None if no value does this.
+        Value at which the effect vanishes [unit of the field]; None if no value does this.
     term : str or tuple of str
         Name of the term that `choose` can add; entries and fields with the same name belong to one term.
     start : tuple of float
-        Values from which a search begins.
+        Values from which a search begins [unit of the field].
     shown_by : str or tuple of str
         The motion that makes it identifiable.
     measured_by : str
@@ -122,7 +122,7 @@ def parameter(
     meaning : str
         Meaning of the parameter, in one line.
     low, high : float
-        Smallest and largest allowed value of each entry.
+        Smallest and largest allowed value of each entry [unit of the field].
     default : object
         Value of the field; arrays are given as lists or tuples.
     shape : tuple of int or None

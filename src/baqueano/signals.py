@@ -114,7 +114,7 @@ class Slot(NamedTuple):
     Attributes
     ----------
     has : float
-        1.0 if a measurement arrived since the previous tick, else 0.0.
+        1.0 if a measurement arrived since the previous tick, else 0.0 [no unit].
     z : ndarray (m,) [SI]
         The measurement, in the SI units of the sensor.
     age_s : float
@@ -173,7 +173,8 @@ class Estimate(NamedTuple):
     innovation_cov : ndarray (m, m), optional [SI, squared]
         S = H Σ̄ Hᵀ + Q.
     weight : ndarray (m,), optional
-        Weight of each innovation: 1 is the full weight, below ½ the channel is rejected; NaN without a measurement.
+        Weight of each innovation [no unit]: 1 is the full weight, below ½ the channel is rejected; NaN without a
+        measurement.
 
     Examples
     --------
@@ -203,7 +204,7 @@ class Reference(NamedTuple):
     nu : ndarray (3,) [m/s, m/s, rad/s]
         Velocity along the route, in the body frame of the route.
     done : float
-        1.0 if the guide has reached its end, else 0.0.
+        1.0 if the guide has reached its end, else 0.0 [no unit].
 
     Examples
     --------

@@ -57,14 +57,14 @@ def variance(noise):
 
 def test_noise_confirmed_by_an_unseen_run_is_written_unchanged(fit, imu_filter, unseen_run):
     noise = measure_noise(*fit, held_out=[unseen_run])
-    assert imu_filter.accepted is None
-    assert noise.accepted is not None
-    assert not noise.accepted.disagrees
-    assert noise.accepted.message.code == "noise.holds-simulated"
-    assert "heading" in names_in(noise.accepted.message.figures["nees"])
+    assert imu_filter.acceptance is None
+    assert noise.acceptance is not None
+    assert not noise.acceptance.disagrees
+    assert noise.acceptance.message.code == "noise.holds-simulated"
+    assert "heading" in names_in(noise.acceptance.message.figures["nees"])
     with use_language("es"):
-        assert not re.search(r"[0-9]\.[0-9]", text(noise.accepted.message))
-    assert text(noise.accepted.message) in noise.table()
+        assert not re.search(r"[0-9]\.[0-9]", text(noise.acceptance.message))
+    assert text(noise.acceptance.message) in noise.table()
     assert variance(noise) == pytest.approx(variance(imu_filter))
 
 
@@ -72,17 +72,17 @@ def test_noise_contradicted_by_an_unseen_run_is_estimated_again_over_all_runs(fi
     """The gyro has five times as much noise as in the fitted run."""
     noisy = drive(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     noise = measure_noise(*fit, held_out=[noisy])
-    assert noise.accepted is not None
-    assert noise.accepted.message.code in ("noise.estimated-again", "noise.still-off")
-    assert "imu[2]" in names_in(noise.accepted.message.figures["nis"])
+    assert noise.acceptance is not None
+    assert noise.acceptance.message.code in ("noise.estimated-again", "noise.still-off")
+    assert "imu[2]" in names_in(noise.acceptance.message.figures["nis"])
     assert variance(noise) + np.sum(noise.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
         variance(imu_filter) + np.sum(imu_filter.fields["velocity_walk_std"][2] ** 2)
     )
-    assert noise.verdict == ("WARN" if noise.accepted.disagrees else "USABLE")
+    assert noise.verdict == ("WARN" if noise.acceptance.disagrees else "USABLE")
 
 
 def test_a_validation_run_of_six_seconds_is_too_short_for_the_noise(fit):
-    accepted_noise = measure_noise(*fit, held_out=[drive(6.0, 3)]).accepted
+    accepted_noise = measure_noise(*fit, held_out=[drive(6.0, 3)]).acceptance
     assert accepted_noise is not None
     assert accepted_noise.message.code == "noise.too-short"
     assert not accepted_noise.disagrees
@@ -96,7 +96,7 @@ def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, uns
         return e, P / np.where(np.arange(6) == HEADING, 9.0, 1.0)[:, None]
 
     monkeypatch.setattr(accepted_noise, "simulated_errors", surer)
-    wrong = measure_noise(*fit, held_out=[unseen_run]).accepted
+    wrong = measure_noise(*fit, held_out=[unseen_run]).acceptance
     assert wrong is not None
     assert wrong.disagrees
     assert wrong.message.code == "noise.nees-off"

@@ -55,7 +55,7 @@ def test_the_sensitivity_column_equals_the_response_to_a_small_push(end, code, a
     for record, weight, index, motion in zip(
         problem.records, problem.weights, problem.layout.indices, now.motions, strict=True
     ):
-        blocks = substitute(end.blocks, (*problem.shape.shared, *problem.shape.per_run), theta[index])
+        blocks = substitute(end.blocks, (*problem.shape.shared_paths, *problem.shape.per_run), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
         slope = weight * (push_response(blocks, record, push) - push_response(blocks, record, -push)) / 2e-6
         change = columns[0][at : at + slope.size].reshape(slope.shape)

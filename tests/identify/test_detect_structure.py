@@ -131,7 +131,7 @@ def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
         residuals = fit_residuals(problem, theta, end.identifiability.mask)
         for words, D in term_columns(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
             scores.update(zip((code for code, _ in words), score_test(residuals, D), strict=True))
-        scores["names"], scores["theta"] = problem.shape.shared, theta
+        scores["names"], scores["theta"] = problem.shape.shared_paths, theta
 
     from baqueano.identify import prediction_error_fit as module
 

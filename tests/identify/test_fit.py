@@ -232,8 +232,8 @@ def test_a_car_is_identified_from_odometer_and_gyro():
     for name in ("throttle_gain", "linear_drag", "steering_gain", "steering_offset_rad"):
         k = fit.names.index(f"model.{name}")
         assert abs(fit.estimate[k] - drive.true[fit.names[k]]) < 4.5 * fit.sd[k], name
-    assert {c.sensor for c in fit.channels if np.isfinite(c.explained)} == {"imu", "odometer"}
-    assert [np.isnan(c.explained) for c in fit.channels if c.sensor == "imu"] == [True, True, False]
+    assert {c.sensor for c in fit.channels if np.isfinite(c.explained_fraction)} == {"imu", "odometer"}
+    assert [np.isnan(c.explained_fraction) for c in fit.channels if c.sensor == "imu"] == [True, True, False]
 
 
 def test_a_stopped_search_returns_its_best_values_and_is_refused(case, case_run):

@@ -89,5 +89,5 @@ def test_a_custom_residual_tolerates_disturbances_of_three_samples(small, run, e
     own = identify(spoilt, small, FREE, residuals=examples.Compressed, options=FitOptions(diagnose=False))
     far, near = (np.abs(fit.estimate / clean.estimate - 1.0).max() for fit in (plain, own))
     assert near < 0.5 * far
-    error = own.channels[0].measured - own.channels[0].predicted
+    error = own.channels[0].measurements - own.channels[0].predictions
     assert np.nanmax(np.abs(error)) > 3.5  # a table shows readings, whatever the residual

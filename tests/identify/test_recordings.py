@@ -33,7 +33,11 @@ def held_out(fit, run):
         use=["odometer", "imu[2]"],
         options=FitOptions(bounds=_pinned(fit, names[0])),
     )
-    return {(c.sensor, c.entry): c.explained for c in second.channels if np.isfinite(c.explained)}
+    return {
+        (c.sensor, c.entry): c.explained_fraction
+        for c in second.channels
+        if np.isfinite(c.explained_fraction)
+    }
 
 
 def _pinned(fit, name):

@@ -68,9 +68,9 @@ def test_intervals_and_correlations_match_the_covariance(fit):
 
 def test_each_channel_of_a_fit_contains_data_and_predictions(fit):
     for c in fit.channels:
-        residual = c.measured - c.predicted
+        residual = c.measurements - c.predictions
         assert np.nanstd(residual) == pytest.approx(c.sigma, rel=0.1)
-        assert c.t_s.shape == c.measured.shape
+        assert c.t_s.shape == c.measurements.shape
 
 
 def test_the_file_receives_values_provenance_and_covariance(fit, case):

@@ -46,7 +46,7 @@ def evidence(channels):
 def test_runs_inside_the_dead_zone_are_named_but_the_fit_is_usable():
     runs = [step(k, 0.1 * (k + 3), 0.1 * (k + 3) + 0.04 * (-1) ** k) for k in range(26)]
     runs += [step(26, 0.0, 0.08), step(27, 0.0, 0.08)]
-    assert np.mean([c.explained for c in runs]) < -1.0
+    assert np.mean([c.explained_fraction for c in runs]) < -1.0
     e = evidence(runs)
     assert verdict_of(e)[0] == "USABLE"
     (message,) = [reason for reason in remarks(e) if reason.code == "runs.hardly-moved"]

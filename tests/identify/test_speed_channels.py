@@ -109,7 +109,7 @@ def part_of(r_v, r_a, rate, seed=1, seconds=SECONDS):
     numbers = zip((("odometer", 0), ("imu", 0), ("imu", 2)), noisy, (0.0, 0.0, rate), strict=True)
     channels = [
         SimpleNamespace(
-            run="a", sensor=name, entry=k, t_s=T_S[:n], measured=x[:n], predicted=(0.0 * x + h)[:n]
+            run="a", sensor=name, entry=k, t_s=T_S[:n], measurements=x[:n], predictions=(0.0 * x + h)[:n]
         )
         for (name, k), x, h in numbers
     ]

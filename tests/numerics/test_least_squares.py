@@ -60,7 +60,7 @@ def test_a_minimum_beyond_a_bound_ends_on_the_bound_with_a_flag():
     assert minimum.converged
     assert minimum.theta[1] == 1.0
     assert minimum.bound.tolist() == [0, 1]
-    free = minimise(DECAY, np.array([1.0, 1.0]), *FREE, fixed=np.array([False, True]))
+    free = minimise(DECAY, np.array([1.0, 1.0]), *FREE, is_fixed=np.array([False, True]))
     np.testing.assert_allclose(minimum.theta, free.theta, rtol=1e-3)  # the other parameters are optimal there
 
 

@@ -22,7 +22,7 @@ def many():
     )
     names = tuple(f"run-{k:02d}" for k in range(12))
     channels = [
-        c._replace(run=name, explained=c.explained - 0.01 * k)
+        c._replace(run=name, explained_fraction=c.explained_fraction - 0.01 * k)
         for k, name in enumerate(names)
         for c in fit.channels
     ]
@@ -67,7 +67,7 @@ def test_the_four_least_explained_channels_are_in_the_headlines(many):
         ("pose", 2),
     ]
     channels = tuple(
-        first._replace(sensor=name, entry=entry, explained=part)
+        first._replace(sensor=name, entry=entry, explained_fraction=part)
         for (name, entry), part in zip(names, explained, strict=True)
     )
     page = page_of_fit(replace(many, runs=many.runs[:1], channels=channels))
@@ -81,10 +81,10 @@ def test_a_table_has_noise_and_explained_share_of_every_run(many):
     assert isinstance(table, Table)
     assert [row["run"] for row in table.rows] == list(many.runs)
     assert list(table.headings.values()) == ["run", "odometer [m/s]", "ω_z [rad/s]"]
-    for c in [c for c in many.channels if np.isfinite(c.explained)]:
+    for c in [c for c in many.channels if np.isfinite(c.explained_fraction)]:
         row = next(row for row in table.rows if row["run"] == c.run)
         name = "odometer [m/s]" if c.sensor == "odometer" else "ω_z [rad/s]"
-        assert row[name] == f"{c.sigma:.3g}, {100 * c.explained:.1f} %"
+        assert row[name] == f"{c.sigma:.3g}, {100 * c.explained_fraction:.1f} %"
 
 
 def test_a_fit_to_one_run_has_no_table_of_runs(many):
@@ -100,7 +100,7 @@ def test_data_and_model_are_drawn_for_the_period_of_most_motion(many):
     """A run that rests for 40 s, moves for 20 s and rests again."""
     t_s = 0.02 * np.arange(4000)
     signal = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)
-    channels = tuple(c._replace(t_s=t_s, measured=signal, predicted=signal) for c in many.channels[:2])
+    channels = tuple(c._replace(t_s=t_s, measurements=signal, predictions=signal) for c in many.channels[:2])
     for shown_channels, period in (
         (channels, "20 s from 40 s, with most motion"),
         (many.channels[:2], "all 3 s"),

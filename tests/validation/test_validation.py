@@ -54,7 +54,7 @@ def test_a_correct_model_explains_unseen_runs_as_well_as_fitted_runs(fit, small)
     noise = {f"imu[{k}]": s for k, s in enumerate(fit.sigma["imu"])}
     for figure in validation.figures:
         assert figure.error == pytest.approx(noise[figure.channel], rel=0.15)
-        assert figure.explained == pytest.approx(figure.on_own_runs, abs=0.1)
+        assert figure.explained_fraction == pytest.approx(figure.on_own_runs, abs=0.1)
 
 
 def test_a_run_of_another_vehicle_is_not_explained(fit, small):
@@ -136,7 +136,7 @@ def test_fitted_runs_that_lack_a_channel_are_ignored_for_this_channel(small):
     deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
     fit = identify([first, replace(second, sensors={"imu": deaf})], small, options=FitOptions(diagnose=False))
     validation = validate(fit, run(small, 2))
-    own = {f"{c.sensor}[{c.entry}]": c.explained for c in fit.channels if c.run == "run 1"}
+    own = {f"{c.sensor}[{c.entry}]": c.explained_fraction for c in fit.channels if c.run == "run 1"}
     assert [f.channel for f in validation.figures] == ["imu[0]", "imu[1]", "imu[2]"]
     assert validation.figures[2].on_own_runs == pytest.approx(own["imu[2]"])
     assert "nan" not in validation.table()
@@ -157,7 +157,7 @@ def test_a_model_without_parameters_of_single_runs_can_be_validated(backend, sec
     assert fit.run_entry_names == ()
     validation = validate(fit, runs[1])
     assert [f.channel for f in validation.figures] == ["wheels[0]", "wheels[1]"]
-    assert min(f.explained for f in validation.figures) > 0.9
+    assert min(f.explained_fraction for f in validation.figures) > 0.9
 
 
 def test_extreme_and_nan_figures_are_printed_briefly():

@@ -76,7 +76,7 @@ class HeadingHold:
     limit : float [unit of u]
         Largest u_ψ; the correction is at most a quarter of it.
     speed_scale : float
-        Bound of the correction, as a ratio to |u_x|.
+        Bound of the correction, as a ratio to |u_x| [no unit].
     gyro : Gyro, optional
         Position of the gyro in the innovations, for an estimator that can reject the gyro.
 

@@ -80,7 +80,7 @@ class Tracking(NamedTuple):
     kappa : float [1/m]
         Curvature of the reference.
     forward_sign : float
-        Direction of the reference: 1 forward, −1 backward, 0 at rest, with a smooth transition.
+        Direction of the reference [no unit]: 1 forward, −1 backward, 0 at rest, with a smooth transition.
     dt_s : float
         Time since the last tick.
 

@@ -73,9 +73,10 @@ class FirstDrive(Result):
     no_motion : tuple of Diagnostic
         Directions in which the vehicle did not move.
     forward_gain, turn_gain : float
-        Gains of the vehicle divided by the gains of the file's model, along x and about z; NaN without measured motion.
+        Gains of the vehicle divided by the gains of the file's model [no unit], along x and about z; NaN without
+        measured motion.
     onset_level : ndarray (D,)
-        Part of the limit at which motion was first measured, per direction; NaN if it was never measured.
+        Part of the limit [no unit] at which motion was first measured, per direction; NaN if it was never measured.
     file_dead_zones_fit : bool
         True if the dead zones of the file fit better than `onset_level`: the vehicle moved before that level.
 

@@ -21,7 +21,7 @@ class Playback:
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
     done : ndarray (N,)
-        1.0 in the rows after the end of the guide, else 0.0.
+        1.0 in the rows after the end of the guide, else 0.0 [no unit].
 
     Examples
     --------

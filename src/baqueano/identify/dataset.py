@@ -144,8 +144,8 @@ def parameters_of(
     >>> [one.path for one in parameters_of(data, ["model.mass_kg"]).free]
     ['model.mass_kg']
     """
-    fixed = (*options.fixed, *options.per_run)
-    parameters = free_parameters(data.blocks, free, fixed, options.bounds, data.channels)
+    fixed_paths = (*options.fixed, *options.per_run)
+    parameters = free_parameters(data.blocks, free, fixed_paths, options.bounds, data.channels)
     return parameters_for_fit(
         data.blocks, parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options
     )

@@ -59,15 +59,18 @@ def identifiability_of(
     info: Information,
     signal_energy: np.ndarray,
     theta: np.ndarray,
-    shared: Sequence[FreeParameter],
-    fixed: np.ndarray,
+    shared_parameters: Sequence[FreeParameter],
+    is_fixed: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Identifiability:
-    """Return the identifiability of the entries of θ (p,). The first entries belong to `shared`, the parameters of the
-    vehicle. `signal_energy` (m,) belongs to the channels. `fixed` (p,) is a mask of entries that are already fixed;
+    """Return the identifiability of the entries of θ (p,). The first entries are `shared_parameters` of the vehicle.
+    `signal_energy` (m,) belongs to the channels. `is_fixed` (p,) is a mask of entries that are already fixed;
     `span` (p,) is the distance between the bounds."""
-    is_by_hand = [k < len(shared) and shared[k].definition.measured_by != "" for k in range(len(theta))]
-    is_identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
+    is_by_hand = [
+        k < len(shared_parameters) and shared_parameters[k].definition.measured_by != ""
+        for k in range(len(theta))
+    ]
+    is_identifiable, collinear, near = ~is_fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.information_by_channel, signal_energy)
     while is_identifiable.any():
         direction = _unobservable_direction(info.bread, is_identifiable)
@@ -76,18 +79,25 @@ def identifiability_of(
         loading = np.abs(direction) / np.max(np.abs(direction))
         main_entries = np.flatnonzero(loading >= MEMBER_LOADING).tolist()
         members, diagonal = np.flatnonzero(loading >= MIN_LOADING), np.diagonal(info.bread)
-        start_rank = np.where(np.arange(len(theta)) >= len(shared), -diagonal, 0.0)
+        start_rank = np.where(np.arange(len(theta)) >= len(shared_parameters), -diagonal, 0.0)
         rank = {int(i): (is_by_hand[i], round(loading[i], 1), start_rank[i]) for i in members}
         removed_entry = max(rank, key=rank.__getitem__)
         collinear[removed_entry] = tuple(i for i in main_entries if i != removed_entry)
         is_identifiable[removed_entry] = False
-    is_of_vehicle = np.arange(len(theta)) < len(shared)
+    is_of_vehicle = np.arange(len(theta)) < len(shared_parameters)
     # a bound of the integrator does not limit the effect that the equations can have
-    is_numerical = np.array([k < len(shared) and shared[k].is_numerical_bound for k in range(len(theta))])
+    is_numerical = np.array(
+        [k < len(shared_parameters) and shared_parameters[k].is_numerical_bound for k in range(len(theta))]
+    )
     span = np.full(len(theta), np.inf) if span is None else span
     weak_signal = np.where(is_numerical, signal, np.minimum(signal, span))
     signal = np.minimum(signal, span)
-    is_scale = np.array([k < len(shared) and shared[k].definition.role == "scale" for k in range(len(theta))])
+    is_scale = np.array(
+        [
+            k < len(shared_parameters) and shared_parameters[k].definition.role == "scale"
+            for k in range(len(theta))
+        ]
+    )
     signal, weak_signal = (
         np.where(is_scale, np.minimum(x, SCALE_STD / BLIND_RATIO), x) for x in (signal, weak_signal)
     )
@@ -239,7 +249,7 @@ class FinishedFit(NamedTuple):
     vehicle_file: "VehicleFile"
     blocks: FittedBlocks
     task: Task
-    requested: list[FreeParameter]  # (p,) all requested parameters
+    requested_parameters: list[FreeParameter]  # (p,) all requested parameters
     frozen: list[int]  # those whose command never moved; they are not in θ
     search: Search
     identifiability: Identifiability
@@ -253,13 +263,13 @@ class FinishedFit(NamedTuple):
 
     @property
     def in_theta(self) -> list[int]:
-        """Return the indices of the entries of `requested` that are in θ; they are its first entries, in order."""
-        return [k for k in range(len(self.requested)) if k not in self.frozen]
+        """Return the indices of the requested parameters that are in θ; they are its first entries, in order."""
+        return [k for k in range(len(self.requested_parameters)) if k not in self.frozen]
 
     @property
     def free(self) -> list[FreeParameter]:
-        """Return the entries of `requested` that are in θ."""
-        return [self.requested[k] for k in self.in_theta]
+        """Return the entries of `requested_parameters` that are in θ."""
+        return [self.requested_parameters[k] for k in self.in_theta]
 
     def confused_with(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
         """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
@@ -276,7 +286,7 @@ def finished_fit(
     end, identifiability, info = fix_unidentifiable(task, end, parameters.free)
     task = task._replace(low=parameters.low, high=parameters.high, problem=end.problem)
     return FinishedFit(
-        vehicle_file, parameters.blocks, task, list(parameters.requested), list(parameters.frozen),
+        vehicle_file, parameters.blocks, task, list(parameters.requested_parameters), list(parameters.frozen),
         with_bound_flags(task, end), identifiability, info, message, findings,
     )  # fmt: skip
 

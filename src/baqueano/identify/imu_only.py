@@ -116,7 +116,7 @@ def _search_yaw_rate_and_delay(task: Task) -> tuple[Task, Search]:
     for _ in range(MAX_ROUNDS):
         end = _search_gyro_aided(bounded_task, end)
         task, bounded_task = (part._replace(problem=end.problem) for part in (task, bounded_task))
-        if end.stopped or DELAY_PATH not in task.problem.shape.shared:
+        if end.stopped or DELAY_PATH not in task.problem.shape.shared_paths:
             break
         previous_theta, count = end.solution.theta, end.evaluations
         bounded_task, end = search_with_free_delay(task, previous_theta)

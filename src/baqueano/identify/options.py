@@ -21,9 +21,9 @@ class FitOptions:
     fixed : sequence of str
         Paths that keep their values in the file.
     bounds : mapping of str to (float, float)
-        Path → lowest and highest value, within the bounds of the field.
+        Path → lowest and highest value [unit of the field], within its bounds.
     start : mapping of str to float
-        Path → start of the search; default: the file's value.
+        Path → start of the search [unit of the field]; default: the file's value.
     per_run : sequence of str
         Paths that are estimated for each run separately.
     biases : bool

@@ -34,11 +34,11 @@ class Finding:
     wrong_part : str
         The wrong part: SENSOR, MODEL or UNKNOWN.
     reading : float
-        The last reading, in the sensor's unit.
+        The last reading [unit of the sensor].
     predicted_reading : float
-        The reading that the model predicts from the commands, in the sensor's unit.
+        The reading that the model predicts from the commands [unit of the sensor].
     ratio : float
-        Factor between readings and predictions, both minus the value at rest, by least squares; NaN if unknown.
+        Factor between readings and predictions [no unit], both minus the value at rest; NaN if unknown.
 
     Examples
     --------

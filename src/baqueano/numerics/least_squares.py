@@ -45,13 +45,13 @@ class Solution(NamedTuple):
 
 class Minimiser(Protocol):
     """Interface of a custom solver: it returns the θ (p,) of least cost between `low` and `high` (p,), from `theta`.
-    `fixed` (p,) is a mask of entries that must not change. The solver can stop at a decrement (4) below `tolerance`, or
+    `is_fixed` (p,) is a mask of entries that do not change. The solver can stop at a decrement (4) below `tolerance` or
     after `most` evaluations. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at` builds the
     result."""
 
     def __call__(
         self, evaluate: Callable[[np.ndarray], Evaluation], theta: np.ndarray, low: np.ndarray, high: np.ndarray, *,
-        fixed: np.ndarray | None, tolerance: float, most: int, damping: float,
+        is_fixed: np.ndarray | None, tolerance: float, most: int, damping: float,
     ) -> Solution: ...  # fmt: skip
 
 
@@ -69,11 +69,11 @@ def solution_at(
     Parameters
     ----------
     theta : ndarray (p,)
-        End of the search.
+        End of the search [unit of each].
     evaluation : Evaluation
         Cost, gradient and Hessian at `theta`.
     low, high : ndarray (p,)
-        Bounds.
+        Bounds [unit of each].
     converged : bool
         True if the cost cannot be reduced further.
     evaluations : int
@@ -107,16 +107,16 @@ def minimise(
     low: np.ndarray,
     high: np.ndarray,
     *,
-    fixed: np.ndarray | None = None,
+    is_fixed: np.ndarray | None = None,
     tolerance: float = 1e-8,
     most: int = MAX_EVALUATIONS,
     damping: float = DAMPING,
     evaluation: Evaluation | None = None,
 ) -> Solution:
-    """Return the solution with the θ (p,) of least cost between `low` and `high` (p,), searched from `theta`. `fixed`
-    (p,) is a mask of entries that do not change. `evaluation` is the evaluation at `theta` if it is known."""
+    """Return the solution with the θ (p,) of least cost between `low` and `high` (p,), searched from `theta`.
+    `is_fixed` (p,) masks entries that do not change. `evaluation` is the evaluation at `theta` if it is known."""
     theta = _clip(theta, low, high)
-    may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
+    may_move = np.ones(len(theta), bool) if is_fixed is None else ~is_fixed
     current = evaluate(theta) if evaluation is None else evaluation
     count, growth, idle_count = 1 if evaluation is None else 0, 2.0, 0
     if not _is_finite(current):

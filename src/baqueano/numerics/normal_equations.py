@@ -23,7 +23,7 @@ MIN_EIGENVALUE = 1e-9
 class ArrowLayout:
     """Indices of the parts of a `BlockArrow` in a vector (p,)."""
 
-    shared: np.ndarray  # (s,) entries of x
+    shared_entries: np.ndarray  # (s,) entries of x
     segment_entries: np.ndarray  # (K, q) entries of y_k
     is_segment_entry: np.ndarray  # (p,) bool
     index_in_part: np.ndarray  # (p,) index of an entry in x, or in its y_k
@@ -41,7 +41,7 @@ class BlockArrow:
     @classmethod
     def from_diagonal(cls, layout: ArrowLayout, d: np.ndarray) -> "BlockArrow":
         """Return the diagonal matrix of d (p,)."""
-        x, y = d[layout.shared], d[layout.segment_entries]
+        x, y = d[layout.shared_entries], d[layout.segment_entries]
         s, (count, q) = len(x), y.shape
         return cls(layout, np.diag(x), np.zeros((count, s, q)), y[:, :, None] * np.eye(q))
 
@@ -52,11 +52,17 @@ class BlockArrow:
             self.layout.is_segment_entry[indices[0]],
             self.layout.index_in_part[indices],
         )
-        shared, segment_index = part_index[:, ~is_segment_entry], part_index[:, is_segment_entry]
+        shared_index, segment_index = part_index[:, ~is_segment_entry], part_index[:, is_segment_entry]
         k = np.arange(len(parts))[:, None, None]
         row_parts, column_parts = parts[:, ~is_segment_entry], parts[:, is_segment_entry]
-        np.add.at(self.corner, (shared[:, :, None], shared[:, None, :]), row_parts[:, :, ~is_segment_entry])
-        self.border[k, shared[:, :, None], segment_index[:, None, :]] += row_parts[:, :, is_segment_entry]
+        np.add.at(
+            self.corner,
+            (shared_index[:, :, None], shared_index[:, None, :]),
+            row_parts[:, :, ~is_segment_entry],
+        )
+        self.border[k, shared_index[:, :, None], segment_index[:, None, :]] += row_parts[
+            :, :, is_segment_entry
+        ]
         self.blocks[k, segment_index[:, :, None], segment_index[:, None, :]] += column_parts[
             :, :, is_segment_entry
         ]
@@ -96,20 +102,20 @@ class BlockArrow:
 
     def dense(self) -> np.ndarray:
         """Return the matrix as a dense array (p, p)."""
-        shared, segment_entries = self.layout.shared, self.layout.segment_entries
+        rows = self.layout.shared_entries
         H = np.zeros((len(self.layout.index_in_part), len(self.layout.index_in_part)))
-        H[np.ix_(shared, shared)] = self.corner
-        for k, index in enumerate(segment_entries):
-            H[np.ix_(shared, index)], H[np.ix_(index, shared)] = self.border[k], self.border[k].T
+        H[np.ix_(rows, rows)] = self.corner
+        for k, index in enumerate(self.layout.segment_entries):
+            H[np.ix_(rows, index)], H[np.ix_(index, rows)] = self.border[k], self.border[k].T
             H[np.ix_(index, index)] = self.blocks[k]
         return H
 
     def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return v[self.layout.shared], v[self.layout.segment_entries]
+        return v[self.layout.shared_entries], v[self.layout.segment_entries]
 
     def _join(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         out = np.zeros(len(self.layout.index_in_part))
-        out[self.layout.shared], out[self.layout.segment_entries] = x, y
+        out[self.layout.shared_entries], out[self.layout.segment_entries] = x, y
         return out
 
 

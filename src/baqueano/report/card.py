@@ -239,7 +239,7 @@ def _calibration_card(result: Calibration) -> Card:
 def _validation_card(result: Validation) -> Card:
     rows = [
         {"run": figure.run, "channel": figure.channel, "error": figure.error, "unit": shown_unit(figure.unit),
-         "explained": percent_text(figure.explained)}
+         "explained": percent_text(figure.explained_fraction)}
         for figure in result.figures
     ]  # fmt: skip
     return Card(text(note("front.card-validation")), result.verdict, rows, [result.sentence])

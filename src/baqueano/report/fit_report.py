@@ -50,7 +50,7 @@ def page_of_fit(
             Headline(
                 _("noise of {channel}", channel=label(c)) + (f", {c.run}" if len(fit.runs) > 1 else ""),
                 f"{number(c.sigma):.3g}",
-                _("the model explains {part}", part=percent_text(c.explained)),
+                _("the model explains {part}", part=percent_text(c.explained_fraction)),
             )
             for c in _headline_channels(_worst_channels(fit.channels))
         ],
@@ -153,15 +153,15 @@ def _held_out_section(held_out: "Validation | None") -> list[Section]:
 
 def _channels_of(channels: Any, run: str) -> list[Any]:
     """Return the channels of one run whose explained part is finite."""
-    return [c for c in channels if c.run == run and np.isfinite(c.explained)]
+    return [c for c in channels if c.run == run and np.isfinite(c.explained_fraction)]
 
 
 def _lowest_explained(channels: Any) -> dict[str, float]:
     """Return, for each run, the explained part of its worst channel, in the order of the runs."""
     lowest: dict[str, float] = {}
     for c in channels:
-        if np.isfinite(c.explained):
-            lowest[c.run] = min(lowest.get(c.run, np.inf), c.explained)
+        if np.isfinite(c.explained_fraction):
+            lowest[c.run] = min(lowest.get(c.run, np.inf), c.explained_fraction)
     return lowest
 
 
@@ -173,7 +173,7 @@ def _worst_channels(channels: object) -> list[Any]:
 
 def _headline_channels(channels: list[Any]) -> list[Any]:
     """Return the MAX_HEADLINES channels that the model explains worst, in their order."""
-    worst_indices = np.argsort([c.explained for c in channels], kind="stable")[:MAX_HEADLINES]
+    worst_indices = np.argsort([c.explained_fraction for c in channels], kind="stable")[:MAX_HEADLINES]
     return [channels[k] for k in sorted(worst_indices)]
 
 
@@ -202,10 +202,10 @@ def _runs_section(fit: Fit) -> list[Section]:
             drawn=len(run_names),
             runs=len(fit.runs),
         )
-    names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
+    names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained_fraction)), []
     for run in fit.runs:
         rows_ = {
-            label(c): f"{number(c.sigma):.3g}, {percent_text(c.explained)}"
+            label(c): f"{number(c.sigma):.3g}, {percent_text(c.explained_fraction)}"
             for c in _channels_of(fit.channels, run)
         }
         rows.append({"run": run} | {name: rows_.get(name) for name in names})
@@ -227,7 +227,7 @@ def _run_names(runs: Any) -> str:
 def _run_section(fit: Fit, run: str) -> Section:
     channels = _channels_of(fit.channels, run)
     data_drawing, channels_shown = draw_most_motion(channels)
-    residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
+    residual = np.stack([(c.measurements - c.predictions) / c.sigma for c in channels], axis=1)
     over_time = figures.over_time([
         (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
         for c, r in zip(channels, residual.T, strict=True)
@@ -259,7 +259,7 @@ def draw_most_motion(channels: list[Any]) -> tuple[Any, str]:
     """
     t_s = channels[0].t_s
     measured_values, predicted_values = (
-        np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
+        np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measurements", "predictions")
     )
     rows = figures.most_motion(t_s, measured_values, MAX_SPAN_S)
     t = t_s[rows]

@@ -104,7 +104,7 @@ def _fit_drawings(result: Fit) -> dict[str, Draw]:
     channels = [
         channel
         for channel in result.channels
-        if channel.run == result.runs[0] and np.isfinite(channel.explained)
+        if channel.run == result.runs[0] and np.isfinite(channel.explained_fraction)
     ]
     if not channels:
         return {}
@@ -123,7 +123,7 @@ def _channel_drawings(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
         "data": lambda: draw_most_motion(list(channels))[0],
         "residuals": lambda: figures.residuals(
             np.stack(
-                [(channel.measured - channel.predicted) / channel.sigma for channel in channels], axis=1
+                [(channel.measurements - channel.predictions) / channel.sigma for channel in channels], axis=1
             ),
             [label(reason) for reason in channels],
         ),
@@ -132,7 +132,7 @@ def _channel_drawings(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
 
 @drawings_of.register(Validation)
 def _validation_drawings(result: Validation) -> dict[str, Draw]:
-    finite = [channel for channel in result.channels if np.isfinite(channel.explained)]
+    finite = [channel for channel in result.channels if np.isfinite(channel.explained_fraction)]
     return (
         _channel_drawings([channel for channel in finite if channel.run == finite[0].run]) if finite else {}
     )

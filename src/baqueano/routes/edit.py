@@ -137,7 +137,7 @@ def scale(route: Route, factor: float) -> Route:
     route : Route
         The route; it is not changed.
     factor : float
-        Ratio between the lengths of the new and the old route, above 0.
+        Ratio between the lengths of the new and the old route [no unit], above 0.
 
     Returns
     -------

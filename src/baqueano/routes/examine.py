@@ -83,7 +83,7 @@ class RouteReport(Result):
     radius_m : float [m]
         Smallest radius of a curve; 0 for a turn on the spot, infinite for a straight line.
     share : float
-        Largest part of the command that the route needs; NaN without a vehicle.
+        Largest part of the command that the route needs [no unit]; NaN without a vehicle.
     free_m : float [m]
         Least distance between the body and a wall; NaN without a room.
     findings : tuple of Diagnostic

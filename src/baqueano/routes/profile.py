@@ -83,7 +83,7 @@ def fastest(
     vehicle_file : VehicleFile
         The identified vehicle: its model and the limits of its command.
     share : float
-        Largest share of the command that the route needs, above 0, at most 1; the controller uses the rest.
+        Largest share of the command that the route needs [no unit], above 0, at most 1; the controller uses the rest.
     sideways_m_s2 : float [m/s²]
         Largest acceleration to the side; above it, tyres and small objects slip.
     speed_m_s : float

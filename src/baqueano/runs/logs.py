@@ -82,7 +82,7 @@ class ReferenceLog(NamedTuple):
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame of the route.
     done : ndarray (N,)
-        1.0 from the tick at which the guide finished.
+        1.0 from the tick at which the guide finished [no unit].
 
     Examples
     --------

@@ -76,7 +76,7 @@ class TermResult(NamedTuple):
     gain: float  # relative fall of the held-out error of a block, mean over blocks
     gain_sd: float
     errors: float  # the gain in its standard errors
-    needed: float  # standard errors that the rule requires
+    required_errors: float  # standard errors that the rule requires
     estimate: tuple[float, ...]  # on all runs
     sd: tuple[float, ...]  # by leaving folds out
     one_step_without: float
@@ -85,7 +85,7 @@ class TermResult(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return the decision and its values as a message."""
-        details: JsonObject = {"errors": self.errors, "needed": self.needed}
+        details: JsonObject = {"errors": self.errors, "needed": self.required_errors}
         part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
         name = self.term.name
         details["term"] = name
@@ -105,7 +105,7 @@ class TermResult(NamedTuple):
             "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
             "channel": self.channel.name, "unit": self.channel.unit, "error_without": self.without,
             "error_with": self.with_, "gain": self.gain, "gain_sd": self.gain_sd,
-            "standard_errors": self.errors, "needed": self.needed, "estimate": list(self.estimate),
+            "standard_errors": self.errors, "needed": self.required_errors, "estimate": list(self.estimate),
             "sd": list(self.sd), "one_step_without": self.one_step_without,
             "one_step_with": self.one_step_with, "text": text(self.message),
         }  # fmt: skip

@@ -158,7 +158,7 @@ class _ModelSelection:
         candidates, plain = free_parameters(blocks, paths, (), bounds), FitOptions(at_rest=options.at_rest)
         parameters = parameters_for_fit(blocks, candidates, runs, only, base_file.rate_hz, plain)
         blocks, shape = parameters.blocks, parameters.shape
-        self.paths = list(shape.shared)
+        self.paths = list(shape.shared_paths)
         at_rest = [begins_at_rest(run, blocks.sensors) for run in runs]
         held_out = HeldOutFolds(
             blocks, shape, parameters.records, at_rest, len(validation_runs), setup.options.backend

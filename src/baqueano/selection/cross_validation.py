@@ -105,9 +105,9 @@ class HeldOutFolds:
         self.blocks = [*fitted_blocks, *block_numbers]
         run_numbers = [np.full(len(r.dt_s), r.run) for r in records]
         is_fitted = [run < fitted_runs if held_out_count else run >= 0 for run in run_numbers]
-        fitted = [r.with_mask(mask) for r, mask in zip(records, is_fitted, strict=True)]
-        self.all_data = Residuals(blocks, shape, fitted, backend)
-        self.shared = np.arange(self.all_data.size) < len(shape.shared)
+        fit_records = [r.with_mask(mask) for r, mask in zip(records, is_fitted, strict=True)]
+        self.all_data = Residuals(blocks, shape, fit_records, backend)
+        self.is_shared = np.arange(self.all_data.size) < len(shape.shared_paths)
         self.starts = np.arange(self.all_data.size) >= self.all_data.layout.first_start
         self.still = np.zeros(self.all_data.size, bool)  # starts that are known to be 0
         for k, record in enumerate(records):
@@ -136,7 +136,7 @@ class HeldOutFolds:
         problem = (self.all_data if problem is None else problem).weight(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high,
-            fixed=~is_free, tolerance=FINAL_DECREMENT, most=max_evaluations, damping=1e-4,
+            is_fixed=~is_free, tolerance=FINAL_DECREMENT, most=max_evaluations, damping=1e-4,
         )  # fmt: skip
 
     def score(self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray) -> Score:
@@ -160,10 +160,10 @@ class HeldOutFolds:
         # a start can belong to held-out data
         movable = is_free if self.whole_runs else is_free & ~self.starts
         theta_ = self.fit(theta, movable, sigma, fold.train).theta
-        shared_theta = theta_[self.shared]
+        shared_theta = theta_[self.is_shared]
         if self.whole_runs:
             theta_ = np.where(self.still, 0.0, theta_)
-            theta_ = self.fit(theta_, is_free & ~self.shared & ~self.still, sigma, fold.test).theta
+            theta_ = self.fit(theta_, is_free & ~self.is_shared & ~self.still, sigma, fold.test).theta
         by_segment = zip(fold.test.weight(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
         for r, has, block in by_segment:
             a = np.abs(r)

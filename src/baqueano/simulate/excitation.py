@@ -45,7 +45,7 @@ def random_steps(
     Returns
     -------
     ndarray (N, n)
-        Commands, one row per tick.
+        Commands, one row per tick [unit of u].
 
     Notes
     -----
@@ -164,12 +164,13 @@ def excitation(
     rest_s : float
         Length of each rest.
     **options : float
-        Length of a level, bit or triangle: `hold_s`, `bit_s`, `ramp_s`; band of a multisine: `low_hz`, `high_hz`.
+        Length of a level, bit or triangle [s]: `hold_s`, `bit_s`, `ramp_s`; band of a multisine [Hz]: `low_hz`,
+        `high_hz`.
 
     Returns
     -------
     ndarray (N, n)
-        Commands, one row per tick.
+        Commands, one row per tick [unit of u].
 
     Raises
     ------

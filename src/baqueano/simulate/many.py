@@ -49,7 +49,7 @@ class Ensemble(Result):
     names : tuple of str
         Dotted keys of the p parameters that vary.
     theta : ndarray (L, p)
-        Values of these parameters for each vehicle.
+        Values of these parameters for each vehicle [unit of each].
     t_s : ndarray (K,)
         Times of the stored poses.
     eta : ndarray (L, K, 3) [m, m, rad]

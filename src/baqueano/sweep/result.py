@@ -72,7 +72,7 @@ class SweepDrive(NamedTuple):
     name : str
         Vehicle, route and seed; the same in each cell.
     figures : dict of float
-        Results by their names; NaN if not known.
+        Results by their names, which contain their units [unit of each]; NaN if not known.
     pieces : dict of ErrorSegments
         Segments of each rms value, by which drives are compared.
     stop_code : str

@@ -52,7 +52,7 @@ def scan(
     inputs : tree
         An example of the inputs of one tick: any values of the correct shapes.
     theta : array_like (p,), optional
-        An example of the parameters.
+        An example of the parameters [unit of each].
     backend : str
         "auto", "c", "python", or "numpy": the step then runs unchanged.
 
@@ -98,7 +98,7 @@ class Scan(ABC):
     inputs : tree
         An example of the inputs of one tick.
     theta : ndarray (p,) or None
-        An example of the parameters.
+        An example of the parameters [unit of each].
 
     Examples
     --------

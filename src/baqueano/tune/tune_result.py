@@ -83,7 +83,7 @@ class TuneResult(Result):
     descents : tuple of Descent
         The descents, the least cost first.
     history : ndarray (e, 2)
-        For each evaluation, the number of its descent and its cost.
+        For each evaluation, the number of its descent and its cost [no unit].
     loop : str
         "perfect pose" or "estimator in the loop".
     backend : str
@@ -93,7 +93,7 @@ class TuneResult(Result):
     kind : str, type, block or None
         The controller that was tuned instead of the controller of the file; None for the controller of the file.
     relative_costs : ndarray (p, k)
-        Cost relative to the least cost, if one gain at a time is multiplied by each of k factors.
+        Cost relative to the least cost [no unit], if one gain at a time is multiplied by each of k factors.
     speed_m_s : float
         Mean speed of the routes.
     worst_case : WorstCase or None

@@ -58,7 +58,7 @@ class ChannelMetrics(NamedTuple):
     run: str
     channel: str
     error: float  # root mean square
-    explained: float
+    explained_fraction: float
     on_own_runs: float  # explained part on the runs of the fit
     unit: str = ""  # of error
     noise: float = float("nan")  # error that sensor noise and process noise explain, by (2)
@@ -105,7 +105,7 @@ class Validation(Result):
         head = [_("held out"), _("channel"), _("error"), "", _("of noise"), _("explained"), _("own runs")]
         rows = (
             [f.run, f.channel, f"{number(f.error):.3g}", shown_unit(f.unit), ratio_text(f.times),
-             percent_text(f.explained), percent_text(f.on_own_runs)]
+             percent_text(f.explained_fraction), percent_text(f.on_own_runs)]
             for f in self.figures
         )  # fmt: skip
         lines = text_table("<<><>>>", head, *rows)
@@ -146,7 +146,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
         channels += of_run.channels
     metrics, messages = [], _too_few_reasons(fit, runs)
     for c in channels:
-        if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
+        if np.isfinite(c.measurements - c.predictions).any() and np.isfinite(c.explained_fraction):
             own_channels = [own for own in fit.channels if (own.sensor, own.entry) == (c.sensor, c.entry)]
             unit = channel_unit(vehicle_file, c.sensor, c.entry)
             channel_metrics, channel_findings = _channel_metrics(c, own_channels, unit)
@@ -188,7 +188,9 @@ def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic
 
 def _channels_used(fit: Fit) -> tuple[str, ...]:
     """Return the sensors of the fit, in the form of `use`, without hand measurements."""
-    entries_used = dict.fromkeys((c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained))
+    entries_used = dict.fromkeys(
+        (c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained_fraction)
+    )
     sensors = [name for name in fit.sigma if name not in KINDS]
     whole_sensors = [
         name for name in sensors if all((name, k) in entries_used for k in range(len(fit.sigma[name])))
@@ -204,17 +206,17 @@ def _channel_metrics(
 ) -> tuple[ChannelMetrics, list[Diagnostic]]:
     """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs of
     the fit. Also return the evidence against the model."""
-    own_channels = [channel for channel in own_channels if np.isfinite(channel.explained)]
-    e = c.measured - c.predicted
-    explained_share = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
+    own_channels = [channel for channel in own_channels if np.isfinite(channel.explained_fraction)]
+    e = c.measurements - c.predictions
+    explained_fraction = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measurements), 1e-300))
     metrics = ChannelMetrics(
-        c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), explained_share, np.nan, unit
+        c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), explained_fraction, np.nan, unit
     )
     if not own_channels:
         return metrics, []
     errors, own_errors = _channel_errors(c, own_channels)
-    samples = [np.isfinite(channel.measured).sum() for channel in own_channels]
-    share = float(np.average([channel.explained for channel in own_channels], weights=samples))
+    samples = [np.isfinite(channel.measurements).sum() for channel in own_channels]
+    share = float(np.average([channel.explained_fraction for channel in own_channels], weights=samples))
     square, white = (
         np.average([getattr(error, k) for error in own_errors], weights=samples)
         for k in _ChannelError._fields[:2]
@@ -228,15 +230,15 @@ def _channel_metrics(
 
 def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:
     """Return a finding on a channel whose explained part is significantly below 0, or None.  (5)"""
-    finite = np.isfinite(c.measured - c.predicted)
+    finite = np.isfinite(c.measurements - c.predictions)
     blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_BLOCK_S)
-    total = float(np.var(c.measured[finite]))
-    excess = -metrics.explained * total
+    total = float(np.var(c.measurements[finite]))
+    excess = -metrics.explained_fraction * total
     chance = student_quantile(1.0 - 0.5 * FALSE_ALARM_RATE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
         return None
     return _channel_finding(
-        "validation.worse-than-mean", Severity.ERROR, metrics, explained=100 * metrics.explained
+        "validation.worse-than-mean", Severity.ERROR, metrics, explained=100 * metrics.explained_fraction
     )
 
 
@@ -254,7 +256,8 @@ def _evidence_against(
     """Return the evidence against the model in one channel of a run, at most one finding.  (3), (4)"""
     noise2, freedom, alpha = metrics.noise**2, len(errors.g) + len(own_squares) - 2, 0.5 * FALSE_ALARM_RATE
     details = {
-        "times": metrics.times, "explained": 100 * max(metrics.explained, 0.0), "of_own": 100 * metrics.on_own_runs,
+        "times": metrics.times, "explained": 100 * max(metrics.explained_fraction, 0.0),
+        "of_own": 100 * metrics.on_own_runs,
     }  # fmt: skip
     finding = _channel_finding("validation.off", Severity.WARNING, metrics, **details)
     if errors.square > MAX_SQUARE_RATIO * noise2 and (
@@ -284,7 +287,7 @@ def _channel_errors(
 ) -> tuple[_ChannelError, list[_ChannelError]]:
     """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S. If there are fewer than
     MIN_BLOCKS blocks, use blocks of SHORT_BLOCK_S if this gives more blocks."""
-    own_residuals = np.concatenate([channel.measured - channel.predicted for channel in own_channels])
+    own_residuals = np.concatenate([channel.measurements - channel.predictions for channel in own_channels])
     spread, trials = float(np.sqrt(np.nanmean(own_residuals**2))), []
     for block_s in (BLOCK_S, SHORT_BLOCK_S):
         errors, *own_errors = (_channel_error(channel, spread, block_s) for channel in (c, *own_channels))
@@ -297,7 +300,7 @@ def _channel_errors(
 
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
     """Return the residuals of a channel in blocks of `block_s`, clipped at CLIP_RATIO times `spread`."""
-    e, finite = c.measured - c.predicted, np.isfinite(c.measured - c.predicted)
+    e, finite = c.measurements - c.predictions, np.isfinite(c.measurements - c.predictions)
     e, t = np.clip(e[finite], -CLIP_RATIO * spread, CLIP_RATIO * spread), c.t_s[finite]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)
     block_numbers, counts = np.unique(block, return_counts=True)

@@ -82,25 +82,25 @@ class ParameterHistory(Result):
     when: tuple[str, ...]  # (K,) dates, "" if the timestamps are not dates
     single: np.ndarray  # (K, p) fits of single runs; NaN if not identifiable, or if the fit was refused
     single_sd: np.ndarray  # (K, p)
-    followed: np.ndarray  # (K, p) after run k, from the runs up to it
-    followed_sd: np.ndarray  # (K, p)
+    filtered_values: np.ndarray  # (K, p) after run k, from the runs up to it
+    filtered_sd: np.ndarray  # (K, p)
     cov: np.ndarray  # (p, p) after the last run
-    smoothed: np.ndarray  # (K, p) from all runs
+    smoothed_values: np.ndarray  # (K, p) from all runs
     smoothed_sd: np.ndarray  # (K, p)
     walk: np.ndarray  # (p,) q: standard deviation of a parameter's change from run to run
     changes: tuple[ParameterChange, ...]
-    refused: tuple[str, ...]  # runs whose fit was refused
+    refused_runs: tuple[str, ...]  # runs whose fit was refused
     last: "Fit"  # of the last run that could be fitted
 
     @property
     def verdict(self) -> Verdict:
         """Return WARN if a parameter moved or a run was refused, else USABLE."""
-        return Verdict.WARN if self.changes or self.refused else Verdict.USABLE
+        return Verdict.WARN if self.changes or self.refused_runs else Verdict.USABLE
 
     @property
     def vehicle_file(self) -> "VehicleFile":
         """Return the file with the parameters after the last run."""
-        value, std = self.followed[-1], self.followed_sd[-1]
+        value, std = self.filtered_values[-1], self.filtered_sd[-1]
         is_measured = np.isfinite(value) & np.isfinite(std)
         paths = [name for name, k in zip(self.names, is_measured, strict=True) if k]
         blocks = substitute(self.last.blocks, paths, [float(x) for x in value[is_measured]])
@@ -116,8 +116,8 @@ class ParameterHistory(Result):
                     {
                         "run": run, "when": self.when[k] or None, "name": name, "unit": self.units[i],
                         "estimate": float(self.single[k, i]), "sd": float(self.single_sd[k, i]),
-                        "followed": float(self.followed[k, i]), "followed_sd": float(self.followed_sd[k, i]),
-                        "smoothed": float(self.smoothed[k, i]), "smoothed_sd": float(self.smoothed_sd[k, i]),
+                        "filtered": float(self.filtered_values[k, i]), "filtered_sd": float(self.filtered_sd[k, i]),
+                        "smoothed": float(self.smoothed_values[k, i]), "smoothed_sd": float(self.smoothed_sd[k, i]),
                     }
                 )  # fmt: skip
         return out
@@ -130,7 +130,7 @@ class ParameterHistory(Result):
                 without_model_prefix(name),
                 _with_error(self.single[0, i], self.single_sd[0, i]),
                 _with_error(self.single[-1, i], self.single_sd[-1, i]),
-                _with_error(self.followed[-1, i], self.followed_sd[-1, i]),
+                _with_error(self.filtered_values[-1, i], self.filtered_sd[-1, i]),
                 self.units[i],
             ]
             for i, name in enumerate(self.names)
@@ -140,7 +140,7 @@ class ParameterHistory(Result):
 
     def _sentences(self) -> list[str]:
         out = [f"- {text(change.message)}" for change in self.changes]
-        out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
+        out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused_runs]
         constant = _("no parameter changed beyond its error bars over {runs} runs", runs=len(self.runs))
         summary = _("{moved} parameters changed", moved=len(self.changes)) if self.changes else constant
         return [*out, f"{_(self.verdict)}: {summary}"]
@@ -150,17 +150,17 @@ class ParameterHistory(Result):
 class Drift:
     """The parameters of a `ParameterHistory` that changed; `rows` contains only these."""
 
-    followed: ParameterHistory
+    history: ParameterHistory
 
     @property
     def verdict(self) -> Verdict:
         """Return the verdict of the whole history."""
-        return self.followed.verdict
+        return self.history.verdict
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per parameter that changed."""
         keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
-        out = [change._asdict() for change in self.followed.changes]
+        out = [change._asdict() for change in self.history.changes]
         return [
             {key: row[key] for key in keys} | {"from_run": row["between"][0], "to_run": row["between"][1]}
             for row in out
@@ -168,7 +168,7 @@ class Drift:
 
     def table(self) -> str:
         """Return the table as text."""
-        return "\n".join(self.followed._sentences())
+        return "\n".join(self.history._sentences())
 
 
 def parameter_history(
@@ -202,7 +202,7 @@ def parameter_history(
 
 
 def track_parameters(
-    fits: Sequence["Fit"], refused: tuple[str, ...] = (), when: Sequence[str] = ()
+    fits: Sequence["Fit"], refused_runs: tuple[str, ...] = (), when: Sequence[str] = ()
 ) -> ParameterHistory:
     """Return the history of the parameters from fits in order of time.  (1), (2)"""
     first = fits[0]
@@ -210,18 +210,18 @@ def track_parameters(
     single, single_sd = np.full((len(fits), p), np.nan), np.full((len(fits), p), np.nan)
     covs = np.full((len(fits), p, p), np.nan)
     for k, fit in enumerate(fits):
-        if fit.runs[0] not in refused:
+        if fit.runs[0] not in refused_runs:
             single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
     walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
     filtered_values, cov, smoothed_values = _smooth(single, covs, walk)
     columns = zip(first.names, first.units, single.T, single_sd.T, strict=True)
     tests = [_change(name, unit, runs, x, std, p) for name, unit, x, std in columns]
     changes = sorted((one for one in tests if one is not None), key=lambda change: -abs(change.z))
-    last = [fit for fit in fits if fit.runs[0] not in refused][-1]
+    last = [fit for fit in fits if fit.runs[0] not in refused_runs][-1]
     dates = tuple(when) or ("",) * len(fits)
     return ParameterHistory(
         first.names, first.units, runs, dates, single, single_sd, *filtered_values, cov, *smoothed_values, walk,
-        tuple(changes), refused, last,
+        tuple(changes), refused_runs, last,
     )  # fmt: skip
 
 

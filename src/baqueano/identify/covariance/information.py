@@ -40,7 +40,7 @@ class Information(NamedTuple):
     sample_count: int
     # (K, p) s_k of (3); None if the runs are not split, or the residuals are white
     scores: np.ndarray | None = None
-    shared: int = 0  # q
+    shared_count: int = 0  # q
 
 
 def information(problem: Residuals, theta: np.ndarray) -> Information:
@@ -112,7 +112,9 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     cov = cov * (info.sample_count / max(1, info.sample_count - len(identifiable)))
     if info.scores is not None:
         moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T).T
-        factors = inflation_factors(np.diagonal(cov), np.diagonal(covariance_of_changes(moves, info.shared)))
+        factors = inflation_factors(
+            np.diagonal(cov), np.diagonal(covariance_of_changes(moves, info.shared_count))
+        )
         cov = cov * np.outer(factors, factors)
     return cov / np.outer(scale, scale)
 

@@ -81,8 +81,8 @@ def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: Fitt
     records_with_voltage = []
     for record in records:
         volts = _voltage_at_rows(record, runs[record.run], drivetrain)
-        measured = Measurements(volts[:, None], np.zeros((len(volts), 1)), None)
-        records_with_voltage.append(record._replace(sensors={**record.sensors, VOLTAGE_KEY: measured}))
+        readings = Measurements(volts[:, None], np.zeros((len(volts), 1)), None)
+        records_with_voltage.append(record._replace(sensors={**record.sensors, VOLTAGE_KEY: readings}))
     return records_with_voltage
 
 

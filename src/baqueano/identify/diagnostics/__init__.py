@@ -37,7 +37,7 @@ def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> res
         messages = earlier_messages + channel_map.with_mount_findings(end, messages)
         return residual_checks.Diagnosis(messages, np.zeros((s, s)), np.zeros(s))
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
-    messages += gains.gain_findings(end.blocks, problem.shape.shared, estimate, std[:s])
+    messages += gains.gain_findings(end.blocks, problem.shape.shared_paths, estimate, std[:s])
     messages += gains.noise_findings(file_sigma, sigma, problem.labels)
     diagnosis = residual_checks.check_residuals(
         end.blocks, problem, theta, identifiable, std, (end.task.low, end.task.high)

@@ -90,7 +90,9 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     A gyro is confirmed if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
     file. The start of the search is not evidence, so it is not used. (2)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    unbounded_parameters = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
+    unbounded_parameters = [
+        end.requested_parameters[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta
+    ]
     by_file = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
     first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = measurements(problem), predictions(problem, by_file)
@@ -225,6 +227,6 @@ def _log_sigma(end: Search, channels: slice, n: np.ndarray) -> float:
 
 
 def _agrees_with_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
-    names = task.problem.shape.shared
+    names = task.problem.shape.shared_paths
     messages = gain_findings(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
     return not any(message.code in AXIS_CODES for message in messages)

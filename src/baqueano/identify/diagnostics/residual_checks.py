@@ -95,7 +95,7 @@ def check_residuals(
     candidates = list if motion is None else term_columns(blocks, problem, motion)
     fit = fit_residuals(problem, theta, identifiable)
     low, high = (bound[index] - theta[index] for bound in bounds)
-    paths = [problem.shape.shared[i] for i in index]
+    paths = [problem.shape.shared_paths[i] for i in index]
     fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high)
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]

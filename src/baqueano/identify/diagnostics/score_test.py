@@ -41,7 +41,7 @@ class NuisanceDerivatives(NamedTuple):
     rows: slice  # of N
     columns: slice  # of N m
     d: np.ndarray  # (q, n m) derivatives, with earlier nuisance parameters eliminated
-    weighted: np.ndarray  # (q, n m) d w
+    weighted_slopes: np.ndarray  # (q, n m) d w
     inverse: np.ndarray  # (q, q) of d w dᵀ
 
 
@@ -57,7 +57,7 @@ class FitResiduals(NamedTuple):
     run: np.ndarray  # (N,) the number of the run
     blocks: np.ndarray  # (B,) first row of each block
     inverse: np.ndarray  # A⁻¹ (k, k)
-    weighted: np.ndarray  # (k + 1, N m) d w, and ψ
+    weighted_rows: np.ndarray  # (k + 1, N m) d w, and ψ
     power: float  # Σ ψ² / Σ w: the sum over all residuals, divided by the number that is not clipped
     signal: float  # Σ of the squared measurements in standard deviations, about the mean of each channel
 
@@ -175,13 +175,13 @@ def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
 
 def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
     """Return the sums for the columns D (K, N m)."""
-    energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
+    energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted_rows), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
         for rows in cache_slices(D.shape[1], products.size):
             columns = D.T[rows]
             energy += np.einsum("n,nk->k", fit.w[rows], columns * columns)
-            products += fit.weighted[:, rows] @ columns
-        of_nuisances = [_product(D[:, own.columns], own.weighted.T) for own in fit.nuisances]
+            products += fit.weighted_rows[:, rows] @ columns
+        of_nuisances = [_product(D[:, own.columns], own.weighted_slopes.T) for own in fit.nuisances]
     return _ScoreSums(energy, products[-1], products[:-1].T, of_nuisances)
 
 
@@ -209,14 +209,14 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     """Return, for each mask (N,), the tests if each of the k entries differs in its rows, with D = 1_part d."""
     k, n = len(fit.d), len(fit.run)
     m, part_masks = len(fit.clipped_residuals) // n, np.array(masks)
-    rows = fit.weighted[:-1].T.reshape(n, m, k)
+    rows = fit.weighted_rows[:-1].T.reshape(n, m, k)
     code = 2 ** np.arange(len(part_masks)) @ part_masks
     pattern = (np.cumsum(np.bincount(code) > 0) - 1)[code]
     A = _sums_by_part(rows, rows, pattern, part_masks)  # w is 0 or 1
     scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
     of_nuisances = []
     for own in fit.nuisances:
-        weighted_rows, of_rows = own.weighted.T.reshape(-1, m, len(own.d)), part_masks[:, own.rows]
+        weighted_rows, of_rows = own.weighted_slopes.T.reshape(-1, m, len(own.d)), part_masks[:, own.rows]
         of_nuisances.append(_sums_by_part(rows[own.rows], weighted_rows, pattern[own.rows], of_rows))
     energy, total = np.einsum("pkk->pk", A).ravel(), _product(part_masks.astype(float), scores).ravel()
     of_nuisances = [products.reshape(len(part_masks) * k, -1) for products in of_nuisances]

@@ -278,7 +278,7 @@ def _reading_terms(
             terms.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), sensor_dot))
         if has_field(block, "lever_arm_m"):
             terms += _mount_terms(name, h, motions, span)
-        if not getattr(block, "has_low_pass", True) and DELAY_PATH in problem.shape.shared:
+        if not getattr(block, "has_low_pass", True) and DELAY_PATH in problem.shape.shared_paths:
             filtered_readings = np.zeros_like(h)
             filtered_readings[:, span] = LOW_PASS_S * h_dot[:, span]
             curvature = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2

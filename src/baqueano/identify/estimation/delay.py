@@ -43,7 +43,7 @@ MIN_COST_GAIN = 25.0
 def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     """Return the task whose bounds contain only one tick of delay, and the best search. Without a free delay, `task` is
     returned unchanged."""
-    shared_names, counts = task.problem.shape.shared, []
+    shared_names, counts = task.problem.shape.shared_paths, []
     if DELAY_PATH not in shared_names:
         return task, best_search(task, begin)
 
@@ -157,7 +157,7 @@ def _fit(
 ) -> Solution:
     return task.minimise(
         task.problem.evaluate, theta, task.low, task.high,
-        fixed=is_fixed, tolerance=max(min_tolerance, ROUGH_DECREMENT), most=MAX_EVALUATIONS, damping=1e-6,
+        is_fixed=is_fixed, tolerance=max(min_tolerance, ROUGH_DECREMENT), most=MAX_EVALUATIONS, damping=1e-6,
     )  # fmt: skip
 
 

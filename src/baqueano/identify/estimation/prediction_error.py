@@ -158,11 +158,11 @@ class Prediction:
 
 
 def maximum_likelihood(
-    prediction: Prediction, theta: np.ndarray, low: np.ndarray, high: np.ndarray, fixed: np.ndarray,
+    prediction: Prediction, theta: np.ndarray, low: np.ndarray, high: np.ndarray, is_fixed: np.ndarray,
     least: np.ndarray | None = None, progress: Callable[[str], object] | None = None,
 ) -> MaximumLikelihood:  # fmt: skip
     """Return the x of maximum likelihood. The search starts at `theta` (p,) of the simulation and stays between `low`
-    and `high` (p,). `fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `least` (m,),
+    and `high` (p,). `is_fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `least` (m,),
     given by its converter and by rounding. The first search has v = 0, the second one a free v. `progress` is called
     with a text; if it returns True, a search ends."""
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
@@ -171,15 +171,15 @@ def maximum_likelihood(
     high = np.concatenate([high, np.full(k, np.inf), np.full(m, MAX_LOG_NOISE)])
     is_floor = np.zeros(len(x), bool)
     is_floor[len(theta) : len(theta) + k] = True
-    fixed = np.concatenate([fixed, np.zeros(k + m, bool)])
-    without_floor = _search(prediction, x, low, high, fixed | is_floor, DAMPING, progress)
-    solution = _search(prediction, without_floor.theta, low, high, fixed, 1e-6, progress)
+    is_fixed = np.concatenate([is_fixed, np.zeros(k + m, bool)])
+    without_floor = _search(prediction, x, low, high, is_fixed | is_floor, DAMPING, progress)
+    solution = _search(prediction, without_floor.theta, low, high, is_fixed, 1e-6, progress)
     ratio = 2.0 * (without_floor.evaluation.cost - solution.evaluation.cost) / TAU
     theta, noise = prediction.split_vector(solution.theta)
     info = prediction.information(solution.theta)
     is_positive = is_floor & (solution.theta > 0.0)
     std = np.full(len(x), np.nan)
-    entries = np.flatnonzero((is_positive | (~fixed & ~is_floor)) & (np.diagonal(info.bread) > 0.0))
+    entries = np.flatnonzero((is_positive | (~is_fixed & ~is_floor)) & (np.diagonal(info.bread) > 0.0))
     std[entries] = np.sqrt(np.diagonal(covariance_of(info, entries)))
     evaluations = without_floor.evaluations + solution.evaluations
     return MaximumLikelihood(solution, theta, noise, std[is_floor], info, ratio, evaluations)
@@ -195,7 +195,7 @@ def _search(
     while True:
         solution = minimise(
             prediction.evaluate, x, low, high,
-            fixed=is_fixed, tolerance=TOLERANCE, most=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
+            is_fixed=is_fixed, tolerance=TOLERANCE, most=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
         )  # fmt: skip
         evaluation_count += solution.evaluations
         cost = solution.evaluation.cost

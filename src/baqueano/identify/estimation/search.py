@@ -80,7 +80,7 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
     """Return the search from `begin` (p,). If its result is not plausible, return the best of several searches."""
     best_end = search(task, begin)
     signal, counts = task.problem.signal_std(), task.problem.counts
-    fields = [path.partition("[")[0] for path in task.problem.shape.shared]
+    fields = [path.partition("[")[0] for path in task.problem.shape.shared_paths]
     is_gain = np.array([field.endswith(GAIN_NAMES) for field in fields], dtype=bool)
     for factor in RESTART_FACTORS if is_gain.any() and task.again else ():
         if best_end.stopped or best_end.is_sound(signal):
@@ -104,11 +104,11 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
 def search(
     task: Task,
     theta: np.ndarray,
-    fixed: np.ndarray | None = None,
+    is_fixed: np.ndarray | None = None,
     previous: Search | None = None,
     rough: bool = False,
 ) -> Search:
-    """Return one search from `theta` (p,). The entries in the mask `fixed` (p,) do not change. The search begins with
+    """Return one search from `theta` (p,). Entries in the mask `is_fixed` (p,) do not change. The search begins with
     the σ of `previous` if it is given. (1) If `rough`, the search ends when σ changes by less than NEAR_CHANGE."""
     problem, sigma_fixed = task.problem, task.fixed_sigma is not None
     damping = 1e-2 if previous is None else 1e-6
@@ -123,7 +123,7 @@ def search(
         problem = problem.weight(sigma, profile)
         is_near = is_near or round_number == MAX_ROUNDS
         solution = task.minimise(
-            problem.evaluate, theta, task.low, task.high, fixed=fixed, damping=damping,
+            problem.evaluate, theta, task.low, task.high, is_fixed=is_fixed, damping=damping,
             tolerance=FINE_DECREMENT if is_near else ROUGH_DECREMENT,
             most=MAX_EVALUATIONS if is_near else ROUND_EVALUATIONS,
         )  # fmt: skip

@@ -63,11 +63,11 @@ class Noise(Result):
     Parameters
     ----------
     in_motion : dict of str to ndarray (m, m)
-        Sensor → Q.
+        Sensor → Q [products of the units of its channels].
     at_rest : dict of str to ndarray (m, m) or None
-        Sensor → Q; None with too few samples at rest, absent for a sensor that the fit did not use.
+        Sensor → Q [as above]; None with too few samples at rest, absent for a sensor that the fit did not use.
     process : ndarray (6, 6)
-        R of (ν, ν̇) per tick; shape (0, 0) for a filter without R.
+        R of (ν, ν̇) per tick [products of m/s, rad/s, m/s², rad/s²]; shape (0, 0) for a filter without R.
     rate_hz : float
         Ticks per second of R.
     source : str
@@ -77,7 +77,7 @@ class Noise(Result):
     units : dict of str to str
         Unit of each channel, such as "imu[0]".
     fields : dict of str to ndarray (k,)
-        Noise of the recommended filter.
+        Noise of the recommended filter [unit of each key].
     speed : SpeedChannels, optional
         Accelerometers that correct the speed in the recommended filter.
     accepted : Acceptance, optional
@@ -98,12 +98,14 @@ class Noise(Result):
     units: dict[str, str] = field(default_factory=dict)
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     speed: SpeedChannels | None = None
-    accepted: Acceptance | None = None
+    acceptance: Acceptance | None = None
 
     @property
     def verdict(self) -> Verdict:
         """Return USABLE, or WARN if a value was raised to its lower limit or held-out runs disagree."""
-        return Verdict.WARN if self.notes or (self.accepted and self.accepted.disagrees) else Verdict.USABLE
+        return (
+            Verdict.WARN if self.notes or (self.acceptance and self.acceptance.disagrees) else Verdict.USABLE
+        )
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per entry of a diagonal, with its standard deviation."""
@@ -141,7 +143,7 @@ class Noise(Result):
             source = _("R of (ν, ν̇) per tick at {rate_hz:g} Hz, from the {source}",
                        rate_hz=self.rate_hz, source=_(self.source))  # fmt: skip
             lines.append(source)
-        lines += texts(message.message for message in (self.speed, self.accepted) if message)
+        lines += texts(message.message for message in (self.speed, self.acceptance) if message)
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
     @checked_call("noise.updated_file(fit.vehicle_file)")
@@ -282,7 +284,7 @@ def _measurement(
         if name in KINDS:
             continue  # the error of a hand measurement is given by the user
         columns = sorted(
-            {c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()}
+            {c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measurements).any()}
         )
         r, q, floor = _residuals(fit, runs, name, columns)
         residuals = r if len(r) >= MIN_SAMPLES else np.concatenate([r, q])
@@ -315,8 +317,8 @@ def _residuals(
     for channels_of_run, run in zip(fit.channels_by_run, runs, strict=True):
         by_entry = {c.entry: c for c in channels_of_run if c.sensor == name}
         channels = [by_entry[i] for i in columns]
-        r = np.stack([c.measured - c.predicted for c in channels], axis=1)
-        h = np.stack([c.predicted for c in channels], axis=1)
+        r = np.stack([c.measurements - c.predictions for c in channels], axis=1)
+        h = np.stack([c.predictions for c in channels], axis=1)
         is_complete = np.isfinite(r).all(axis=1)
         at_standstill = _is_at_rest(run, channels[0].t_s, h, sigma)
         r = np.clip(r, -CLIP_SIGMA * sigma, CLIP_SIGMA * sigma)

@@ -46,7 +46,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     outputs = [kernel.sensitivities(motion_rows(record_of(run, {})), theta) for run in runs]
     nu_x, derivatives = (np.concatenate(columns)[:, 0] for columns in zip(*outputs, strict=True))
     moving = np.abs(nu_x) > MIN_SPEED_M_S
-    C, c, described, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
+    C, c, modelled_sum, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
     for direction in (1.0, -1.0):
         rows = moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
         if rows.any():
@@ -56,9 +56,9 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
             weight = rows.sum() / moving.sum()
             C += weight * (B @ P @ B.T)
             c += weight * float(B[0] @ fit.gyro_shift[entries])
-            described += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
+            modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
             total += np.einsum("ni,ij,nj->", D, P, D)
-    C *= total / described if described > 0.0 else 1.0
+    C *= total / modelled_sum if modelled_sum > 0.0 else 1.0
     if any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
         c = 0.0
     else:

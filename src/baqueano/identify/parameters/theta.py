@@ -58,7 +58,7 @@ START_NAMES = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 class ThetaShape(NamedTuple):
     """Names and numbers of the entries of θ for one segment of a run."""
 
-    shared: tuple[str, ...]  # paths that all runs share
+    shared_paths: tuple[str, ...]  # paths that all runs share
     per_run: tuple[str, ...]  # paths with one value per run: biases
     start: tuple[int, ...]  # indices of START_NAMES that are free
     # for each sensor, True if its timestamps are between ticks, or if its clock is free
@@ -72,7 +72,7 @@ class ThetaShape(NamedTuple):
     @property
     def paths(self) -> tuple[str, ...]:
         """Return the paths of the parameters at the beginning of θ."""
-        return (*self.shared, *self.per_run)
+        return (*self.shared_paths, *self.per_run)
 
     @property
     def by_run(self) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ class ThetaShape(NamedTuple):
     @property
     def size(self) -> int:
         """Return the length of θ of one segment."""
-        return len(self.shared) + len(self.by_run) + len(self.start)
+        return len(self.shared_paths) + len(self.by_run) + len(self.start)
 
 
 class ThetaLayout(NamedTuple):
@@ -139,7 +139,7 @@ class Parameters:
     segment."""
 
     blocks: FittedBlocks  # prepared for the free parameters
-    requested: tuple[FreeParameter, ...]  # (q,) all requested parameters
+    requested_parameters: tuple[FreeParameter, ...]  # (q,) all requested parameters
     frozen: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
     records: tuple[FitRecord, ...]  # per segment
     shape: ThetaShape
@@ -150,36 +150,40 @@ class Parameters:
 
     @property
     def free(self) -> list[FreeParameter]:
-        """Return the parameters of `requested` that are in θ; they are its first entries, in order."""
-        return [parameter for k, parameter in enumerate(self.requested) if k not in self.frozen]
+        """Return the requested parameters that are in θ; they are its first entries, in order."""
+        return [parameter for k, parameter in enumerate(self.requested_parameters) if k not in self.frozen]
 
 
 def parameters_for_fit(
     blocks: FittedBlocks,
-    requested: Sequence[FreeParameter],
+    requested_parameters: Sequence[FreeParameter],
     runs: Sequence[Run],
     channels: Mapping[str, list[int]],
     rate_hz: float,
     options: FitOptions,
 ) -> Parameters:
-    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` is a field of `Dataset`. Raise
+    """Return the requested parameters of `blocks` for all rows of `runs`; `channels` is a field of `Dataset`. Raise
     UsageError if no command moved, or if bounds or start values belong to no free parameter."""
-    _check_bounds(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
+    _check_bounds(options.bounds, [*(parameter.path for parameter in requested_parameters), *options.per_run])
     options = with_pose_segments(options, blocks)
     for run in runs:
         if len(run.applied_commands) and not np.any(np.isfinite(run.applied_commands)):
             raise UsageError(fault("runs.no-command", run=run.name))
     u = np.nan_to_num(np.concatenate([run.applied_commands for run in runs]))
-    frozen_numbers = frozen_columns(list(requested), u)
-    if (requested and len(frozen_numbers) == len(requested)) or not np.any(u):
+    frozen_numbers = frozen_columns(list(requested_parameters), u)
+    if (requested_parameters and len(frozen_numbers) == len(requested_parameters)) or not np.any(u):
         raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
-    blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_rows_of(runs))
+    blocks, requested_parameters = enable_parameters(
+        blocks, list(requested_parameters), rate_hz, u, past_rows_of(runs)
+    )
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
-    free = [parameter for k, parameter in enumerate(requested) if k not in frozen_numbers]
+    free = [parameter for k, parameter in enumerate(requested_parameters) if k not in frozen_numbers]
     shape = shape_of(blocks, free, records, options)
     layout = layout_of(shape, records)
     begin = start_theta(blocks, free, shape, records, options)
-    return Parameters(blocks, tuple(requested), tuple(frozen_numbers), tuple(records), shape, layout, *begin)
+    return Parameters(
+        blocks, tuple(requested_parameters), tuple(frozen_numbers), tuple(records), shape, layout, *begin
+    )
 
 
 def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
@@ -196,7 +200,7 @@ def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
 def layout_of(shape: ThetaShape, records: Sequence[FitRecord]) -> ThetaLayout:
     """Return the indices in θ of the entries of each segment."""
     runs = tuple(record.run for record in records)
-    return ThetaLayout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
+    return ThetaLayout(len(shape.shared_paths), len(shape.by_run), len(shape.start), runs)
 
 
 def eliminate_starts(
@@ -222,10 +226,10 @@ def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | Non
         return None
     is_segment_entry = np.zeros(layout.size + extra_count, bool)
     is_segment_entry[segment_entries] = True
-    shared, index_in_part = np.flatnonzero(~is_segment_entry), np.zeros(len(is_segment_entry), int)
-    index_in_part[shared] = np.arange(len(shared))
+    shared_entries, index_in_part = np.flatnonzero(~is_segment_entry), np.zeros(len(is_segment_entry), int)
+    index_in_part[shared_entries] = np.arange(len(shared_entries))
     index_in_part[segment_entries] = np.arange(segment_entries.shape[1])
-    return ArrowLayout(shared, segment_entries, is_segment_entry, index_in_part)
+    return ArrowLayout(shared_entries, segment_entries, is_segment_entry, index_in_part)
 
 
 def records_of(
@@ -267,10 +271,13 @@ def _check_bounds(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]
 
 
 def shape_of(
-    blocks: FittedBlocks, shared: Sequence[FreeParameter], records: Sequence[FitRecord], options: FitOptions
+    blocks: FittedBlocks,
+    shared_parameters: Sequence[FreeParameter],
+    records: Sequence[FitRecord],
+    options: FitOptions,
 ) -> ThetaShape:
-    """Return the meaning of θ: the `shared` parameters, the parameters of each run, the start of each segment."""
-    paths, names = tuple(parameter.path for parameter in shared), blocks.sensors._fields
+    """Return the meaning of θ: `shared_parameters`, the parameters of each run, the start of each segment."""
+    paths, names = tuple(parameter.path for parameter in shared_parameters), blocks.sensors._fields
     run_paths = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
         zero_names = BIASES[:1] if has_offset(blocks.model) else BIASES
@@ -311,7 +318,7 @@ def start_theta(
         paths = entries(blocks, path)
         for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
             by_path[p] = float(x)
-    missing = [p for p in by_path if p not in shape.shared and p not in shape.per_run]
+    missing = [p for p in by_path if p not in shape.shared_paths and p not in shape.per_run]
     if missing:
         raise UsageError(fault("start.not-free", path=missing[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)

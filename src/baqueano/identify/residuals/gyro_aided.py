@@ -53,7 +53,9 @@ class GyroAidedResiduals(Residuals):
     def __init__(
         self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
-        records = [_after_unknown_commands(record, blocks, DELAY_PATH in shape.shared) for record in records]
+        records = [
+            _after_unknown_commands(record, blocks, DELAY_PATH in shape.shared_paths) for record in records
+        ]
         super().__init__(blocks, shape, records, backend)
         self.scan = cached_kernel(blocks, shape, backend, _trace)
         imu = self.names[0]

@@ -73,8 +73,8 @@ def read_sensors(
 ) -> tuple[list[np.ndarray], tuple[Tree, ...]]:
     """Return h (m,) of each sensor as `read_sensor` does, and the signals."""
     rows = zip(sensors, signals, weights, strict=True)
-    stepped = [read_sensor(sensor, signal, motion, dt_s, w) for sensor, signal, w in rows]
-    return [h for _, h in stepped], tuple(signal for signal, _ in stepped)
+    readings = [read_sensor(sensor, signal, motion, dt_s, w) for sensor, signal, w in rows]
+    return [h for _, h in readings], tuple(signal for signal, _ in readings)
 
 
 class MotionState(NamedTuple):

@@ -79,19 +79,19 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     problem, solution = end.task.problem, end.search.solution
     evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
-    s = len(problem.shape.shared)
-    shared_cov = np.full((len(end.requested), len(end.requested)), np.nan)
+    s = len(problem.shape.shared_paths)
+    shared_cov = np.full((len(end.requested_parameters), len(end.requested_parameters)), np.nan)
     shared_cov[np.ix_(end.in_theta, end.in_theta)] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
     run_entry_names, run_values, run_entry_sd = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
     sigma_by_sensor = np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1])
     commands = end.vehicle_file.command.names
-    start = np.array([value(end.blocks, parameter.path) for parameter in end.requested])
+    start = np.array([value(end.blocks, parameter.path) for parameter in end.requested_parameters])
     start[end.in_theta] = end.task.start[: len(end.in_theta)]
     fit = Fit(
         names=evidence.names,
-        units=tuple(parameter.unit for parameter in end.requested),
+        units=tuple(parameter.unit for parameter in end.requested_parameters),
         start=start,
         estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
@@ -152,11 +152,11 @@ def _evidence(
     end: FinishedFit, findings: tuple[Diagnostic, ...], unobservable_terms: tuple[Diagnostic, ...]
 ) -> Evidence:
     """Return the evidence for the verdict."""
-    solution, s = end.search.solution, len(end.task.problem.shape.shared)
+    solution, s = end.search.solution, len(end.task.problem.shape.shared_paths)
     identifiable = end.identifiability.mask[:s]
     channels = _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation)
     return Evidence(
-        tuple(parameter.path for parameter in end.requested),
+        tuple(parameter.path for parameter in end.requested_parameters),
         _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _in_order(end, end.identifiability.poorly_identified[:s], False).astype(bool),
@@ -216,7 +216,7 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
     """Return the values of the shared entries of θ in the order of `requested`, with `frozen_value` for the frozen
     parameters."""
-    ordered_values = np.full(len(end.requested), frozen_value, dtype=float)
+    ordered_values = np.full(len(end.requested_parameters), frozen_value, dtype=float)
     ordered_values[end.in_theta] = values
     return ordered_values
 
@@ -258,7 +258,7 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
     unobservable_terms, never_shown = [], []
     columns: dict[int, list[FreeParameter]] = {}
-    for parameter in (end.requested[k] for k in end.frozen):
+    for parameter in (end.requested_parameters[k] for k in end.frozen):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain
@@ -278,14 +278,14 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
 def _most_moving(end: FinishedFit) -> str:
     """Return the path of the parameter that a search without convergence would still move most, in standard errors.
     Return "" after convergence."""
-    solution, s = end.search.solution, len(end.task.problem.shape.shared)
+    solution, s = end.search.solution, len(end.task.problem.shape.shared_paths)
     free_entries = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
     A, g = end.info.bread[np.ix_(free_entries, free_entries)], solution.evaluation.gradient[free_entries]
     if solution.converged or not len(free_entries) or not (np.isfinite(A).all() and np.isfinite(g).all()):
         return ""
     inverse = np.linalg.pinv(A, hermitian=True)
     moves = np.abs(inverse @ g) / np.sqrt(np.maximum(np.diagonal(inverse), 1e-300))
-    return end.task.problem.shape.shared[free_entries[np.argmax(moves)]]
+    return end.task.problem.shape.shared_paths[free_entries[np.argmax(moves)]]
 
 
 def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
@@ -310,11 +310,13 @@ def _inseparable_sums(end: FinishedFit) -> list[Diagnostic]:
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
     tilted_names = [
         name for name, block in blocks
-        if has_field(block, "tilt_rad") and not _has_path(shape.shared, f"sensors.{name}.tilt_rad")
+        if has_field(block, "tilt_rad") and not _has_path(shape.shared_paths, f"sensors.{name}.tilt_rad")
         and _has_path(shape.paths, f"sensors.{name}.accel_bias")
     ]  # fmt: skip
     without_filter = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
-    delays = without_filter[:1] if DELAY_PATH in shape.shared and len(without_filter) == len(blocks) else []
+    delays = (
+        without_filter[:1] if DELAY_PATH in shape.shared_paths and len(without_filter) == len(blocks) else []
+    )
     return [note("delay.sum", subject=name) for name in delays] + [
         note("bias.tilt-sum", subject=name) for name in tilted_names
     ]
@@ -342,7 +344,7 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 
 def _mount_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return a note on a fitted position of the mark, which belongs to the map and not to the vehicle file."""
-    pairs = zip(problem.shape.shared, theta, strict=False)
+    pairs = zip(problem.shape.shared_paths, theta, strict=False)
     values = ", ".join(
         f"{path.removeprefix(MOUNT_PREFIX)} = {x:.4g}" for path, x in pairs if path.startswith(MOUNT_PREFIX)
     )
@@ -352,6 +354,6 @@ def _mount_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
-    shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
+    shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared_paths)
     means = theta[s : layout.first_start].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
     return substitute(end.blocks, shape.paths, [float(x) for x in (*theta[:s], *means)])

@@ -42,10 +42,10 @@ class ChannelFit(NamedTuple):
     sensor: str
     entry: int
     t_s: np.ndarray  # (N,)
-    measured: np.ndarray  # (N,) NaN without a measurement
-    predicted: np.ndarray  # (N,)
+    measurements: np.ndarray  # (N,) NaN without a measurement
+    predictions: np.ndarray  # (N,)
     sigma: float  # of its noise
-    explained: float  # part of the measurements' variance that the model explains, outliers clipped
+    explained_fraction: float  # part of the measurements' variance that the model explains, outliers clipped
     autocorrelation: float  # sum of the autocorrelation of the residuals, 0 for white noise
 
 
@@ -59,21 +59,22 @@ class Fit(Result):
     names, units : tuple of str (p,)
         Dotted paths of the vehicle file, with entries, in the order of `free`; their units.
     start : ndarray (p,)
-        Start of the search.
+        Start of the search [unit of each].
     estimate, sd : ndarray (p,)
-        Estimates, and their standard errors; NaN if the parameter was not identifiable.
+        Estimates, and their standard errors [unit of each]; NaN if the parameter was not identifiable.
     bound : ndarray (p,)
-        −1 at the low bound, 1 at the high one, 0 inside.
+        −1 at the low bound, 1 at the high one, 0 inside [no unit].
     poorly_identified : ndarray of bool (p,)
         Poorly identified.
     cov : ndarray (p, p)
-        Covariance of the estimates; NaN if not identifiable.
+        Covariance of the estimates [products of their units]; NaN if not identifiable.
     gyro_shift : ndarray (p,)
-        Change of the estimates per relative error of the gyro's scale: above 0 the vehicle turns faster than measured.
+        Change of the estimates [unit of each] per relative error of the gyro's scale: above 0 the vehicle turns
+        faster than measured.
     run_entry_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
     run_entries, run_entry_sd : ndarray (runs, q)
-        Estimates of these entries, and their standard errors.
+        Estimates of these entries, and their standard errors [unit of each].
     unobservable : tuple of Diagnostic
         Parameters that a better run would show.
     always_unobservable : tuple of Diagnostic
@@ -85,13 +86,13 @@ class Fit(Result):
     channels : tuple of ChannelFit
         Measurement and prediction of each channel in each run.
     sigma : dict of str to ndarray (m,)
-        Sensor → standard deviation of its noise.
+        Sensor → standard deviation of its noise [unit of each channel].
     autocorrelated : bool
         True if the residuals are autocorrelated; then the standard errors were widened.
     converged : bool
         True if the search ended at a minimum.
     cost : float
-        Huber cost at the end.
+        Huber cost at the end [no unit].
     evaluations : int
         Number of evaluations of the cost.
     runs : tuple of str
@@ -167,7 +168,7 @@ class Fit(Result):
     def includes(self, run: "Run") -> bool:
         """Return True if the fit used this run: a run with its name and with its readings."""
         return any(
-            all(contains_readings(run, c.sensor, c.entry, c.measured) for c in channels)
+            all(contains_readings(run, c.sensor, c.entry, c.measurements) for c in channels)
             for name, channels in zip(self.runs, self.channels_by_run, strict=True)
             if name == run.name
         )
@@ -303,23 +304,23 @@ class Fit(Result):
         if len(self.runs) > MAX_LISTED_RUNS:
             return self._channels_together()
         for c in self.channels:
-            if not np.isfinite(c.explained):
+            if not np.isfinite(c.explained_fraction):
                 continue  # it was not fitted
             label = f"{c.sensor}[{c.entry}]"
             label = _("{channel} of {run}", channel=label, run=c.run) if len(self.runs) > 1 else label
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
-            details = {"channel": label, "noise": noise, "part": percent_text(c.explained)}
+            details = {"channel": label, "noise": noise, "part": percent_text(c.explained_fraction)}
             out.append(_("{channel}: noise {noise}, the model explains {part}", **details))
         return out
 
     def _channels_together(self) -> list[str]:
         """Return one line per channel on all runs: the median run, and the run with the least explained part."""
-        out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained)]
+        out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained_fraction)]
         for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in finite_channels):
             by_explained = sorted(
                 (c for c in finite_channels if (c.sensor, c.entry) == (sensor, entry)),
-                key=lambda c: c.explained,
+                key=lambda c: c.explained_fraction,
             )
             median, lowest = by_explained[len(by_explained) // 2], by_explained[0]
             noise = f"{number(median.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
@@ -330,8 +331,8 @@ class Fit(Result):
                     channel=f"{sensor}[{entry}]",
                     runs=len(by_explained),
                     noise=noise,
-                    middle=percent_text(median.explained),
-                    least=percent_text(lowest.explained),
+                    middle=percent_text(median.explained_fraction),
+                    least=percent_text(lowest.explained_fraction),
                     run=lowest.run,
                 )
             )

@@ -178,7 +178,7 @@ def leave_one_out(
     changes = _leave_out(simulation, identifiable), _leave_out(innovation, free)
     cost = [_cost(block, change) for block, change in zip(simulation, changes[0], strict=True)]
     other_cost = [_cost(block, change) for block, change in zip(innovation, changes[1], strict=True)]
-    names = problem.shape.shared
+    names = problem.shape.shared_paths
     common = np.intersect1d(identifiable, free)
     common = common[common < len(names)]
     delta = changes[0][:, common] - changes[1][:, common]

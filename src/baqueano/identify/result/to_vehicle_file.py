@@ -150,10 +150,13 @@ def envelope_of(
     for name, sensor in sensors._asdict().items():
         for entry in np.flatnonzero(speed_channels(sensor)):
             channel_fits = [
-                c for c in channels if (c.sensor, c.entry) == (name, entry) and np.isfinite(c.explained)
+                c
+                for c in channels
+                if (c.sensor, c.entry) == (name, entry) and np.isfinite(c.explained_fraction)
             ]
             z = [
-                c.measured[np.abs(c.measured - c.predicted) <= OUTLIER_SIGMA * c.sigma] for c in channel_fits
+                c.measurements[np.abs(c.measurements - c.predictions) <= OUTLIER_SIGMA * c.sigma]
+                for c in channel_fits
             ]
             if sum(map(len, z)):
                 ranges[f"{name}[{entry}]"] = (

@@ -120,7 +120,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
         refusals.append(note("fit.not-converged-moving", ERROR, f"--fix {key}", key, key=key))
     elif not e.converged:
         refusals.append(note("fit.not-converged", ERROR, "--fix KEY"))
-    shares = [c.explained for c in e.channels if np.isfinite(c.explained)]
+    shares = [c.explained_fraction for c in e.channels if np.isfinite(c.explained_fraction)]
     over_all = {label: sum_of_runs(runs) for label, runs in e.runs_of_channel.items()}
     max_explained = max([0.0, *shares, *(channel.explained_variance for channel in over_all.values())])
     error_ratios = {
@@ -165,7 +165,11 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
         warnings.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
     for label, c, channel in zip(_labels(e), e.autocorrelation, e.channels, strict=False):
-        if abs(c) > WHITE_LIMIT and channel.explained < 1.0 - MAX_RESIDUAL_SHARE**2 and label not in subjects:
+        if (
+            abs(c) > WHITE_LIMIT
+            and channel.explained_fraction < 1.0 - MAX_RESIDUAL_SHARE**2
+            and label not in subjects
+        ):
             warnings.append(note("residual.lacking", WARNING, subject=label))
     return warnings + _noise_warnings(e)
 
@@ -200,9 +204,9 @@ def _single_outlier(e: Evidence, label: str) -> Diagnostic:
     and prediction in place of 100 % outliers."""
     channel_fits = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
     z, h, sigma = next(
-        (float(c.measured[k]), float(c.predicted[k]), c.sigma)
+        (float(c.measurements[k]), float(c.predictions[k]), c.sigma)
         for c in channel_fits
-        for k in np.flatnonzero(np.isfinite(c.measured - c.predicted))
+        for k in np.flatnonzero(np.isfinite(c.measurements - c.predictions))
     )
     units = CHANNEL_UNITS.get(channel_fits[0].sensor, ())
     unit = units[channel_fits[0].entry] if channel_fits[0].entry < len(units) else ""
@@ -216,7 +220,7 @@ def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
     m = len(e.autocorrelation)
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
-        residuals = (c.measured - c.predicted) / c.sigma
+        residuals = (c.measurements - c.predictions) / c.sigma
         is_in_group = np.isfinite(residuals), residuals > OUTLIER_SIGMA, residuals < -OUTLIER_SIGMA
         counts[k % m] += np.sum(is_in_group, axis=1)
     return [(int(n), int(above), int(below)) for n, above, below in counts]
@@ -262,17 +266,17 @@ def by_channel(
     for label, mean_of_runs in zip(labels, means, strict=True):
         min_count = 1 if mean_of_runs else 2
         channel_fits = [c for c in channels if f"{c.sensor}[{c.entry}]" == label]
-        channel_fits = [c for c in channel_fits if np.isfinite(c.measured).sum() >= min_count]
-        is_finite = [np.isfinite(c.measured) for c in channel_fits]
-        z = [c.measured[finite_rows] for c, finite_rows in zip(channel_fits, is_finite, strict=True)]
+        channel_fits = [c for c in channel_fits if np.isfinite(c.measurements).sum() >= min_count]
+        is_finite = [np.isfinite(c.measurements) for c in channel_fits]
+        z = [c.measurements[finite_rows] for c, finite_rows in zip(channel_fits, is_finite, strict=True)]
         mean = float(np.mean(np.concatenate(z))) if mean_of_runs and z else None
-        for c, finite_rows, measured in zip(channel_fits, is_finite, z, strict=True):
-            limit = CLIP_SIGMA * max(c.sigma, float(np.std(measured)))
-            residuals = np.clip(measured - c.predicted[finite_rows], -limit, limit)
-            signal = c.predicted[finite_rows] + residuals
+        for c, finite_rows, measurements in zip(channel_fits, is_finite, z, strict=True):
+            limit = CLIP_SIGMA * max(c.sigma, float(np.std(measurements)))
+            residuals = np.clip(measurements - c.predictions[finite_rows], -limit, limit)
+            signal = c.predictions[finite_rows] + residuals
             signal = signal - (np.mean(signal) if mean is None else mean)
             squares, signal_squares = (dot(x, x) / c.sigma**2 for x in (residuals, signal))
-            of_run = ChannelOfRun(c.run, squares, signal_squares, len(measured))
+            of_run = ChannelOfRun(c.run, squares, signal_squares, len(measurements))
             runs_of_channel.setdefault(label, []).append(of_run)
     return runs_of_channel
 

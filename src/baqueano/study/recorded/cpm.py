@@ -86,7 +86,7 @@ def with_raw_clock(name: str) -> "Run":
 def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) -> list["TableRow"]:
     """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
-    share, bar = figures["odometer[0]"].explained, MIN_EXPLAINED[name]
+    share, bar = figures["odometer[0]"].explained_fraction, MIN_EXPLAINED[name]
     dry = DRY_TERMS.intersection(choice.selected_terms)
     battery = next(judgement for judgement in choice.term_results if judgement.term.name == BATTERY_TERM)
     return [

@@ -181,12 +181,12 @@ def where(condition: Value, a: Value, b: Value) -> Value:
     condition : bool or ndarray
         True for the entries of `a`.
     a, b : float or ndarray
-        Values of shapes that broadcast.
+        Values of shapes that broadcast [any unit].
 
     Returns
     -------
     float or ndarray
-        The chosen entries.
+        The chosen entries [unit of a and b].
 
     Examples
     --------
@@ -204,16 +204,16 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
     Parameters
     ----------
     x : float or ndarray
-        The points of interpolation.
+        The points of interpolation [any unit].
     xp : ndarray (m,)
-        Abscissae of the table, increasing.
+        Abscissae of the table, increasing [unit of x].
     fp : ndarray (m,)
-        Values of the table; the end values are used outside its range.
+        Values of the table [any unit]; the end values are used outside its range.
 
     Returns
     -------
     float or ndarray
-        Interpolated values, in the shape of x.
+        Interpolated values, in the shape of x [unit of fp].
 
     Examples
     --------

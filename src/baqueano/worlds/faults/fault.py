@@ -61,7 +61,7 @@ class Fault:
         Components of a push or a tilt.
     size : float [unit of the channel]
         Largest change of the reading by a drift or by spikes.
-    part : float [1]
+    part : float [no unit]
         Share of the samples, the force, the voltage or the frames.
     frame : str
         Frame of a push: "body" or "map".
