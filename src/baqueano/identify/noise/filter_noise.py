@@ -132,7 +132,7 @@ def filter_noise(
         if speed_is_measured:
             ekf = _without_wheel_slip(ekf, fit, inertial)
         else:
-            moving = [u[u != 0.0] for u in (run.applied[:, 0] for run in runs)]
+            moving = [u[u != 0.0] for u in (run.applied_commands[:, 0] for run in runs)]
             rms = float(np.sqrt(np.mean(np.concatenate([np.zeros(1), *moving]) ** 2)))
             ekf = _with_misfit_from_accelerometer(ekf, fit, inertial, _straight_drive(fit, rms).decay_rate)
     ekf = with_speed_error(ekf, fit, runs)
