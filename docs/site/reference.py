@@ -58,7 +58,10 @@ TRANSLATED = (
     "baqueano.report",
 )  # for a block of one's own, and for what a notebook shows of its results
 TITLE = "Reference of the Python names"
-INTRODUCTION = "These pages are generated from the code. `help(bq.repeat)` shows the same text."
+INTRODUCTION = (
+    "These pages are generated from the code. `help(bq.repeat)` shows the same text. Pages for a course exist in "
+    "English and Spanish. The pages of other modules are for programmers, and exist in English only."
+)
 MODULES = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
 WORDS = {*LISTED, "Examples", "Notes", "References", "module", "content"}  # other words alone are types
 LONG = 24  # letters of the longest default value that is shown

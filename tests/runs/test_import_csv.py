@@ -238,7 +238,7 @@ def test_the_proposed_map_entry_skips_a_row_of_units(lab, name):
     path.write_text("\n".join([head, "s,-,-,-,-,-,-,m/s", *lines]) + "\n", encoding="utf-8")
     text = lab.map.replace('column = "speed"', f'column = "{name}"')
     text = text.replace('path = "board.csv"', 'path = "board.csv"\nwhere = { }')
-    map_file = lab.folder / "told.toml"
+    map_file = lab.folder / "commented.toml"
     map_file.write_text(text, encoding="utf-8")
     with refused("table.word", FileError, column="t", value="s", key="t", line=2) as error_info:
         import_run(map_file)

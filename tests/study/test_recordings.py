@@ -49,7 +49,7 @@ def test_a_skid_steered_vehicle_is_predicted_from_its_wheels():
 
 def study_of(ok=True):
     row = {"recording": "one", "quantity": "speed [m/s]", "value": 0.0712345, "bar": "≤ 0.09", "ok": ok}
-    return RecordingStudy((row, row | {"quantity": "told", "value": True}), ())
+    return RecordingStudy((row, row | {"quantity": "text", "value": True}), ())
 
 
 def test_rows_table_and_page_report_the_met_requirements():

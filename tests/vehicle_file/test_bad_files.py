@@ -102,7 +102,7 @@ CASES = {
     "two names": ('names = ["u_x", "u_y", "u_psi"]', 'names = ["a", "b"]',
         "vehicle.command-names", {"value": 2, "model": "Planar", "expected": 3}),
     "same name twice": ('names = ["u_x", "u_y"', 'names = ["u_x", "u_x"', "vehicle.command-name-twice", {}),
-    "names are no names": ('names = ["u_x", "u_y", "u_psi"]', "names = [1, 2, 3]", "vehicle.not-names", {}),
+    "names that are numbers": ('names = ["u_x", "u_y", "u_psi"]', "names = [1, 2, 3]", "vehicle.not-names", {}),
     "no names": ('names = ["u_x", "u_y", "u_psi"]', "", "vehicle.no-command-names", {}),
     "rate of a snail": ("rate_hz = 100.0\n\n", "rate_hz = 0.1\n\n",
         "vehicle.out-of-range", {"value": "0.1", "low": 1.0, "high": 2000.0, "in_unit": "Hz"}),
