@@ -126,6 +126,49 @@ def test_a_number_of_a_public_name_states_its_unit():
     assert not lacks, "write its unit, such as [m/s] or [no unit]: " + "; ".join(lacks)
 
 
+OWN_UNITS = {
+    **dict.fromkeys(("measurement_noise_cov", "noise_std"), "of the readings of the sensor"),
+    **dict.fromkeys(("initial_std", "process_noise_std"), "of the state of the filter or of the vehicle"),
+    **dict.fromkeys(("change_max", "k_chi"), "of the control law"),
+    "cost": "of the objective of the search",
+}  # a name with the same meaning in several places, whose unit depends on the place
+
+
+def test_a_name_has_one_unit_in_all_places():
+    units: dict[str, set[str]] = {}
+    for value in DOCUMENTED.values():
+        doc = NumpyDocString(inspect.getdoc(value) or "")
+        for entry in [*doc["Parameters"], *doc["Attributes"], *doc["Other Parameters"]]:
+            unit = re.search(r"\[([^]]+)]", " ".join([entry.type, *entry.desc]))
+            if unit and re.search(r"\b(float|ndarray)\b", entry.type):
+                for name in entry.name.split(", "):
+                    units.setdefault(name, set()).add(unit[1])
+    several = {
+        name: of_name
+        for name, of_name in units.items()
+        if len({unit for unit in of_name if not re.search(r"\bunits?\b(?<!no unit)", unit)}) > 1
+    }
+    assert several.keys() == OWN_UNITS.keys(), f"one name for one quantity: {several}"
+
+
+SYNONYMS = {  # a name that is not used, and the name of the same idea
+    "notices": "notes", "remarks": "notes", "directory": "folder", "frequency_hz": "rate_hz", "covariance": "cov",
+    "velocity": "nu", "stddev": "std", "time_s": "t_s", "applied": "applied_commands", "vehicle_toml": "vehicle_file",
+}  # fmt: skip
+
+
+def test_an_idea_has_one_name():
+    names = {
+        entry_name.strip(): name
+        for name, value in DOCUMENTED.items()
+        for section in ("Parameters", "Attributes", "Other Parameters")
+        for entry in NumpyDocString(inspect.getdoc(value) or "")[section]
+        for entry_name in entry.name.split(",")
+    }
+    others = {f"{names[name]}.{name}": word for name, word in SYNONYMS.items() if name in names}
+    assert not others, f"one name for one idea: {others}"
+
+
 def in_a_function(function, doc: NumpyDocString) -> list[str]:
     signature = inspect.signature(function)
     parameters = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]

@@ -177,7 +177,7 @@ def test_the_default_inertia_of_a_rectangular_vehicle_equals_a_plate():
 
 
 def test_an_implausible_maximum_speed_gives_a_notice():
-    (notice,) = parse(SMALL.replace("[3.38, 0.0", "[3380.0, 0.0"), "x").notices
+    (notice,) = parse(SMALL.replace("[3.38, 0.0", "[3380.0, 0.0"), "x").notes
     assert notice.code == "vehicle.too-fast"
 
 

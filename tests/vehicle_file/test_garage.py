@@ -53,10 +53,10 @@ def test_case_study_1_has_the_numbers_of_the_paper():
 
 
 def test_the_implausible_inertia_of_the_paper_gives_a_notice():
-    (notice,) = load("case-study-1").notices
+    (notice,) = load("case-study-1").notes
     assert (notice.code, notice.figures["value"]) == ("vehicle.inertia-unchecked", 810.44)
     assert notice.figures["gyration_m"] == pytest.approx(23.5, abs=0.05)
-    assert load("small").notices == load("car").notices == ()
+    assert load("small").notes == load("car").notes == ()
 
 
 def test_the_small_vehicle_has_the_inertia_of_a_disc():

@@ -75,7 +75,7 @@ class VehicleFile:
         Covariance of the last fit.
     envelope : Envelope or None
         The motion in the runs of the last fit.
-    notices : tuple of Diagnostic
+    notes : tuple of Diagnostic
         Remarks about values that do not prevent the use of the file.
     layers : tuple of str
         Sources of the values, lowest first.
@@ -106,7 +106,7 @@ class VehicleFile:
     provenance: dict[str, Provenance]
     parameter_cov: ParameterCov | None
     envelope: Envelope | None
-    notices: tuple[Diagnostic, ...]
+    notes: tuple[Diagnostic, ...]
     layers: tuple[str, ...]
     label: str
     robot: Hardware
@@ -359,7 +359,7 @@ def parse(
     report.raise_problems()
     vehicle_file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
-        parameter_cov, envelope, tuple(report.notices), tuple(layers) or (name,), name, hardware, simulation, on_disk,
+        parameter_cov, envelope, tuple(report.notes), tuple(layers) or (name,), name, hardware, simulation, on_disk,
     )  # fmt: skip
     _check_roles(report, vehicle_file)
     return vehicle_file

@@ -41,7 +41,7 @@ class ReadReport:
     name: str  # of the file, for the reader
     text: str
     problems: list[Diagnostic] = field(default_factory=list)
-    notices: list[Diagnostic] = field(default_factory=list)
+    notes: list[Diagnostic] = field(default_factory=list)
 
     def location(self, path: KeyPath) -> Diagnostic:
         """Return file, line and key: "small.toml line 12, [model] mass_kg"."""
@@ -66,7 +66,7 @@ class ReadReport:
 
     def add_notice(self, path: KeyPath, code: str, **figures: Any) -> None:
         """Add a remark about a key, which does not prevent the use of the file."""
-        self.notices.append(note(code, Severity.WARNING, place=self.location(path), **figures))
+        self.notes.append(note(code, Severity.WARNING, place=self.location(path), **figures))
 
     def raise_problems(self) -> None:
         """Raise FileError with all problems; do nothing without problems."""

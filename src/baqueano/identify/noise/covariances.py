@@ -80,7 +80,7 @@ class Noise(Result):
         Noise of the recommended filter [unit of each key].
     speed : SpeedChannels, optional
         Accelerometers that correct the speed in the recommended filter.
-    accepted : Acceptance, optional
+    acceptance : Acceptance, optional
         Verdict of held-out runs on the recommended filter.
 
     Examples
