@@ -26,8 +26,8 @@ NAMES = names_of(DOCS)
 TWINS = {"the README": (ROOT / "README.md", ROOT / "README.es.md")} | {
     name: (DOCS / f"{name}.md", SPANISH / f"{name}.md") for name in NAMES
 }
-OTHER_SPANISH_WORDS = (
-    r"\bajust\w+ (las |sus |los )?ganancias", r"\b(la|una) verdad\b", r"\bsacudidas\b", r"con un mando\b",  # sintonizar, cambio, joystick
+OTHER_SPANISH_WORDS = (  # for sintonizar, valores verdaderos, cambio brusco, joystick
+    r"\bajust\w+ (las |sus |los )?ganancias", r"\b(la|una) verdad\b", r"\bsacudidas\b", r"con un mando\b",
 )  # fmt: skip
 needs_sphinx = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
