@@ -1,11 +1,18 @@
 """A simulated world is a sequence of pure steps; a replayed world repeats its ticks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import StopReason
+from baqueano.drive import replay
+from baqueano.drive.session import stop_reason_of
 from baqueano.runs import Channel, Run, TruthLog
 from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Command, sensor_slots
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
 from baqueano.vehicles import Friction, Planar
 from baqueano.worlds import ReplayedWorld, SimulatedWorld, world_init, world_step
 from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, unit_normals
@@ -147,3 +154,17 @@ def test_a_gap_of_a_day_is_filled_only_partly():
     ticks, _ = ticks_of(SENSORS, n=20)
     late = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
     assert len(ReplayedWorld(run_of(ticks[:10] + late)).times) < 6100
+
+
+def test_no_limit_of_the_file_ends_the_replay_of_an_imported_recording():
+    """A recording of others was made without our supervisor; a drive of ours repeats its stop."""
+    small = load("small")
+    limited = small.with_values({"supervisor.max_speed_m_s": 0.05})
+    recorded = simulate(small, np.tile([0.8, 0.0, 0.0], (60, 1)))
+    imported = replace(recorded, metadata={**recorded.metadata, "kind": "import"})
+    stop = stop_reason_of(replay(recorded, limited))
+    assert stop is not None
+    assert stop.code == StopReason.SPEED
+    whole = replay(imported, limited)
+    assert stop_reason_of(whole) is None
+    assert whole.t_ns[-1] == recorded.t_ns[-1]

@@ -28,7 +28,7 @@ from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import seconds
 from baqueano.standstill import with_usual_rest
 from baqueano.vehicle_file.file import VehicleFile, parse
-from baqueano.worlds import ReplayedWorld
+from baqueano.worlds.replayed import ReplayedWorld, supervisor_of
 
 if TYPE_CHECKING:
     from baqueano.drive.closure import Closure
@@ -358,7 +358,7 @@ def replay_blocks(
         u = run.requested_commands
         u = run.applied_commands if u is None else np.where(np.isfinite(u), u, 0.0)
         follower = Schedule(run.t_ns[begin:] - run.t_ns[begin], u[begin:])
-    return Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
+    return Blocks(vehicle_file.estimator(estimator), leader, follower, supervisor_of(run, vehicle_file))
 
 
 def _controller_with_gains(vehicle_file: VehicleFile) -> Controller | None:

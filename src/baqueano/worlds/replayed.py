@@ -6,15 +6,20 @@ that is not in the run is silent.
 """
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.contracts.blocks import SensorBlocks, World
+from baqueano.contracts.blocks import SensorBlocks, Supervision, World
 from baqueano.diagnostics import Severity, fault, note
 from baqueano.errors import Invalid
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
+from baqueano.supervisor import Supervisor
 from baqueano.worlds.gaps import fill_gaps, period_ns
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
 
 
 class ReplayedWorld(World):
@@ -84,3 +89,14 @@ class ReplayedWorld(World):
         level = np.zeros(2)
         rows = range(first, self._truth_row)
         return [(int(log.t_ns[k]), Motion(log.eta[k], log.nu[k], log.nu_dot[k], level)) for k in rows]
+
+
+def supervisor_of(run: Run, vehicle_file: "VehicleFile") -> Supervision:
+    """Return the supervisor of a replay: that of the file, or for an imported recording one without limits of motion.
+
+    The supervisor of the file took part in a drive of ours, so its replay repeats its stop. A recording of others was
+    made without it: it is processed to its end, also if the vehicle was faster than the file allows.
+    """
+    if run.metadata.get("kind") != "import":
+        return vehicle_file.supervisor()
+    return Supervisor(vehicle_file.command.limit, imu_timeout_s=np.inf)
