@@ -37,6 +37,13 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert any(line.startswith("USABLE: ") for line in lines)
 
 
+def test_a_channel_that_the_model_does_not_explain_has_no_negative_percentage(fit):
+    channels = (fit.channels[0]._replace(explained=-0.634), *fit.channels[1:])
+    table = replace(fit, channels=channels).table()
+    assert "-63" not in table
+    assert max(map(len, table.splitlines())) <= 80
+
+
 def test_the_longest_names_and_spanish_units_fit_80_columns(fit):
     names = ("drivetrain.dead_zone_backward[0]", *fit.names[1:])
     units = ("N m per unit of u",) * len(names)

@@ -311,7 +311,11 @@ class Fit(Result):
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
             details = {"channel": label, "noise": noise, "part": percent_text(c.explained_fraction)}
-            out.append(_("{channel}: noise {noise}, the model explains {part}", **details))
+            if c.explained_fraction >= 0.0:
+                out.append(_("{channel}: noise {noise}, the model explains {part}", **details))
+                continue
+            nothing = N_("{channel}: noise {noise}, larger than the signal: the model explains nothing")
+            out.append(_(nothing, **details))
         return out
 
     def _channels_together(self) -> list[str]:
