@@ -10,6 +10,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.dataset import unused_sensors
+from baqueano.messages import text
 from baqueano.messages.language import use_language
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
@@ -219,7 +220,9 @@ def test_changes_that_a_fit_makes_to_the_data_are_reported(case, case_run):
 def test_samples_at_the_end_of_the_range_are_excluded_from_the_fit(small):
     file = small.with_values({"sensors.imu.gyro_limit": 3.0})
     fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
-    assert "3, -3" in [reason.figures["ends"] for reason in fit.reasons if reason.code == "data.clipped"]
+    assert "3, -3" in [
+        text(reason.figures["ends"]) for reason in fit.reasons if reason.code == "data.clipped"
+    ]
     truth = np.array([file.value(name) for name in fit.names])
     z = (fit.estimate - truth) / fit.sd
     assert np.nanmax(np.abs(z)) < 5.0
