@@ -136,14 +136,8 @@ class ModelFollower:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.limit.shape != (self.vehicle.commands,):
-            raise Invalid(
-                fault(
-                    "field.limit",
-                    block=type(self).__name__,
-                    value=str(self.limit.shape),
-                    commands=self.vehicle.commands,
-                )
-            )
+            shape, commands = str(self.limit.shape), self.vehicle.commands
+            raise Invalid(fault("field.limit", block=type(self).__name__, value=shape, commands=commands))
 
     def memory(self) -> np.ndarray:
         """Return the memory (…,) of the law before the first tick; it is empty, (0,), for most laws."""

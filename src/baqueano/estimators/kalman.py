@@ -129,8 +129,3 @@ def boxplus(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
     """Return x ⊞ Δ: mean + move (n,) with the heading wrapped, for a state that begins with a pose."""
     x = mean + move
     return np.concatenate([x[:HEADING_INDEX], np.array([wrap(x[HEADING_INDEX])]), x[HEADING_INDEX + 1 :]])
-
-
-def log_likelihood(correction: Correction) -> Value:
-    """Return the log-likelihood of a measurement, up to a constant: −½ Σ (e² + log s)."""
-    return -0.5 * np.sum(correction.e**2 + np.log(correction.s))
