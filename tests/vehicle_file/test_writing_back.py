@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import FileError, UsageError
-from baqueano.vehicle_file import ParameterCov, Provenance, changed_values, load, parse
+from baqueano.vehicle_file import ParameterCov, Provenance, load, parse
 from tests.codes import refused
 
 LINEAR = np.array([3.4123456789, 41.0, 0.0123])
@@ -138,21 +138,6 @@ def test_the_covariance_of_the_last_fit_is_stored_in_the_file():
     )
     assert refitted_file.parameter_cov.cov.shape == (1, 1)
     assert refitted_file.text.count("[parameter_cov]") == 1
-
-
-def test_the_difference_of_two_files_lists_changed_values_and_their_significance():
-    key = "model.friction.linear"
-    first = load("small").with_values({key: LINEAR}, provenance={key: FITTED})
-    later = first.with_values(
-        {key: LINEAR + np.array([0.1, 0.0, 0.0]), "model.drivetrain.lag_s": 0.07}, provenance={key: FITTED}
-    )
-    rows = {row["key"]: row for row in changed_values(first, later)}
-    assert set(rows) == {key, "model.drivetrain.lag_s"}
-    assert rows[key]["sds"] == pytest.approx(0.1 / np.hypot(0.02, 0.02), rel=1e-2)
-    assert rows["model.drivetrain.lag_s"] == {
-        "key": "model.drivetrain.lag_s", "before": 0.06, "after": 0.07, "sds": None,
-    }  # fmt: skip
-    assert changed_values(first, first) == []
 
 
 def test_an_invalid_value_is_not_written():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from baqueano.on_demand import on_demand
 from baqueano.vehicle_file.file import CommandSpec, VehicleFile, load, parse
 from baqueano.vehicle_file.garage import names as garage_names
-from baqueano.vehicle_file.provenance import ParameterCov, Provenance, changed_values
+from baqueano.vehicle_file.provenance import ParameterCov, Provenance
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.text.edit import override

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 GUESS = Verdict.GUESS  # verdict on values that were not measured
 UNMEASURED_VERDICTS = (GUESS, Verdict.REFUSED)
-NON_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
 
 
 class Provenance(NamedTuple):
@@ -178,43 +177,3 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
     for i, row in enumerate(arrays):
         matrix[i, : i + 1] = matrix[: i + 1, i] = row
     return matrix if np.all(np.abs(matrix) <= 1.0) and np.all(np.diag(matrix) == 1.0) else None
-
-
-def changed_values(old_file: Any, new_file: Any) -> list["TableRow"]:
-    """Return a flat dict for each key that differs between two vehicle files, without their provenance.
-    The differences show wear. `sds` is the difference of the values in standard deviations of this difference; None if
-    these are unknown.
-    """
-    old_leaves, new_leaves = _flat_values(old_file.data), _flat_values(new_file.data)
-    rows = []
-    for key in [*old_leaves, *(k for k in new_leaves if k not in old_leaves)]:
-        a, b = old_leaves.get(key), new_leaves.get(key)
-        if a == b or key.startswith(NON_VALUE_PREFIXES):
-            continue
-        sd = [f.provenance[key].sd if key in f.provenance else None for f in (old_file, new_file)]
-        rows.append({"key": key, "before": a, "after": b, "sds": _distance(a, b, sd)})
-    return rows
-
-
-def _flat_values(table: "JsonObject", path: str = "") -> "JsonObject":
-    leaves = {}
-    for name, value in table.items():
-        key = f"{path}{name}"
-        leaves |= _flat_values(value, f"{key}.") if isinstance(value, dict) else {key: value}
-    return leaves
-
-
-def _distance(a: object, b: object, sd: list[Any]) -> float | None:
-    stds = [np.asarray(s, dtype=float) for s in sd if s is not None]
-    try:
-        d = np.abs(np.asarray(b, dtype=float) - np.asarray(a, dtype=float))
-        total_std = (
-            np.sqrt(np.sum([s**2 for s in np.broadcast_arrays(*stds)], axis=0)) if stds else np.zeros(())
-        )
-    except (TypeError, ValueError):
-        return None
-    ratio = (
-        d[np.broadcast_to(total_std, d.shape) > 0.0]
-        / np.broadcast_to(total_std, d.shape)[np.broadcast_to(total_std, d.shape) > 0.0]
-    )
-    return float(np.max(ratio)) if ratio.size else None

@@ -109,10 +109,6 @@ def _even_function(op: str) -> Callable[..., Value]:
     return lambda g, a: g.make(op, a.args[0]) if a.op == "neg" else None
 
 
-def _simplify_same(g: "Graph", a: "Node", b: "Node") -> "Node | None":
-    return a if a is b else None
-
-
 def _where(g: "Graph", c: "Node", a: "Node", b: "Node") -> "Node | None":
     if a is b:
         return a
