@@ -44,7 +44,7 @@ class Misuse(DiagnosticError, TypeError):
 
 
 class MissingMethod(DiagnosticError, NotImplementedError):
-    """The error of a base class whose subclass lacks a method that it has to define."""
+    """The error of a base class whose subclass lacks a method, or whose method returns something else."""
 
 
 class BaqueanoError(DiagnosticError):
@@ -121,6 +121,8 @@ def error_text(error: BaseException) -> str:
 def user_code_place(error: BaseException) -> str:
     """Return the file and line of the last frame in the user's code, such as "mine.py line 12", or "" without one.
 
+    It can be a frame of the cause of the error: an error in a block that is compiled has another class.
+
     >>> user_code_place(ValueError("raised by nobody"))
     ''
     """
@@ -133,7 +135,7 @@ def user_code_place(error: BaseException) -> str:
         if str(module).startswith(USER_MODULE_PREFIX)
     ]
     if not user_frames:
-        return ""
+        return "" if error.__cause__ is None else user_code_place(error.__cause__)
     file, line = user_frames[-1]
     return _("{file} line {line}", file=Path(file).name, line=str(line))
 

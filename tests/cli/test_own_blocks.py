@@ -296,3 +296,28 @@ def test_an_unguarded_block_failure_is_attributed_to_its_file(project, tmp_path,
     end = project("repeat", "lab", "--guide", "mine.py:Mine", *SMALL)
     assert end.code == 3
     assert (end.reason.figures["place"], end.fix) == ("mine.py line 5", "")
+
+
+LAW = """from baqueano.controllers import ModelFollower
+
+class Mine(ModelFollower):
+    def velocity_law(self, memory, now):
+        return {value}
+"""
+
+
+@pytest.mark.parametrize(
+    ("value", "code"),
+    [
+        ("memory, (now.nu_f[0], self.gain)", "cli.block-raised"),
+        ("now.nu_f[0], now.nu_f[2]", "follower.law-result"),
+    ],
+)
+def test_a_wrong_law_is_no_fault_of_the_package_when_it_is_tuned(
+    baqueano, tmp_path, monkeypatch, value, code
+):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(LAW.format(value=value))
+    end = baqueano("tune", "--route", "eight", "--controller", "mine.py:Mine")
+    assert (end.code, end.reason.code) == (3, code)
+    assert end.reason.figures.get("place", "mine.py line 5") == "mine.py line 5"

@@ -11,7 +11,16 @@ import click
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_command import GROUPS, next_command
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, user_code_place
+from baqueano.errors import (
+    INTERRUPTED,
+    BaqueanoError,
+    DiagnosticError,
+    MissingMethod,
+    cause_of,
+    error_text,
+    from_outside,
+    user_code_place,
+)
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command
 
@@ -80,6 +89,8 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             return fault("cli.words", words=error.format_message()), error.exit_code
         case KeyboardInterrupt() | click.Abort() if from_outside(error) or not user_code_place(error):
             return fault("cli.interrupted"), INTERRUPTED
+        case MissingMethod():
+            return error.diagnostic, BAD_FILE
         case MemoryError():
             return fault("cli.memory", error=str(error)), NEGATIVE_ANSWER
         case _ if type(error).__name__ == "CompileError":  # of the engine, which is not imported here
@@ -91,6 +102,8 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             ), BAD_FILE
     if location := user_code_place(error):  # outside the guards of the loop
         suffix = "" if isinstance(error, Exception) else "-and-ended"
+        if isinstance(error, DiagnosticError):  # of the engine: its cause is the error of the block
+            error = error.__cause__ or error
         return fault(f"cli.block-raised{suffix}", place=location, error=error_text(error)), BAD_FILE
     last_frame = traceback.extract_tb(error.__traceback__)[-1]
     return fault(

@@ -178,7 +178,7 @@ class ModelFollower:
         kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
         forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)
         tracking = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, forward_sign, dt_s)
-        law, (v_w, omega_w) = self.velocity_law(state.law, tracking)
+        law, v_w, omega_w = self._checked_law(state.law, tracking)
         effort = self._effort(state.effort, np.array([v_w + v_i, nu[1], omega_w]), nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
@@ -189,6 +189,14 @@ class ModelFollower:
         """Return T [s], the delay of the vehicle behind its reference."""
         drivetrain = self.vehicle.drivetrain
         return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S
+
+    def _checked_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Value, Value]:
+        result = self.velocity_law(memory, tracking)
+        try:
+            memory, (v, omega) = result
+        except (TypeError, ValueError) as error:
+            raise MissingMethod(fault("follower.law-result", block=type(self).__name__)) from error
+        return memory, v, omega
 
     def _effort(self, effort: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
         """Return ε (n,): the model at (v_w, ν_y, ω_w) then has the acceleration `nu_dot` (2,) over one tick.  (5)"""

@@ -26,6 +26,10 @@ TEMPLATES: dict[str, str] = {
         "{block} does not have a control law: write its method velocity_law(self, memory, now). It returns the memory "
         "and the velocity (v, ω). An example: docs/controllers.md"
     ),
+    "follower.law-result": (
+        "{block}.velocity_law() must return two values: the memory, and the velocity (v, ω), as in "
+        "return memory, (v, omega). An example: docs/controllers.md"
+    ),
     "vehicle.no-equation": (
         "{vehicle} does not have its equation of motion: write its method nu_dot(self, nu, effort, psi). It returns "
         "ν̇ (3,). An example: docs/own-vehicle.md"
