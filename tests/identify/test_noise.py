@@ -21,7 +21,9 @@ from baqueano.identify.noise.filter_noise import (
     MIN_READINGS,
     MIN_RESIDUALS,
     _free_noise,
+    _rms_forward_command,
     _rounding,
+    _straight_drive,
     _with_misfit_from_accelerometer,
     _with_noise,
 )
@@ -217,6 +219,25 @@ FORWARD = ["disturbance_std[0]", "disturbance_fade_s[0]", "velocity_walk_std[0]"
 NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
 
 
+def test_the_drag_is_that_at_the_command_of_the_runs():
+    """A drive of 1 s at the rms command ends near its steady speed, where the drag is 2 d_c ν + d_l."""
+    small = load("small").with_values({"model.friction.quadratic": [2.0, 0.0, 0.0]})
+    runs = [SimpleNamespace(applied_commands=np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.1], [-0.8, 0.0, 0.0]]))]
+    command = _rms_forward_command(runs)
+    assert command == pytest.approx(np.sqrt(0.5))
+    drive = _straight_drive(SimpleNamespace(blocks=SimpleNamespace(model=small.vehicle), file=small), command)
+    friction, m = small.vehicle.friction, small.vehicle.mass_kg
+    drag = friction.linear[0] + 4.0 * drive.nu[0]
+    dry = (
+        friction.coulomb[0]
+        / friction.coulomb_speed[0]
+        / np.cosh(drive.nu[0] / friction.coulomb_speed[0]) ** 2
+    )
+    assert drive.nu[0] > 0.1
+    assert drive.decay_rate == pytest.approx((drag + dry) / m, rel=1e-3)
+    assert _rms_forward_command([SimpleNamespace(applied_commands=np.zeros((3, 2)))]) == 0.0
+
+
 @pytest.mark.parametrize("decay_rate", [0.5, 20.0])
 def test_an_accelerometer_shows_a_push_against_the_drag(decay_rate):
     """d fades in 1 s, and v̇ = d − λ v. With λ = 20 1/s the push changes the speed within 50 ms, and then not v̇."""
@@ -225,7 +246,7 @@ def test_an_accelerometer_shows_a_push_against_the_drag(decay_rate):
     d = lfilter([1.0], [1.0, -fade], std * np.sqrt(1.0 - fade**2) * rng.standard_normal(60_000))
     v = lfilter([dt_s], [1.0, -np.exp(-decay_rate * dt_s)], d)
     r = d - decay_rate * v + 0.03 * rng.standard_normal(len(d))
-    channel = SimpleNamespace(sensor="imu", entry=0, measured=r, predicted=np.zeros(len(r)), sigma=1.0)
+    channel = SimpleNamespace(sensor="imu", entry=0, measurements=r, predictions=np.zeros(len(r)), sigma=1.0)
     ekf = _with_misfit_from_accelerometer(ekf, SimpleNamespace(channels=[channel]), {"imu"}, decay_rate)
     assert ekf.disturbance_std[0] == pytest.approx(std, rel=0.2)
 

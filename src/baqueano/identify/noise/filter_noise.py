@@ -132,11 +132,16 @@ def filter_noise(
         if speed_is_measured:
             ekf = _without_wheel_slip(ekf, fit, inertial)
         else:
-            moving = [u[u != 0.0] for u in (run.applied_commands[:, 0] for run in runs)]
-            rms = float(np.sqrt(np.mean(np.concatenate([np.zeros(1), *moving]) ** 2)))
-            ekf = _with_misfit_from_accelerometer(ekf, fit, inertial, _straight_drive(fit, rms).decay_rate)
+            rate = _straight_drive(fit, _rms_forward_command(runs)).decay_rate
+            ekf = _with_misfit_from_accelerometer(ekf, fit, inertial, rate)
     ekf = with_speed_error(ekf, fit, runs)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit))))
+
+
+def _rms_forward_command(runs: Sequence[Run]) -> float:
+    """Return the rms of the first command over the ticks in which it is not 0, or 0 if it never is."""
+    u = np.concatenate([run.applied_commands[:, 0] for run in runs])
+    return float(np.sqrt(np.mean(u[u != 0.0] ** 2))) if np.any(u != 0.0) else 0.0
 
 
 class StraightDrive(NamedTuple):
