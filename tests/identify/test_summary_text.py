@@ -17,7 +17,7 @@ MOST = 15  # lines in addition to the tables of parameters and channels
 def row(
     estimate: float | None, sd: float | None, bound: str | None = None, identifiable: str = "yes"
 ) -> dict[str, Any]:
-    return {"estimate": estimate, "sd": sd, "bound": bound, "identifiable": identifiable}
+    return {"estimate": estimate, "sd": sd, "bound": bound, "identifiable": identifiable, "start": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ def row(
         (row(0.0, 0.1, "low"), "at its lower bound, may be 0"),
         (row(3.0, 1.0, None, "poorly"), "poorly identified, roughly, ± 65 %"),
         (row(3.0, None), "its error is unknown"),
-        (row(None, None, None, "no"), "not identifiable"),
+        (row(None, None, None, "no"), "not identifiable, fixed at 0"),
     ],
 )
 def test_a_row_whose_interval_includes_zero_is_marked(of, mark):

@@ -106,7 +106,7 @@ def test_the_list_has_one_line_for_each_intact_or_damaged_run(run, tmp_path):
     lines = listing_table(rows).splitlines()
     assert lines[0].split() == ["run", "kind", "duration", "vehicle", "verdict", "notes"]
     assert lines[1].split()[:5] == ["0001-a", "experiment", "2.0", "s", "pequeño"]
-    plain = [replace(row, verdict="", notes="") for row in rows]
+    plain = [row._replace(verdict="", notes="") for row in rows]
     assert listing_table(plain).splitlines()[0].split() == ["run", "kind", "duration", "vehicle"]
     assert listing_rows(rows)[2]["duration_s"] is None
     with refused("runs.no-folder", FileError):

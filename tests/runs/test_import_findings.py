@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import note
 from tests.codes import includes
 
 DEG = 180.0 / np.pi
@@ -198,7 +199,7 @@ def test_negative_times_are_refused_with_a_proposed_start(lab):
 
 def test_files_without_a_common_time_are_refused(lab):
     lab.camera["t"] = lab.camera["t"] + 1000.0
-    span = "1001.005 s to 1030.985 s"
+    span = note("import.span", first_s=1001.005, last_s=1030.985)
     lab.refused("import.clocks-differ", key="truth", table="camera.csv", file="camera", span=span)
 
 
