@@ -1,5 +1,7 @@
 """Controllers with a model: the command computed from the model, weak feedback, and an even drive with each law."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -146,7 +148,14 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     assert across[1] < 0.006
 
 
-STARTS = [(0.0, 0.2, -0.5), (0.0, -0.2, -0.5), (-0.2, 0.2, 0.5), (0.2, -0.2, 0.5), (-0.2, 0.0, 0.5)]
+STARTS = [
+    (0.0, 0.2, -0.5),
+    (0.0, -0.2, -0.5),
+    (-0.2, 0.2, 0.5),
+    (0.2, -0.2, 0.5),
+    (-0.2, 0.0, 0.5),
+    (0.2, 0.0, 0.5),
+]
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -154,14 +163,25 @@ def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
     """The vehicle is 20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun without it."""
     system = loop_system(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
     kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), tick_times(1500, SMALL.rate_hz)
-    for start in STARTS:
-        run = as_run(
-            "joined", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, np.array(start)))[1], {}
-        )
+    for start, speed in itertools.product(STARTS, (0.0, 0.2)):
+        state = begin(system, np.array(start))
+        vehicle = state.world.vehicle._replace(nu=np.array([speed, 0.0, 0.0]))
+        state = state._replace(world=state.world._replace(vehicle=vehicle))
+        run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
         off = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
         way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
         assert way_m[-1] > 2.0
-        assert off[way_m > 1.0].max() < 0.03, start
+        assert off[way_m > 1.0].max() < 0.03, (start, speed)
+
+
+def test_pure_pursuit_steers_along_the_path_if_it_is_on_the_path_ahead_of_its_reference():
+    """Before, only e_x was limited: the path moved to the left, and a vehicle that was turned left turned on."""
+    law, e_chi = SMALL.controller("pure_pursuit"), -0.5
+    behind = -0.2 * np.array([np.cos(e_chi), np.sin(e_chi), 0.0])
+    _, (_, omega) = law.velocity_law(
+        law.memory(), Tracking(behind, e_chi, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+    )
+    assert omega < -1.0
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -53,9 +53,10 @@ class PurePursuit(ModelFollower):
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         v_f = tracking.nu_f[0]
         L = np.maximum(self.look_ahead_m, self.look_ahead_s * np.abs(v_f))
-        limited_reference = tracking._replace(
-            e=np.array([np.clip(tracking.e[0], -0.5 * L, 0.5 * L), tracking.e[1], tracking.e[2]])
-        )
-        x, y = point_ahead(limited_reference, tracking.forward_sign * L)
+        direction = np.array([np.cos(tracking.e_chi), np.sin(tracking.e_chi), 0.0])  # of the path
+        along = direction @ tracking.e
+        excess = along - np.clip(along, -0.5 * L, 0.5 * L)
+        near_reference = tracking._replace(e=tracking.e - excess * direction)
+        x, y = point_ahead(near_reference, tracking.forward_sign * L)
         curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - tracking.kappa
         return memory, (v_f + self.k_x * tracking.e[0], tracking.nu_f[2] + v_f * curvature)
