@@ -16,13 +16,13 @@ from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
 from baqueano.vehicle_file.paths import key_exists
-from baqueano.vehicle_file.provenance import NON_VALUE_PREFIXES
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
+NON_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
 CALIBRATION_RUN = "calibrate imu"  # the `run` in the provenance of calibrated values
 MAX_SHOWN_LETTERS = 60  # most characters of a value that are shown
 
