@@ -47,7 +47,7 @@ def check(run, topic, messages):
     k = len(messages) // 2
     arrival, m = messages[k]
     if topic.startswith("/command/"):
-        assert list(m.u) == getattr(run, topic.rsplit("/", 1)[1])[k].tolist()
+        assert list(m.u) == getattr(run, f"{topic.rsplit('/', 1)[1]}_commands")[k].tolist()
     elif topic == "/sensors/imu":
         z = run.sensors["imu"].z[k]
         a, w = m.linear_acceleration, m.angular_velocity

@@ -76,15 +76,15 @@ class AgreementMonitor:
         predicted_reading, H, K = self._expectation(previous, model, row, tick)
         at_rest = (model.quiet_s >= MIN_REST_S) & np.all(np.abs(model.mean[3:6]) < MAX_REST_NU)
         reading = self._reading(tick)
-        timed, dt_s = _with_durations(memory, reading, row.dt_s)
-        is_frozen = channels.is_inertial & (timed.unchanged_s >= FROZEN_S)
+        memory_at_end, dt_s = _with_durations(memory, reading, row.dt_s)
+        is_frozen = channels.is_inertial & (memory_at_end.unchanged_s >= FROZEN_S)
 
         p = memory.bias_var + channels.bias_walk**2 * row.dt_s
         C, N = mirror_upper(H @ model.cov @ H.T), self._noise_cov(p, at_rest)
         r = np.where(reading.is_good, self._difference(reading.z, predicted_reading) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
         is_outlier = reading.is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
-        is_constant = channels.is_inertial & is_stuck(timed) & ~at_rest
+        is_constant = channels.is_inertial & is_stuck(memory_at_end) & ~at_rest
         is_suspect = reading.is_unusable | is_outlier | is_constant
         is_off = reading.is_arrived & (
             is_suspect | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
@@ -103,7 +103,7 @@ class AgreementMonitor:
         is_calibrating = at_rest & reading.is_good & ~is_off & (channels.bias_std > 0.0)
         gain = np.where(is_calibrating, p / (p + np.diag(N) + MIN_VARIANCE), 0.0)
         shown_s, is_arrived = np.where(reading.is_good, dt_s, 0.0), reading.is_arrived
-        next_memory = timed._replace(
+        next_memory = memory_at_end._replace(
             doubt_s=doubt_s,
             evidence=np.where(doubt_s > 0.0, evidence, 0.0),
             is_broken=np.where(is_arrived, np.where(reading.is_unusable, 1.0, 0.0), memory.is_broken),
@@ -213,12 +213,12 @@ def _with_durations(memory: Memory, reading: _Reading, dt_s: Value) -> tuple[Mem
     silent_s, is_arrived, is_changed = memory.silent_s + dt_s, reading.is_arrived, reading.is_changed(memory)
     constant_s = np.where(is_changed, 0.0, memory.unchanged_s + silent_s)
     longest_s = np.maximum(memory.longest_unchanged_s, memory.unchanged_s)
-    timed = memory._replace(
+    memory_at_end = memory._replace(
         silent_s=np.where(is_arrived, 0.0, silent_s),
         unchanged_s=np.where(is_arrived, constant_s, memory.unchanged_s),
         longest_unchanged_s=np.where(is_changed, longest_s, memory.longest_unchanged_s),
     )
-    return timed, np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
+    return memory_at_end, np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
 
 
 def _is_only_suspect(suspect: np.ndarray) -> np.ndarray:
