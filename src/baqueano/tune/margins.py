@@ -163,11 +163,16 @@ def linearise(
 
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
     x, J, steady = _steady_state(tick, flat.row(state), speed_m_s * dt_s * direction)
-    if not steady:  # for example, the controller does not correct the cross-track error
+    if not steady:  # Newton's method began too far away
         t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
-        J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.row(state)), dtype=float)
-        steady = bool(np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE)
+        tick, x = tick_at(state, int(t_ns[-1])), flat.row(state)
+        _, J, steady = _steady_state(tick, x, speed_m_s * dt_s * direction)
+        if not steady:  # for example, the controller does not correct the cross-track error
+            J = np.asarray(jacobian(tick)(x), dtype=float)
+            steady = bool(
+                np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE
+            )
     n = len(x) - system.model.commands
     return LinearSystem(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
 
