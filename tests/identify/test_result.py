@@ -39,7 +39,7 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
 
 
 def test_a_channel_that_the_model_does_not_explain_has_no_negative_percentage(fit):
-    channels = (fit.channels[0]._replace(explained=-0.634), *fit.channels[1:])
+    channels = (fit.channels[0]._replace(explained_fraction=-0.634), *fit.channels[1:])
     table = replace(fit, channels=channels).table()
     assert "-63" not in table
     assert max(map(len, table.splitlines())) <= 80

@@ -28,7 +28,7 @@ def page_of_paper(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend
     fit = study.fits[0]
     labels = [label(c) for c in fit.channels]
     measured_values, predicted_values = (
-        np.stack([getattr(c, n) for c in fit.channels], axis=1) for n in ("measured", "predicted")
+        np.stack([getattr(c, n) for c in fit.channels], axis=1) for n in ("measurements", "predictions")
     )
     t_s = fit.channels[0].t_s
     is_shown = t_s <= t_s[0] + SHOWN_S
