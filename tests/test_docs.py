@@ -29,7 +29,6 @@ def test_the_reference_of_the_vehicle_file_is_current(language, page):
     assert (ROOT / page).read_text(encoding="utf-8") == table, "type: make golden, and read the diff"
 
 
-@pytest.mark.long
 def test_the_ten_lines_of_the_readme_run_and_print_the_fit(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -55,7 +54,6 @@ def test_both_languages_show_the_same_code(name):
     assert english == spanish, "only comments are translated"
 
 
-@pytest.mark.long
 def test_the_code_of_the_page_on_python_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = "docs/python.md"
@@ -74,7 +72,6 @@ def test_the_page_on_sweeps_names_every_figure(page):
     assert {name for name in (*RMS_FIGURES, *SINGLE_FIGURES) if f"`{name}`" not in text} == set()
 
 
-@pytest.mark.long
 def test_the_code_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = {"__name__": "page"}
