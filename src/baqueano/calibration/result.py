@@ -108,10 +108,10 @@ class Calibration(Result):
         """Return the table as text."""
         rows = (
             [entry.name, f"{number(round(entry.value, 4) + 0.0):.4f}", f"± {number(entry.half_width):.2g}",
-             "" if entry.in_file is None else f"{number(entry.in_file):.4g}", f"{entry.unit}  {entry.words}"]
+             "" if entry.in_file is None else f"{number(entry.in_file):.4g}", entry.unit, entry.words]
             for entry in self.numbers
         )  # fmt: skip
-        lines = text_table("<>>><", ["", _("value"), "± 95 %", _("file"), _("unit")], *rows)
+        lines = text_table("<>>><<", ["", _("value"), "± 95 %", _("file"), _("unit"), ""], *rows)
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.usable_text))])
 
     def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
