@@ -101,28 +101,41 @@ def test_a_public_name_is_documented(name):
     assert not lacks, f"{name} lacks {', '.join(lacks)}"
 
 
-def test_a_pose_or_velocity_of_a_public_name_states_its_frame():
-    lacks = []
+FIELDS = ("Parameters", "Attributes", "Other Parameters")
+
+
+def entries_of(*sections):
+    """Yield the public name, the section and the entry of each documented value."""
     for name, value in DOCUMENTED.items():
         doc = NumpyDocString(inspect.getdoc(value) or "")
-        for section in ("Parameters", "Attributes", "Other Parameters", "Returns", "Yields"):
-            for entry in doc[section]:
-                text = " ".join([entry.type, *entry.desc])
-                if FRAMED.search(text) and SHAPE.search(text) and not FRAME.search(text):
-                    lacks.append(f"{name}: {entry.name or section}: {text}")
+        yield from ((name, section, entry) for section in sections for entry in doc[section])
+
+
+def described(entry):
+    return " ".join([entry.type, *entry.desc])
+
+
+def is_number(entry):
+    return bool(re.search(r"\b(float|ndarray)\b", entry.type)) and "bool" not in entry.type
+
+
+def test_a_pose_or_velocity_of_a_public_name_states_its_frame():
+    lacks = [
+        f"{name}: {entry.name or section}: {described(entry)}"
+        for name, section, entry in entries_of(*FIELDS, "Returns", "Yields")
+        if FRAMED.search(described(entry)) and SHAPE.search(described(entry))
+        if not FRAME.search(described(entry))
+    ]
     assert not lacks, "name the frame (map, body, sensor frame, relative to): " + "; ".join(lacks)
 
 
 def test_a_number_of_a_public_name_states_its_unit():
-    lacks = []
-    for name, value in DOCUMENTED.items():
-        doc = NumpyDocString(inspect.getdoc(value) or "")
-        for section in ("Parameters", "Attributes", "Other Parameters", "Returns", "Yields"):
-            for entry in doc[section]:
-                is_number = re.search(r"\b(float|ndarray)\b", entry.type) and "bool" not in entry.type
-                is_named = all(UNIT_IN_NAME.search(part) for part in entry.name.split(", "))
-                if is_number and not is_named and "[" not in " ".join([entry.type, *entry.desc]):
-                    lacks.append(f"{name}: {entry.name or section} : {entry.type}")
+    lacks = [
+        f"{name}: {entry.name or section} : {entry.type}"
+        for name, section, entry in entries_of(*FIELDS, "Returns", "Yields")
+        if is_number(entry) and "[" not in described(entry)
+        if not all(UNIT_IN_NAME.search(part) for part in entry.name.split(", "))
+    ]
     assert not lacks, "write its unit, such as [m/s] or [no unit]: " + "; ".join(lacks)
 
 
@@ -136,13 +149,11 @@ OWN_UNITS = {
 
 def test_a_name_has_one_unit_in_all_places():
     units: dict[str, set[str]] = {}
-    for value in DOCUMENTED.values():
-        doc = NumpyDocString(inspect.getdoc(value) or "")
-        for entry in [*doc["Parameters"], *doc["Attributes"], *doc["Other Parameters"]]:
-            unit = re.search(r"\[([^]]+)]", " ".join([entry.type, *entry.desc]))
-            if unit and re.search(r"\b(float|ndarray)\b", entry.type):
-                for name in entry.name.split(", "):
-                    units.setdefault(name, set()).add(unit[1])
+    for _, _, entry in entries_of(*FIELDS):
+        unit = re.search(r"\[([^]]+)]", described(entry))
+        if unit and is_number(entry):
+            for name in entry.name.split(", "):
+                units.setdefault(name, set()).add(unit[1])
     several = {
         name: of_name
         for name, of_name in units.items()
@@ -158,13 +169,7 @@ SYNONYMS = {  # a name that is not used, and the name of the same idea
 
 
 def test_an_idea_has_one_name():
-    names = {
-        entry_name.strip(): name
-        for name, value in DOCUMENTED.items()
-        for section in ("Parameters", "Attributes", "Other Parameters")
-        for entry in NumpyDocString(inspect.getdoc(value) or "")[section]
-        for entry_name in entry.name.split(",")
-    }
+    names = {part.strip(): name for name, _, entry in entries_of(*FIELDS) for part in entry.name.split(",")}
     others = {f"{names[name]}.{name}": word for name, word in SYNONYMS.items() if name in names}
     assert not others, f"one name for one idea: {others}"
 

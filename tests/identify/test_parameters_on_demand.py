@@ -161,10 +161,14 @@ def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):
     )
 
 
-@pytest.mark.parametrize(("sideways", "is_free"), [(0.0, False), (1.0, True)])
-def test_a_row_of_zeros_states_that_no_command_drives_sideways(small, sideways, is_free):
+@pytest.mark.parametrize(
+    ("gains", "is_free"),
+    [((1.0, 0.0, 2.0), False), ((1.0, 1.0, 2.0), True), ((0.0, 0.0, 0.0), True)],
+    ids=["undriven", "driven", "no gain is known"],
+)
+def test_a_row_of_zeros_states_that_no_command_drives_sideways(small, gains, is_free):
     """A turned IMU looks like a sideways velocity, and the estimated position of such a fit drifts to the side."""
-    blocks = FittedBlocks(Kinematic(np.diag([1.0, sideways, 2.0])), small.sensors)
+    blocks = FittedBlocks(Kinematic(np.diag(gains)), small.sensors)
     assert ("model.velocity_matrix[1,0]" in default_free(blocks)) is is_free
 
 

@@ -68,7 +68,7 @@ def test_the_commands_of_the_importing_page_give_runs_and_a_model(folder, capsys
     run_line(of_page("sh", 0))
     runs = [read_run(path) for path in sorted(Path("trials").glob("*.mcap"))]
     assert [run.name for run in runs] == [f"trials-00{k}" for k in range(1, TRIALS + 1)]
-    assert runs[0].applied_commands.shape == (ROWS - 1, 3)  # the first row has no command before it
+    assert runs[0].applied_commands.shape == (ROWS - 1, 3)  # no command comes before the first row
     assert len(runs[0].sensors["imu"].z) == ROWS // 2
     assert np.isnan(runs[0].sensors["imu"].z[:, :2]).all()
     assert np.max(np.abs(runs[0].sensors["imu"].z[:, 2])) < 20.0

@@ -190,7 +190,7 @@ def conclude(
     task : Task
         The search that `solve` returned.
     result : Search
-        End of the search [unit of each].
+        End of the search.
     options : FitOptions
         Options of the fit.
 

@@ -140,12 +140,12 @@ def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list
 
 def driven_axes(blocks: FittedBlocks) -> tuple[int, ...]:
     """Return the axes along which a command acts: 0 forward, 1 sideways, 2 turning. A row of zeros in the gain matrix
-    of the file also states that no command acts along its axis."""
+    of the file also states that no command acts along its axis, if another row has a gain."""
     axes = optional.attribute(getattr(blocks.model, "drivetrain", None), "driven_axes")
     for path, p in all_parameters(blocks.model, "model"):
         if p.role == "gain" and p.shape == (3, 3):
             has_gain = np.any(_value_at(blocks, path) != 0.0, axis=1)
-            axes = tuple(i for i in axes if has_gain[i])
+            axes = tuple(i for i in axes if has_gain[i] or not has_gain.any())
     return axes
 
 
