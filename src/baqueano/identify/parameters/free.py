@@ -139,8 +139,8 @@ def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list
 
 
 def driven_axes(blocks: FittedBlocks) -> tuple[int, ...]:
-    """Return the axes along which a command acts: 0 forward, 1 sideways, 2 turning. A row of zeros in the gain matrix
-    of the file also states that no command acts along its axis, if another row has a gain."""
+    """Return the axes along which a command acts: 0 forward, 1 sideways, 2 turning. If another row of the file's gain
+    matrix has a gain, a row of zeros also states that no command acts along its axis."""
     axes = optional.attribute(getattr(blocks.model, "drivetrain", None), "driven_axes")
     for path, p in all_parameters(blocks.model, "model"):
         if p.role == "gain" and p.shape == (3, 3):
