@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import with_value
+from baqueano.tune import margins as margins_module
 from baqueano.tune.margins import LinearSystem, linearise, loop_margins, loop_transfer, margins
 from baqueano.vehicle_file import load
 from tests.papers_pd import with_papers_pd
@@ -100,3 +101,12 @@ def test_a_gain_that_makes_the_loop_oscillate_has_no_margin():
 
 def test_without_forward_speed_no_margins_are_computed():
     assert loop_margins(load("small"), load("small").controller(), 0.0) == ()
+
+
+def test_a_newton_step_to_where_the_model_diverges_gives_no_steady_state_and_no_warning():
+    def tick(x):
+        return 1e200 * x * np.abs(x)
+
+    with np.errstate(over="raise", invalid="raise"):
+        steady = margins_module._steady_state(tick, np.array([1e200, 1.0]), np.array([0.0, 0.1]))[2]
+    assert not steady

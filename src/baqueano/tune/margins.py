@@ -183,7 +183,8 @@ def _steady_state(
     """Return the row x with tick(x) = x + shift, the Jacobian at x, and True if Newton's method converged."""
     J = np.zeros((len(x), len(x)))
     for _ in range(MAX_NEWTON_STEPS):
-        J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step may end where the model diverges
+            J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
         if not np.isfinite(J).all() or not np.isfinite(missing).all():
             break
         if np.max(np.abs(missing) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
