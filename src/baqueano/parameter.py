@@ -8,6 +8,7 @@ its value:
     gain     estimates: the effect of a command          known   keeps: measured separately
     offset   estimates: it acts without a command        scale   keeps: of a sensor, known from its data sheet
     mount    estimates if a motion is known to be 0      noise   keeps: it does not act on the motion
+    rolling  a term that is also estimated if no command pushes the vehicle sideways
 """
 
 import dataclasses
@@ -30,7 +31,8 @@ Kind = TypeVar("Kind", bound=type)
 SHOWN_BOUND = 1e3  # a larger bound only excludes absurd values, and is not shown to the reader
 SECTION_HEAD = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
 SECTION_ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
-ROLES = ("fitted", "gain", "offset", "term", "mount", "known", "scale", "noise")
+ROLES = ("fitted", "gain", "offset", "term", "rolling", "mount", "known", "scale", "noise")
+TERM_ROLES = ("term", "rolling")
 Words = str | tuple[str, ...]  # for all entries, or one for each index of the first axis
 
 
@@ -153,7 +155,7 @@ def parameter(
     """
     if role not in ROLES:
         raise Invalid(fault("field.role", value=repr(role), valid=ROLES))
-    if role == "term":
+    if role in TERM_ROLES:
         physics = {"neutral": 0.0} | physics
     metadata = {"parameter": Parameter(unit, low, high, meaning, shape, role, **physics)}
     if isinstance(default, list | tuple):

@@ -54,6 +54,16 @@ def small():
     return override(load("small"), ["model.friction.coulomb=[0, 0, 0.01]"])
 
 
+
+def test_the_drag_of_cornering_is_free_by_default_only_if_nothing_pushes_sideways():
+    def free(name):
+        robot = load(name)
+        return default_free(FittedBlocks(robot.vehicle, robot.sensors))
+
+    assert "model.friction.cornering" in free("small")
+    assert "model.friction.cornering" not in free("case-study-1")
+
+
 def fitted(small, values, seed, **options):
     truth = override(small, [f"{key}={value}" for key, (value, _) in values.items()])
     begin = override(truth, [f"{key}={start}" for key, (_, start) in values.items()])

@@ -23,7 +23,7 @@ NOTEBOOK = "first_evening.ipynb"
 GUESS_FOLDER = Path(__file__).parent / "guesses"
 TRUTH_FILE = "simulated.toml"
 GUESS_ERROR_STD = 0.15  # standard deviation of ln(true value / guess) in a simulation
-FITTED_ROLES = ("fitted", "gain", "term")  # roles of parameters
+FITTED_ROLES = ("fitted", "gain", "term", "rolling")  # roles of parameters
 GUESS_TEMPLATE = """{text}
 
 # {advice}

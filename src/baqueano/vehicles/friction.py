@@ -68,7 +68,7 @@ class Friction:
         default=(0.05, 0.05, 0.5), shape=(3,), role="known",
     )  # fmt: skip
     cornering: float = parameter(
-        "kg/rad", "drag of cornering k", low=0.0, high=1e6, default=0.0, role="term",
+        "kg/rad", "drag of cornering k", low=0.0, high=1e6, default=0.0, role="rolling",
         term="drag of cornering", shown_by="turning at speed", symbol="k",
     )  # fmt: skip
     coulomb_forward: np.ndarray = parameter(

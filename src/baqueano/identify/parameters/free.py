@@ -2,13 +2,13 @@
 
 A free parameter has the path of its entry, such as "model.actuator_matrix[0,2]"; a path without an entry means all
 entries. Unit and bounds come from the field of the block; friction is never negative (errata 6). The role of a field
-(parameter.py) decides if it is free by default. By default, values are free that the equations need and that scale
-and tape cannot measure: friction and forces. Dry friction, dead zones and lag are free by default only if the file
-has them. A gain of 0 along an axis that no command drives stays fixed, and the mount of a sensor is free in its place
-(`_mounts`). A delay has the value in the file. If the user frees the delay, it is searched tick by tick (delay.py). The
-user can free every other value of a block. If it is off in the file (a lag of 0, a limit of infinity), it starts at a
-value with an effect (`enable_parameters`). Columns of a matrix whose command never moved cannot be identified:
-`frozen_columns` returns them.
+(parameter.py) decides if it is free by default: what the equations need and scale and tape cannot measure. Dry
+friction, dead zones and lag are free by default only if the file has them. The drag of cornering is also free if no
+command pushes the vehicle sideways: an IMU shows the speed only in turns, so without it the straight drive would have
+the speed of the turns. A gain of 0 along an axis that no command drives stays fixed, and the mount of a sensor is free
+in its place (`_mounts`). A delay has the value in the file; a free delay is searched tick by tick (delay.py). A free
+value that is off in the file (a lag of 0, a limit of infinity) starts at a value with an effect (`enable_parameters`).
+Columns of a matrix whose command never moved cannot be identified: `frozen_columns` returns them.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,7 +23,7 @@ from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.estimators.readings.sensor_numbers import GENERAL_MOTION, PARAMETER_STEP
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.parameter import Parameter, Words, all_parameters, parameters
+from baqueano.parameter import TERM_ROLES, Parameter, Words, all_parameters, parameters
 from baqueano.signals import Motion
 from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicles.freedoms import (
@@ -111,9 +111,15 @@ def default_free(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]] = N
     field_paths = [path for path, p in fields if p.role in FREE_ROLES and path != PROCESS_NOISE_PATH]
     paths = [p for path in field_paths for p in entries(blocks, path) if not _is_undriven(blocks, p)]
     for path, p in fields:
-        terms = entries(blocks, path) if p.role == "term" else []
-        paths += [entry for entry in terms if value(blocks, entry) != p.neutral]
+        terms = entries(blocks, path) if p.role in TERM_ROLES else []
+        is_needed = p.role == "rolling" and _only_rolls(blocks)
+        paths += [entry for entry in terms if is_needed or value(blocks, entry) != p.neutral]
     return paths + _mounts(blocks, channels)
+
+
+def _only_rolls(blocks: FittedBlocks) -> bool:
+    """Return True for a dynamic model that no command pushes sideways."""
+    return optional.is_dynamic(blocks.model) and SIDEWAYS not in driven_axes(blocks)
 
 
 def _is_undriven(blocks: FittedBlocks, path: str) -> bool:
@@ -126,7 +132,7 @@ def _is_undriven(blocks: FittedBlocks, path: str) -> bool:
 def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list[str]:
     """Return the paths of the mounts of the sensors. A straight acceleration of a vehicle that no command pushes
     sideways shows how its accelerometers are turned; otherwise a turned sensor and such a push look alike."""
-    if SIDEWAYS in driven_axes(blocks) or not optional.is_dynamic(blocks.model):
+    if not _only_rolls(blocks):
         return []
     motion, paths = Motion(GENERAL_MOTION[:3], GENERAL_MOTION[3:6], GENERAL_MOTION[6:], np.zeros(2)), []
     for name, sensor in blocks.sensors._asdict().items():

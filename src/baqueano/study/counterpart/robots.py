@@ -30,6 +30,7 @@ ROBOT_FIELDS: dict[str, tuple[str, int]] = {  # path → field of Robots, column
     **{f"model.friction.coulomb[{k}]": ("dry", k) for k in (0, 2)},
     **{f"model.drivetrain.dead_zone_forward[{k}]": ("forward", k) for k in range(2)},
     **{f"model.drivetrain.dead_zone_backward[{k}]": ("backward", k) for k in range(2)},
+    "model.friction.cornering": ("cornering", NO_COLUMN),
     "model.drivetrain.lag_s": ("lag_s", NO_COLUMN),
     "model.drivetrain.delay_s": ("delay_s", NO_COLUMN),
     "model.centre_of_mass_x_m": ("ahead_m", NO_COLUMN),

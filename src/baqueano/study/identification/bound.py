@@ -18,7 +18,7 @@ from baqueano.study.truth import Cars, Robots
 RELATIVE_STEP = 1e-3  # of a parameter
 MIN_STEPS = {  # the step for a parameter that can be 0
     "friction.quadratic": 1e-4, "actuator_matrix": 1e-4, "lever_arm": 1e-4, "heading": 1e-3, "bias": 1e-3,
-    "friction.quadratic[1]": 0.1,
+    "friction.quadratic[1]": 0.1, "cornering": 1e-4,
 }  # fmt: skip
 
 
