@@ -54,7 +54,6 @@ def small():
     return override(load("small"), ["model.friction.coulomb=[0, 0, 0.01]"])
 
 
-
 def test_the_drag_of_cornering_is_free_by_default_only_if_nothing_pushes_sideways():
     def free(name):
         robot = load(name)
