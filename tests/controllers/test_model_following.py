@@ -213,6 +213,27 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
         assert off[way_m > 1.0].max() < 0.03, (ahead, left, heading_deg)
 
 
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("speed", "bar_m"), [(-0.3, 1.0), (-0.5, 1.1)])
+def test_a_car_joins_its_route_in_reverse_within_a_metre_of_route(law, speed, bar_m):
+    """The origin is ahead of the rear axle, and first swings out: full lock alone needs 0.72 m, or 0.77 m at 0.5 m/s."""
+    car, radius_m, route = load("car"), 3.0, circle(3.0, -speed)
+    route = route._replace(eta=route.eta[::-1], nu=-route.nu[::-1])
+    system = loop_system(car, route, perfect=True, controller=car.controller(law))
+    t_ns = tick_times(round(2.5 / abs(speed) * car.rate_hz), car.rate_hz)
+    kernel = closed_loop(system, car.rate_hz, noise=False)
+    for side, heading_deg, moving in itertools.product((0.2, -0.2), (30, -30), (0.0, speed)):
+        start = compose(route.eta[0], np.array([0.0, side, np.radians(heading_deg)]))
+        state = begin(system, start)
+        vehicle = state.world.vehicle._replace(nu=np.array([moving, 0.0, 0.0]))
+        state = state._replace(world=state.world._replace(vehicle=vehicle))
+        run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
+        x, y = run.truth.eta[:, 0], run.truth.eta[:, 1] - radius_m
+        along_m = radius_m * np.abs(np.unwrap(np.arctan2(y, x)) + 0.5 * np.pi)
+        assert along_m[-1] > 1.5
+        assert np.abs(np.hypot(x, y) - radius_m)[along_m > bar_m].max() < 0.03, (side, heading_deg, moving)
+
+
 def test_a_moving_vehicle_is_not_braked_at_controller_start():
     """The smooth reference begins with the velocity of the vehicle; in an earlier version it began at rest."""
     moving = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0], ticks=1)
@@ -237,6 +258,23 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(across) < 0.01
     assert share_at_limit(run.sent_commands, limits_of(car.text)) < 0.01  # the first tick
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("speed", [1.2, 2.0])
+def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed):
+    """Before, kanayama and lqr wove by 50 to 250 mm: their gain of the course rose with the speed, not with 1/T."""
+    car, radius_m = load("car"), 3.0
+    late = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + 0.03})
+    system = loop_system(late, circle(radius_m, speed), perfect=True, controller=car.controller(law))
+    kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(400, car.rate_hz)
+    state = begin(system, np.array([0.0, 0.02, 0.0]))
+    vehicle = state.world.vehicle._replace(nu=np.array([speed, 0.0, 0.0]))
+    state = state._replace(world=state.world._replace(vehicle=vehicle))
+    run = as_run("fast", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
+    off = np.hypot(run.truth.eta[200:, 0], run.truth.eta[200:, 1] - radius_m) - radius_m
+    assert rms(off) < 0.006
+    assert np.abs(np.diff(run.sent_commands[200:, 1])).sum() < 1.0
 
 
 @pytest.mark.parametrize("law", LAWS)

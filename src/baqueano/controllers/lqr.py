@@ -78,9 +78,11 @@ class Lqr(ModelFollower):
         min_speed = np.where(tracking.forward_sign < 0.0, -MIN_SPEED_M_S, MIN_SPEED_M_S)
         v = np.where(np.abs(v_f) < MIN_SPEED_M_S, min_speed, v_f)
         P, K = self.riccati(memory, *_linear(np.array([v, 0.0, omega_f]), tracking.dt_s))
-        max_correction = np.abs(K[1, 2]) * MAX_APPROACH_RAD
-        lateral = np.clip(K[1, 1] * tracking.e[1], -max_correction, max_correction)
-        omega = omega_f - K[1, 0] * tracking.e[0] - lateral - K[1, 2] * tracking.e_chi
+        share = self.gain_share(K[1, 2])  # of a loop that the delay does not make unstable
+        k_y, k_chi = share**2 * K[1, 1], share * K[1, 2]
+        max_correction = np.abs(k_chi) * MAX_APPROACH_RAD
+        lateral = np.clip(k_y * tracking.e[1], -max_correction, max_correction)
+        omega = omega_f - K[1, 0] * tracking.e[0] - lateral - k_chi * tracking.e_chi
         return P, (v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi]), omega)
 
     def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

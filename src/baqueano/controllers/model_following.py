@@ -190,6 +190,13 @@ class ModelFollower:
         drivetrain = self.vehicle.drivetrain
         return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S
 
+    def gain_share(self, k_chi: Value) -> Value:
+        """Return min(1, 1 / (T k_χ)) for the yaw rate per course error k_χ [1/s]: the factor that limits it to 1/T.
+
+        Such a loop crosses a gain of 1 at 1/T. There, T delays by at most 1 rad, so a phase margin of 33° remains.
+        """
+        return 1.0 / np.maximum(self.response_delay_s * np.abs(k_chi), 1.0)
+
     def _checked_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Value, Value]:
         result = self.velocity_law(memory, tracking)
         try:
