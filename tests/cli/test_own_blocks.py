@@ -232,6 +232,13 @@ def test_a_block_that_cannot_be_loaded_is_refused_before_the_drive(
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
+def test_the_message_about_a_missing_block_file_lists_the_files_once(project, tmp_path):
+    """Before, the names of the files stood in it twice, in two sentences."""
+    (tmp_path / "another.py").touch()
+    end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
+    assert (end.code, end.err.count("another.py")) == (3, 1)
+
+
 def test_a_block_of_another_role_is_refused_before_the_drive(project, tmp_path):
     (tmp_path / "mine.py").write_text(TUNABLE.format(k=1.0), encoding="utf-8")
     end = project("repeat", "lab", "--estimator", "mine.py:Mine", *SMALL)

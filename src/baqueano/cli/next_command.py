@@ -29,6 +29,7 @@ DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 UNBRACKETED = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
 NOT_BY_COMMA = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
 ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")
+NAMES_CODES = ("name.near", "name.unknown")
 MAX_LISTED_FILES = 5  # files of a folder that are named
 
 
@@ -65,6 +66,8 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
         return None
     if code == USAGE:
         return fault("next.options", baqueano_command(*args[: 2 if args[:1] in GROUPS else 1], "--help"))
+    if any(cause.code in NAMES_CODES for cause in causes):  # the message lists the files already
+        return None
     if missing_paths:
         return _alternatives_to(missing_paths[0])
     rooms = {cause.code.partition(".")[0] for cause in causes}
