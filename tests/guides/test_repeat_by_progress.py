@@ -97,6 +97,19 @@ def test_the_reference_does_not_jump_at_the_crossing_of_an_eight():
     assert np.abs(np.diff(heading)).max() < 0.05
 
 
+def test_a_route_that_comes_back_over_the_same_poses_is_driven_to_its_end():
+    """Before, the vehicle was found on both pieces at once: it oscillated behind the cusp, and the drive never ended."""
+    s, v, kappa = np.linspace(0.0, 0.6, 61), 0.2, 0.8
+    there = np.column_stack([np.sin(kappa * s) / kappa, (1.0 - np.cos(kappa * s)) / kappa, kappa * s])
+    speed = np.where(np.arange(121) <= 60, v, -v)
+    nu = np.column_stack([speed, np.zeros(121), kappa * speed])
+    route = Route(np.arange(121) * 0.01 / v, np.vstack([there, there[-2::-1]]), nu, False)
+    run = simulate_loop(SMALL, RepeatByProgress.along(route), perfect=True, duration_s=8.0)
+    assert run.reference.done[-1] == 1.0
+    assert run.reference.eta[:, 0].max() > 0.56
+    np.testing.assert_allclose(run.truth.eta[-1, :2], 0.0, atol=0.02)
+
+
 def test_the_guide_is_done_after_its_last_lap():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
     last = drive_guide(RepeatByProgress.along(route), on_it, round(route.t_s[-1] / DT) + 5)[-1]

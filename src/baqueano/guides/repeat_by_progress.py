@@ -8,11 +8,10 @@
     η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps      (4)
 
 τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
-and (1) searches only near τ, so the crossing of a figure eight is not a short cut. slack = slack_m + slack_s |v| allows
-for delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. e is the distance to the
-point k. For a vehicle beside the route, ν_r does not become 0, because most laws cannot steer at rest. In (1) and e, a
-radian of heading has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., IEEE Robotics and
-Automation Magazine, 1995.
+and (1) searches only near τ and between two changes of direction: neither a crossing nor a cusp is a short cut. slack =
+slack_m + slack_s |v| allows for delay and lag. A blocked vehicle stops the reference wait_m + slack ahead of it. e is
+the distance to the point k. Beside the route ν_r does not become 0, because most laws cannot steer at rest. In (1) and
+e, a radian has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., 1995.
 """
 
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from baqueano.signals import Estimate, Reference, seconds
 
 HEADING_WEIGHT_M = 0.1
 FAR_AWAY = 1e9
+MIN_SPEED_M_S = 0.02  # a slower pose belongs to the piece before it
 MAX_SPACING_M = 0.05  # of the points of (1): half of it is less than the slack
 
 
@@ -94,6 +94,8 @@ class RepeatByProgress(Repeat):
     def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value]:
         """Return τ̇ at the time `phase` [s] of a lap, and the distance [m] of the vehicle from the route.  (1)-(3)"""
         t_s, eta, s = self._points()
+        pieces = np.interp(t_s, self.t_s, self._pieces())
+        piece, has_cusps = np.interp(phase, t_s, pieces), bool(np.any(pieces > 0.0))
         (behind_s, front), distances, is_on_route = self._window(s), s, 1.0
         if behind_s + front + 2 < len(s):
             indices = np.arange(len(s), dtype=float)
@@ -102,7 +104,7 @@ class RepeatByProgress(Repeat):
                 k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point equals the first one
             is_on_route = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
             eta = np.stack([np.interp(k, indices, column) for column in eta.T], axis=1)
-            distances = np.interp(k, indices, s)
+            distances, pieces = np.interp(k, indices, s), np.interp(k, indices, pieces)
         lag_m = np.interp(phase, t_s, s) - distances  # (k,) d, if the vehicle is at each of these points
         if self.closed and s[-1] > 0.0:
             lag_m = lag_m - s[-1] * np.floor(lag_m / s[-1] + 0.5)
@@ -111,6 +113,8 @@ class RepeatByProgress(Repeat):
         squared_distances = np.where(
             (np.abs(lag_m) <= self.reach_m) & (is_on_route > 0.0), squared_distances, FAR_AWAY
         )
+        if has_cusps:
+            squared_distances = np.where(np.abs(pieces - piece) < 1.0, squared_distances, FAR_AWAY)
         least = np.min(squared_distances)
         is_nearest = squared_distances <= least
         d = np.sum(np.where(is_nearest, lag_m, 0.0)) / np.sum(np.where(is_nearest, 1.0, 0.0))
@@ -134,6 +138,12 @@ class RepeatByProgress(Repeat):
             for column in (self.t_s, *self.eta.T, np.append(0.0, np.cumsum(steps_m)))
         )
         return t_s, np.column_stack(eta), s
+
+    def _pieces(self) -> np.ndarray:
+        """Return the number (m,) of the piece of each pose; a piece ends where the route changes its direction."""
+        sign = np.where(np.abs(self.nu[:, 0]) < MIN_SPEED_M_S, 0.0, np.sign(self.nu[:, 0]))
+        last_moving = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), 0))
+        return np.append(0.0, np.cumsum(sign[last_moving][1:] * sign[last_moving][:-1] < 0.0))
 
     def _window(self, s: np.ndarray) -> tuple[int, int]:
         """Return the largest number of points within `reach_m` of a point: behind this point, and in front of it.
