@@ -43,6 +43,10 @@ class Misuse(DiagnosticError, TypeError):
     """The error of a call, or of a type of argument, that a function of the package does not accept."""
 
 
+class NoAttribute(DiagnosticError, AttributeError):
+    """The error of an attribute that an object lacks."""
+
+
 class MissingMethod(DiagnosticError, NotImplementedError):
     """The error of a base class whose subclass lacks a method, or whose method returns something else."""
 

@@ -4,13 +4,16 @@ import ast
 import re
 import shlex
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 
 import baqueano as package
 from baqueano.cli import SUBCOMMANDS, command_of
+from baqueano.cli.next_command import run_options
 from baqueano.diagnostics import nearest
 from baqueano.messages import templates, text
 from baqueano.messages.printable import baqueano_command
@@ -222,3 +225,18 @@ def test_the_update_option_adds_noise_and_an_estimator_to_a_file(baqueano, lab, 
     assert "measurement_noise_cov" in text
     assert "[estimator]" in text
     assert baqueano("replay", run, "--vehicle", "mine.toml").code == 0
+
+
+def test_advice_about_a_run_names_the_vehicle_file_that_it_belongs_to(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small, car = package.load("small"), package.load("car")
+    run = package.simulate(car, np.zeros((50, 2)))
+    assert run_options("runs", package.simulate(small, np.zeros((50, 3)))) == ["--vehicle", "small"]
+    small.save("a.toml")
+    car.save("rover.toml")
+    assert run_options("runs", run) == ["--vehicle", "rover.toml"]
+    assert run_options("lab", run, is_in_run=True) == ["--runs", "lab"]
+    imported_run = replace(run, vehicle_text="")
+    assert run_options("runs", imported_run, is_in_run=True) == ["--vehicle", "rover.toml"]
+    car.save("again.toml")
+    assert run_options("runs", imported_run) == ["--vehicle", "FILE"]

@@ -23,6 +23,7 @@ from baqueano.diagnostics import fault
         ("study papr", "cli.unknown-verb", "baqueano study paper"),
         ("blocks chek", "cli.unknown-verb", "baqueano blocks check"),
         ("experiment --secs 5", "cli.no-such-option", "--seconds"),
+        ("simulate --duration 5", "cli.no-such-option", "--seconds"),
         ("experiment extra", "cli.usage", "baqueano experiment --help"),
         ("experiment a.toml --seconds 5", "cli.vehicle-argument", "experiment --vehicle a.toml --seconds 5"),
         ("tune small", "cli.vehicle-argument", "baqueano tune --vehicle small"),

@@ -9,7 +9,7 @@ import pytest
 from baqueano.compare.laps import laps_of
 from baqueano.controllers import Pd
 from baqueano.controllers.schedule import script_commands
-from baqueano.diagnostics import StopReason
+from baqueano.diagnostics import Severity, StopReason
 from baqueano.drive import experiment, repeat, replay, stop_reason_of, teach
 from baqueano.drive.observers import Progress
 from baqueano.errors import AnswerNo, UsageError
@@ -34,7 +34,7 @@ FILE = SimpleNamespace(
     path=None,
     is_guess=False,
     rate_hz=100.0,
-    command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=LIMIT),
+    command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), unit="duty", limit=LIMIT),
     vehicle=VEHICLE,
     sensors=SENSORS,
     envelope=None,
@@ -299,3 +299,15 @@ def test_the_progress_of_a_drive_is_reported():
     assert progress[0] == pytest.approx(0.01)
     assert len(progress) == 5
     assert np.all(np.diff(progress) > 0.0)
+
+
+def test_an_experiment_warns_of_commands_that_are_clipped():
+    robot = FILE
+    commands = np.tile([100.0, 0.0, -1.0], (50, 1))
+    commands[:10] /= 100.0
+    diagnostics = [event.diagnostic for event in experiment(robot, commands).events]
+    clipped = [d for d in diagnostics if d is not None and d.code == "drive.clipped"]
+    assert [(d.subject, d.severity) for d in clipped] == [("u_x", Severity.WARNING)]
+    assert (clipped[0].figures["share"], clipped[0].figures["largest"]) == (80.0, 100.0)
+    quiet = experiment(robot, commands / 100.0)
+    assert all(event.diagnostic is None or event.diagnostic.code != "drive.clipped" for event in quiet.events)

@@ -307,6 +307,15 @@ def test_a_file_on_the_command_line_fills_the_placeholder_of_the_map(lab):
         import_run(lab.folder / "lab.toml", [lab.folder / "gone.csv"])
 
 
+def test_an_import_without_paths_names_each_file_of_the_map(lab):
+    lab.save()
+    lab.edit('path = "board.csv"\n', "").edit('path = "camera.csv"\n', "")
+    (lab.folder / "lab.toml").write_text(lab.map, encoding="utf-8")
+    with refused("import.no-path", FileError) as error_info:
+        import_run(lab.folder / "lab.toml")
+    assert error_info.value.diagnostic.fix.endswith("lab.toml board=FILE camera=FILE")
+
+
 def test_recordings_are_searched_in_the_folder_of_the_environment_variable(lab, tmp_path, monkeypatch):
     lab.save()
     elsewhere = tmp_path / "recordings"

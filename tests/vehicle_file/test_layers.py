@@ -1,5 +1,7 @@
 """Command-line settings have priority over the file, and the file may name a user block."""
 
+import copy
+import pickle
 import sys
 import tomllib
 
@@ -278,3 +280,13 @@ def test_the_spanish_documentation_has_the_same_keys_and_no_english():
         for english, spanish in pairs
         if english["default"][:1] == "`"
     )
+
+
+def test_a_missing_attribute_names_the_key_that_begins_so():
+    robot = load("small")
+    with refused("vehicle.attribute-is-key", AttributeError, key="model.mass_kg") as error_info:
+        robot.mass  # noqa: B018
+    assert eval(error_info.value.diagnostic.fix) == robot.vehicle.mass_kg
+    with refused("vehicle.no-attribute", AttributeError):
+        robot.nonsense  # noqa: B018
+    assert copy.deepcopy(robot).name == pickle.loads(pickle.dumps(robot)).name == "small"

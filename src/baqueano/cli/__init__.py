@@ -111,6 +111,8 @@ def in_language(command: click.Command) -> click.Command:
         if isinstance(param, click.Option):
             param.help = language.translate(param.help or "") or None
             param.metavar = language.shown_placeholders(param.metavar or "") or _metavar(param)
+        else:
+            param.metavar = language.shown_placeholders(param.make_metavar(click.Context(command)))
     command.options_metavar = language.translate(command.options_metavar or "") or None
     if isinstance(command, click.Group):
         command.subcommand_metavar = language.translate(command.subcommand_metavar)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import click
 
+from baqueano.cli import SUBCOMMANDS, command_of
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_command import GROUPS, next_command
 from baqueano.diagnostics import Diagnostic, fault
@@ -22,6 +23,7 @@ from baqueano.errors import (
     user_code_place,
 )
 from baqueano.messages import text
+from baqueano.messages.language import current_language, use_language
 from baqueano.messages.printable import baqueano_command
 
 NEGATIVE_ANSWER, USAGE, BAD_FILE = 1, 2, 3
@@ -79,7 +81,9 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 k = args.index(vehicle)
                 fix = baqueano_command(*args[:k], "--vehicle", *args[k:])
                 return fault("cli.vehicle-argument", fix, value=vehicle), USAGE
-            code = "cli.no-such-option" if isinstance(error, click.NoSuchOption) else "cli.usage"
+            code = "cli.usage"
+            if isinstance(error, click.NoSuchOption):
+                code, error.possibilities = "cli.no-such-option", error.possibilities or _described_by(error)
             verb = args[: 2 if args[:1] in GROUPS else 1]
             path = error.ctx.command_path if error.ctx else " ".join(["baqueano", *verb])
             return fault(
@@ -109,6 +113,26 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     return fault(
         "cli.unforeseen", error=error_text(error), file=last_frame.filename, line=last_frame.lineno
     ), NEGATIVE_ANSWER
+
+
+def _described_by(error: click.NoSuchOption) -> list[str]:
+    """Return the options of this command whose help begins with the unknown name: --duration is --seconds."""
+    _, verb, *verbs = [*(error.ctx.command_path.split() if error.ctx else []), "", ""]
+    if verb not in SUBCOMMANDS:
+        return []
+    name = error.option_name.lstrip("-").lower()
+    commands = []
+    for tongue in {"en", current_language()}:
+        with use_language(tongue):
+            command = command_of(verb)
+            commands.append(
+                command.commands[verbs[0]]
+                if isinstance(command, click.Group) and verbs[0] in command.commands
+                else command
+            )
+    options = [p for command in commands for p in command.params if isinstance(p, click.Option)]
+    first_words = ((option.opts[-1], (option.help or "").partition(" ")[0]) for option in options)
+    return sorted({option for option, word in first_words if word.strip(".,:;").lower() == name})
 
 
 def _misplaced_vehicle(error: click.UsageError, args: list[str]) -> str:

@@ -9,6 +9,7 @@ error: --help after a usage error, the help on maps after a bad map, the list of
 import difflib
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
+    from baqueano.compare import Comparison
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -158,3 +160,60 @@ def advise_after_import(
         return print_message(note("cli.next-command", fix=fit))
     kind = ["--vehicle", "car"] if runs[0].applied_commands.shape[1] == CAR_COMMANDS else []
     return print_message(note("cli.next-new", fix=fit, cd=baqueano_command("new", "mylab", *kind)))
+
+
+def run_options(folder: str, run: "Run", is_in_run: bool = False) -> list[str]:
+    """Return the options of `vehicle_and_runs_options` if only a run is known, but not its vehicle file.
+
+    A command that can use the vehicle file in the run (`is_in_run`) does not need a vehicle option then.
+    """
+    is_known = options.DEFAULT_FILE.exists() or (is_in_run and run.vehicle_text)
+    return ([] if is_known else _vehicle_option_of(run)) + options.runs_option(folder)
+
+
+def _vehicle_option_of(run: "Run") -> list[str]:
+    """Return the option for the vehicle file of this folder, or of the garage, that belongs to a run; FILE if none or
+    several do. A run without a vehicle file belongs to a vehicle with as many commands.
+    """
+    from baqueano.vehicle_file.garage import names
+    from baqueano.vehicle_file.text.toml_text import parse_toml
+
+    def head_of(toml: str) -> tuple[object, int]:
+        with suppress(ValueError):
+            data = parse_toml(toml, "")
+            return data.get("name"), len(data.get("command", {}).get("names", ()))
+        return None, 0
+
+    recorded_name, commands = head_of(run.vehicle_text)[0], run.applied_commands.shape[1]
+    matching_files = []
+    for path in sorted(Path().glob("*.toml")):
+        name, n = head_of(path.read_text(encoding="utf-8", errors="replace"))
+        if n == commands and recorded_name in (None, name):
+            matching_files.append(str(path))
+    if len(matching_files) == 1:
+        return ["--vehicle", *matching_files]
+    is_garage = not matching_files and recorded_name in names()
+    return ["--vehicle", str(recorded_name) if is_garage else "FILE"]
+
+
+def advise_to_fit(
+    compared: "Comparison", runs: "list[Run]", folder: str, named: list[str] | None = None
+) -> None:
+    """Print the command to type if the errors of an estimator in these runs are larger than its covariance states.
+    `named` are the options of its vehicle, by default those of `run_options`.
+    """
+    for comparison, run in zip(compared.runs, runs, strict=True):
+        if comparison.is_overconfident:
+            is_in_folder = run.path is None or run.path.parent == Path(folder)
+            run_name = run.name if is_in_folder else run.path
+            return print_message(
+                note(
+                    "cli.next-command",
+                    fix=baqueano_command(
+                        "identify",
+                        run_name,
+                        *(run_options(folder, run) if named is None else named),
+                        "--update",
+                    ),
+                )
+            )

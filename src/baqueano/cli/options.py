@@ -16,7 +16,6 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.compare import Comparison
     from baqueano.guides.route import Route
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
@@ -202,29 +201,9 @@ def vehicle_and_runs_options(vehicle_file: "VehicleFile", folder: str = "runs") 
     return vehicle + runs_option(folder)
 
 
-def run_options(folder: str, run: "Run | None" = None) -> list[str]:
-    """Return the options of `vehicle_and_runs_options` if only a run is known, but not its vehicle file.
-
-    A replay of a `run` that contains a vehicle file does not need a vehicle option.
-    """
-    vehicle = [] if DEFAULT_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
-    return vehicle + runs_option(folder)
-
-
 def runs_option(folder: str) -> list[str]:
     """Return the option of a folder of runs; [] for the usual one."""
     return [] if folder == "runs" else ["--runs", folder]
-
-
-def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:
-    """Print the command to type if the errors of an estimator in these runs are larger than its covariance states."""
-    for comparison, run in zip(compared.runs, runs, strict=True):
-        if comparison.is_overconfident:
-            is_in_folder = run.path is None or run.path.parent == Path(folder)
-            run_name = run.name if is_in_folder else run.path
-            return print_message(
-                note("cli.next-command", fix=baqueano_command("identify", run_name, *named, "--update"))
-            )
 
 
 def load_truth(robot: str, vehicle_file: "VehicleFile") -> "VehicleFile":

@@ -45,7 +45,7 @@ class Conditions:
     push 0.3 N s left"). An empty list yields the same drive without faults: it is bit for bit equal to a run with
     faults up to the first fault. `eta` [m, rad] is the pose at the start in the map (3,). For a moving vehicle it is
     (6,) and contains the body velocity. For `backend` see `symbolic.compile_block`. The vehicle stands still for
-    `rest_s` before its drive, see standstill.py.
+    `rest_s` before its drive, see standstill.py. `notes` are written at the start of the run.
     """
 
     truth: VehicleFile | None = None
@@ -57,6 +57,7 @@ class Conditions:
     tick_times_ns: Iterable[int] | None = None
     shake: Sequence[FaultLike] | None = None
     rest_s: float = 0.0
+    notes: Sequence[Diagnostic] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.truth, str):
@@ -264,7 +265,7 @@ def _prepare(
         if (names := vehicle_file.sensors_without_noise)
         else []
     )
-    return blocks, sensors, [*notes, *sensor_notes, *noise_notes]
+    return blocks, sensors, [*settings.notes, *notes, *sensor_notes, *noise_notes]
 
 
 def stop_reason_of(run: Run) -> Diagnostic | None:

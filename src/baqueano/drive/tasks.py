@@ -14,6 +14,7 @@ from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
+from baqueano.drive.safety.command_notes import clipping_notes
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import Conditions, drive
@@ -51,7 +52,7 @@ def experiment(
     vehicle_file : VehicleFile
         The vehicle; it is simulated unless a `world` is given.
     u : ndarray (N, n) [unit of the file's [command]]
-        One command per tick. The run has N + 1 ticks; the first tick precedes the first command.
+        One command per tick, after a first tick without one. A command above its limit is clipped, with a warning.
     estimator : str, type or block, optional
         The estimator in place of the file's, as in `repeat`.
     **options : object
@@ -79,7 +80,7 @@ def experiment(
         raise UsageError(fault("drive.signal-shape", value=str(u.shape), commands=commands, names=names))
     schedule, idle = Schedule.at_rate(u, vehicle_file.rate_hz), Idle(len(u) / vehicle_file.rate_hz)
     blocks = Blocks(vehicle_file.estimator(estimator), idle, schedule, vehicle_file.supervisor())
-    return drive(blocks, vehicle_file, "experiment", **options)
+    return drive(blocks, vehicle_file, "experiment", notes=clipping_notes(vehicle_file, u), **options)
 
 
 Driver: TypeAlias = Route | Guide | Sequence[tuple[float, Sequence[float]]] | Callable[[], np.ndarray]

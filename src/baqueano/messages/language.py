@@ -19,7 +19,7 @@ LANGUAGE_VARIABLE = "BAQUEANO_LANG"
 DOMAIN = "baqueano"
 CATALOGUES = Path(__file__).parents[1] / "locale"
 Shown = TypeVar("Shown")
-_COMMA = str.maketrans({".": ",", ",": " "})
+_COMMA = str.maketrans({".": ",", ",": "\N{NO-BREAK SPACE}"})  # 1 234,5
 _language = ""
 _reader: ContextVar[str] = ContextVar("reader", default="")  # the language of the reader of a text
 
@@ -84,6 +84,9 @@ def number(value: Shown) -> Shown:
 
     >>> f"{number(0.25):.1f}"
     '0.2'
+    >>> with use_language("es"):
+    ...     print(f"{number(12345.5):,.1f}")
+    12 345,5
     """
     if current_language() == "en":
         return value
@@ -98,13 +101,15 @@ def number(value: Shown) -> Shown:
 
 
 N_ = mark
-PLACEHOLDERS = (  # names of values; the names of arguments, such as RUN, are equal in every language
-    N_("ADDRESS"), N_("CELL"), N_("CLASS"), N_("DEG"), N_("DEVICE"), N_("FILE"), N_("FOLDER"), N_("HEIGHT"),
-    N_("HIGH"), N_("KEY"), N_("KIND"), N_("LOW"), N_("NAME"), N_("PART"), N_("SECONDS"), N_("SHAPE"), N_("SHARE"),
-    N_("VALUE"), N_("WAY"), N_("WHAT"), N_("WHEN"), N_("WIDTH"), N_("WORDS"),
+PLACEHOLDERS = (  # names of values in the help: of options and of arguments
+    N_("ADDRESS"), N_("ANGLE"), N_("BLOCK"), N_("CELL"), N_("CLASS"), N_("DEG"), N_("DEVICE"), N_("FACTOR"),
+    N_("FILE"), N_("FILES"), N_("FOLDER"), N_("HEIGHT"), N_("HIGH"), N_("KEY"), N_("KIND"), N_("LENGTH"),
+    N_("LOW"), N_("MAP"), N_("NAME"), N_("OTHER"), N_("PART"), N_("RATIO"), N_("ROUTE"), N_("RUN"),
+    N_("RUNS"), N_("SECONDS"), N_("SHAPE"), N_("SHARE"), N_("SOURCE"), N_("TIME"), N_("VALUE"), N_("WAY"),
+    N_("WHAT"), N_("WHEN"), N_("WIDTH"), N_("WORDS"),
 )  # fmt: skip
 _PLACEHOLDER = re.compile(rf"(?<![A-Z_])(?:{'|'.join(PLACEHOLDERS)})(?![A-Z_])")
-_MISSING_VALUE = re.compile(r"(?<=[ =])(?:FILE|FOLDER|KEY|VALUE)(?![\w.])")
+_MISSING_VALUE = re.compile(r"(?<=[ =])(?:FILE|FOLDER|KEY|NAME|ROUTE|RUN|VALUE)(?![\w.])")
 _OF_UNITS = (N_("unit of u"), N_(" per "))
 
 

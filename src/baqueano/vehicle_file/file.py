@@ -31,6 +31,7 @@ from baqueano.vehicle_file.head import (
     read_head,
     read_top,
 )  # fmt: skip
+from baqueano.vehicle_file.paths import raise_missing_attribute, value_in_force
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance, is_measured, model_values, read_history
 from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
@@ -120,6 +121,9 @@ class VehicleFile:
         }  # fmt: skip
         return text(note("front.vehicle", **figures))
 
+    if not TYPE_CHECKING:
+        __getattr__ = raise_missing_attribute
+
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per key of the model, with the run that measured it."""
         return model_values(self.data, self.provenance)
@@ -155,10 +159,7 @@ class VehicleFile:
         return self._block("guide", kind, changes, arguments)
 
     def value(self, dotted: str) -> Any:
-        """Return the value or the default of a key of the file, such as "model.friction.linear". Raise UsageError,
-        with the nearest keys, for an unknown key."""
-        from baqueano.vehicle_file.paths import value_in_force
-
+        """Return the value or the default of a key: "model.friction.linear". Raise UsageError for an unknown key."""
         return value_in_force(self, dotted)
 
     def with_values(

@@ -10,7 +10,7 @@ import numpy as np
 
 from baqueano.blocks import resolve_named
 from baqueano.diagnostics import fault, nearest
-from baqueano.errors import FileError, UsageError
+from baqueano.errors import FileError, NoAttribute, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
 from baqueano.vehicle_file.tables import DERIVED_KEYS, keys_of
 
@@ -98,6 +98,18 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
         table = f"{dotted.rpartition('.')[0]}."
         near = nearest("", [key for key in keys if key.startswith(table)] or keys)
     return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, near=near))
+
+
+def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:
+    """Raise the error for an attribute that a vehicle file lacks: it names a key that begins so."""
+    if name.startswith("_") or name in type(vehicle_file).__slots__:  # of a copy that is incomplete
+        raise AttributeError(name)
+    for key in known_paths(vehicle_file.data, vehicle_file.folder):
+        if key.rpartition(".")[2].startswith(name):
+            figures = {"file": vehicle_file.name, "value": name, "key": key}
+            raise NoAttribute(fault("vehicle.attribute-is-key", f'robot.value("{key}")', **figures))
+    near = nearest(name, [attribute for attribute in dir(vehicle_file) if not attribute.startswith("_")])
+    raise NoAttribute(fault("vehicle.no-attribute", file=vehicle_file.name, value=name, near=near))
 
 
 def _keys(

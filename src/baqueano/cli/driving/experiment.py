@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--room",
-    metavar="WxH",
+    metavar="WIDTHxHEIGHT",
     help=(
-        "Room [m]. The vehicle begins in the middle, heading along W, and stays inside. Default "
+        "Room [m]. The vehicle begins in the middle, heading along the width, and stays inside. Default "
         "of designed: 2x2."
     ),
 )

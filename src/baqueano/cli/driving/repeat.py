@@ -14,6 +14,7 @@ from baqueano.cli.driving.route import (
     start_pose_of,
 )
 from baqueano.cli.driving.targets import announce_rest, open_target, print_fault_detections
+from baqueano.cli.next_command import advise_to_fit
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import in_real_time, print_answer, print_message, show_time_progress
@@ -127,7 +128,7 @@ def command(
     print_fault_detections(run, vehicle_file, shake)
     comparison = compare(run)
     print_answer(comparison, as_json, laps=comparison.laps())
-    options.advise_to_fit(comparison, [run], options.vehicle_and_runs_options(vehicle_file, folder), folder)
+    advise_to_fit(comparison, [run], folder, options.vehicle_and_runs_options(vehicle_file, folder))
     if report:
         from baqueano.report.run_report import page_of_run
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import options
+from baqueano.cli.next_command import advise_to_fit
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_time_progress
@@ -45,7 +46,7 @@ def command(
     from baqueano.vehicle_file import override
 
     recorded_run = options.find_runs((run,), folder)[0]
-    vehicle_options = options.run_options(folder)
+    vehicle_options = None
     if vehicle is None and recorded_run.vehicle_text:
         print_message(note("cli.vehicle-of-run"))
         vehicle_file = recorded_vehicle_file(recorded_run)
@@ -70,7 +71,7 @@ def command(
     several = [recorded_run, replayed_run] if recorded_run.estimate is not None else [replayed_run]
     comparison = compare(several, alignment=align)
     print_answer(comparison, as_json)
-    options.advise_to_fit(comparison, [recorded_run] * len(several), vehicle_options, folder)
+    advise_to_fit(comparison, [recorded_run] * len(several), folder, vehicle_options)
     if report:
         from baqueano.report.run_report import page_of_run
 

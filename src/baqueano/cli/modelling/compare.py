@@ -3,6 +3,7 @@
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.next_command import advise_to_fit, run_options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import note
@@ -26,13 +27,12 @@ def command(
 
     loaded_runs = options.find_runs(runs, folder)
     comparison = compare(loaded_runs, alignment=align, skip_s=skip_s)
-    vehicle_options = options.run_options(folder)
     print_answer(comparison, as_json, laps=comparison.laps())
-    options.advise_to_fit(comparison, loaded_runs, vehicle_options, folder)
+    advise_to_fit(comparison, loaded_runs, folder)
     if (unestimated_runs := [run for run in loaded_runs if run.estimate is None]) and not as_json:
         name, replay_options = (
             unestimated_runs[0].path or unestimated_runs[0].name,
-            options.run_options(folder, unestimated_runs[0]),
+            run_options(folder, unestimated_runs[0], is_in_run=True),
         )
         print_message(
             note(

@@ -48,6 +48,8 @@ TEMPLATES: dict[str, str] = {
         "{file} [simulation] truth = {value} points outside the folder of the file. Expected a file in "
         "that folder, or one of the garage: {garage}."
     ),
+    "vehicle.no-attribute": "{file}: attribute {value} does not exist. {near}.",
+    "vehicle.attribute-is-key": "{file}: attribute {value} does not exist. To read {key} of the file, type: {fix}",
     "vehicle.unknown-key": "{file} does not have key {value}. {near}.",
     "block.lacks-arguments": (
         "{block} needs {keys}. Give an object with its values, such as {fix}, or write them into [{role}] of {file}."

@@ -261,16 +261,12 @@ def _with_default_paths(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Pat
 
 def _path_of(m: ColumnMap, spec: FileSpec) -> Path:
     if spec.path is None:
-        raise FileError(
-            fault(
-                "import.no-path",
-                baqueano_command(
-                    "runs", "import", m.path.stem if m.path.parent == maps_folder() else m.path, "FILE"
-                ),
-                map=m.path.name,
-                file=spec.name,
-            )
+        open_names = [name for name, other in m.files.items() if other.path is None]
+        values = ["FILE"] if len(open_names) == 1 else [f"{name}=FILE" for name in open_names]
+        fix = baqueano_command(
+            "runs", "import", m.path.stem if m.path.parent == maps_folder() else m.path, *values
         )
+        raise FileError(fault("import.no-path", fix, map=m.path.name, file=spec.name))
     return _matching_paths(m, spec)[0]
 
 

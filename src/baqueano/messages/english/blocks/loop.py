@@ -34,6 +34,10 @@ TEMPLATES: dict[str, str] = {
         "the vehicle"
     ),
     "drive.rest": "the vehicle stands still for {rest_s:g} s, to measure the bias of its gyro",
+    "drive.clipped": (
+        "{share:.0f} % of the commands {subject} are above the limit of [command], {limit:g}, and are clipped to it. "
+        "The largest is {largest:g}. Do they have the unit of the vehicle file, {unit}?"
+    ),
     "drive.on-mark": "on the mark",
     "drive.disk-full": (
         "the disk is full, so the rest of this run is not stored ({error}); the drive continues"

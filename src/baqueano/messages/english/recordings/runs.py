@@ -88,7 +88,7 @@ TEMPLATES: dict[str, str] = {
         "NAME=PATH"
     ),
     "import.no-file-like": "{path}: no file matches this name. Is the folder right?",
-    "import.no-path": "{map} [files.{file}] does not have a path, so give it on the command line: {fix}",
+    "import.no-path": "{map} [files.{file}]: the key path is missing, so give the file on the command line: {fix}",
     "import.no-rows": "{table} has names of columns but no rows. Is it the right file?",
     "import.where-empty": "{table}: where = {where} excludes all rows. Are the column and the value right?",
     "import.no-time": "{table}: none of the rows has a time in {column!r}. Is it the right column?",
@@ -242,7 +242,7 @@ TEMPLATES: dict[str, str] = {
         "runs, or exclude the other rows with where = {{…}}"
     ),
     "import.all-with-path": (
-        "{map} has the files {files}, all with a path. State which file is which: {first}=PATH"
+        "{map} has the files {files}, all with the key path. State which file is which: {first}=PATH"
     ),
     "import.draft-columns": (
         "{table} lacks the columns {missing} of {first}; a draft is for files with the same columns. To draft a map "

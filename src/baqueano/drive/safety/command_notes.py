@@ -1,0 +1,24 @@
+"""Tell the user, before a drive, which of its commands are above the limits of the vehicle file."""
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.vehicle_file import VehicleFile
+
+LIMIT_ROUNDING = 1e-9  # of a limit: a command that exceeds it by less is not clipped
+
+
+def clipping_notes(vehicle_file: VehicleFile, u: np.ndarray) -> list[Diagnostic]:
+    """Return a warning for each entry of the commands `u` (N, n) that the supervisor clips to its limit."""
+    limit, names = vehicle_file.supervisor().limit, vehicle_file.command.names
+    largest, clipped_share = (
+        np.max(np.abs(u), axis=0),
+        np.mean(np.abs(u) > limit * (1.0 + LIMIT_ROUNDING), axis=0),
+    )
+    return [
+        note(
+            "drive.clipped", Severity.WARNING, subject=names[k], share=100.0 * float(clipped_share[k]),
+            largest=float(largest[k]), limit=float(limit[k]), unit=vehicle_file.command.unit,
+        )
+        for k in np.flatnonzero(clipped_share)
+    ]  # fmt: skip
