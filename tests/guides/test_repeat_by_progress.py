@@ -98,7 +98,7 @@ def test_the_reference_does_not_jump_at_the_crossing_of_an_eight():
 
 
 def test_a_route_that_comes_back_over_the_same_poses_is_driven_to_its_end():
-    """Before, the vehicle was found on both pieces at once: it oscillated behind the cusp, and the drive never ended."""
+    """Before, the vehicle was found on both pieces at once: it oscillated behind the cusp and never finished."""
     s, v, kappa = np.linspace(0.0, 0.6, 61), 0.2, 0.8
     there = np.column_stack([np.sin(kappa * s) / kappa, (1.0 - np.cos(kappa * s)) / kappa, kappa * s])
     speed = np.where(np.arange(121) <= 60, v, -v)

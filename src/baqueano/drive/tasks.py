@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 ROUTE_RATE_HZ = 20.0  # poses per second of a taught route
 STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive is removed
 ENDS = {"duration_s", "tick_times_ns", "world", "path"}  # conditions of a drive without a last lap
-CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start is closed
-MIN_LOOP_M = 1.2  # a shorter drive that ends near its start is not a loop
+CLOSE_M, CLOSE_RAD, MIN_LOOP_M = 0.3, 0.6, 1.2  # of a closed drive: ends apart at most, length at least
 
 
 @checked_call('bq.experiment(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))')

@@ -178,9 +178,9 @@ def where(condition: Value, a: Value, b: Value) -> Value:
 
     Parameters
     ----------
-    condition : bool or ndarray
+    condition : bool or ndarray (any shape)
         True for the entries of `a`.
-    a, b : float or ndarray
+    a, b : float or ndarray (any shape)
         Values of shapes that broadcast [any unit].
 
     Returns
@@ -203,7 +203,7 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
 
     Parameters
     ----------
-    x : float or ndarray
+    x : float or ndarray (any shape)
         The points of interpolation [any unit].
     xp : ndarray (m,)
         Abscissae of the table, increasing [unit of x].

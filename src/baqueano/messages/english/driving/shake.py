@@ -14,7 +14,7 @@ TEMPLATES: dict[str, str] = {
     "shake.wheel-left": "left wheel slips,",
     "shake.wheel-right": "right wheel slips,",
     "shake.wheel-all": "wheels slip,",
-    "shake.sag": "battery sags to {percent:.0f} % of its voltage",
+    "shake.sag": "battery falls to {percent:.0f} % of its voltage",
     "shake.lose": "the line loses {percent:.0f} % of its frames",
     "shake.over": "over after {for_s:.1f} s: {what}",
     "shake.kind": "The fault {value} does not exist: expected one of {valid}.",
