@@ -300,6 +300,15 @@ def test_a_gyro_scale_error_is_reported_despite_a_camera_clock_offset(lab):
     assert "clock" not in lab.codes()
 
 
+def test_a_camera_clock_offset_beyond_the_first_range_is_found(lab):
+    """The end of the range (0.25 s) was advised as the offset, beside a scale of the gyro that was wrong by 4 %."""
+    lab.camera["t"] = lab.camera["t"] - 0.4
+    findings = lab.run().findings
+    assert "scale" not in [d.code for d in findings]
+    (clock,) = (d for d in findings if d.code == "clock" and d.reason.figures["key"] == IMU[2])
+    assert float(clock.line.figures["shift_s"]) == pytest.approx(0.4, abs=0.011)
+
+
 def test_positive_steering_that_turns_right_is_reported(lab):
     lab.board["steer"] = -lab.board["steer"]
     assert "recording.turns-right" in {d.reason.code for d in lab.run().findings}

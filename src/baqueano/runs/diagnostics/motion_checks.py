@@ -36,10 +36,11 @@ if TYPE_CHECKING:
     Imu = tuple[Entry, ...]  # a_x, a_y, ω
 
 Truth = Callable[[float], np.ndarray]
-MAX_OFFSET_S, MIN_OFFSET_S = (
+SEARCH_S, MAX_SEARCH_S = (
     0.25,
-    0.02,
-)  # search range of the offset of two clocks, and the least offset reported
+    4.0,
+)  # range of the offset of two clocks; it doubles while the best lies at its end
+MIN_OFFSET_S = 0.02  # the least offset reported
 MIN_SPEED_STD, MIN_TURN_STD_RAD_S, MIN_ACCELERATION_STD_M_S2 = (
     0.05,
     0.1,
@@ -130,17 +131,25 @@ def _shifted_truth(
     slope too small. Also return a finding if the shift is at least MIN_OFFSET_S and halves the variance of the
     residual.
     """
-    lags = np.linspace(-MAX_OFFSET_S, MAX_OFFSET_S, 51)
-    regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
-    r = np.array([regression.correlation for regression in regressions])
-    k, best_lag, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
+    search_s = SEARCH_S
+    while True:
+        lags = 0.01 * np.arange(-round(100 * search_s), round(100 * search_s) + 1)
+        regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
+        r = np.array([regression.correlation for regression in regressions])
+        k = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags)))
+        if 0 < k < len(lags) - 1:
+            break
+        if search_s >= MAX_SEARCH_S:
+            return true_of(0.0), []  # the end of the range is not a maximum
+        search_s *= 2.0
+    unshifted, truth = len(lags) // 2, motion.m.truth
     if not regressions[k].is_clear():
         return true_of(0.0), []
     late_s, true = float(lags[k]), true_of(float(lags[k]))
-    if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[best_lag] ** 2):
+    if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[unshifted] ** 2):
         return true, []
     code = "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier"
-    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[best_lag], then=r[k])
+    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[unshifted], then=r[k])
     line = note("recording.write-shift", shift_s=f"{truth.mount.shift_s + late_s:.3g}")
     return true, [ImportFinding("clock", "info", None, reason, line)]
 
