@@ -6,6 +6,7 @@ from datetime import date
 import numpy as np
 import pytest
 
+from baqueano.calibration.rest import with_gyro_bias_at_rest
 from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
@@ -32,6 +33,22 @@ def test_the_gyro_bias_is_measured_while_the_car_is_at_rest():
     assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * sd  # fails once in 150,000 seeds
     assert 0.0 < sd < 0.01
     assert fit.notes[0].code == "bias.at-rest"
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_each_rest_is_tested_alone_by_its_duration(every):
+    """A coast of 0.5 s passed beside a long rest; a rest of 2 s at a third of the rate of the file was too short."""
+    car = load("car")
+    steps = random_steps([0.5, 0.6], 10.0, car.rate_hz, 3)
+    u = np.concatenate([np.zeros((125, 2)), steps, np.zeros((75, 2))])
+    run = simulate(override(car, [f"sensors.imu.gyro_bias={BIAS}"]), u, 3)
+    channel, std = run.sensors["imu"], float(np.sqrt(car.sensors.imu.cov[-1, -1]))
+    z = channel.z.copy()
+    z[channel.t_ns > run.t_ns[-1] - 500_000_000, -1] += 3.0 * std
+    short = channel._replace(t_ns=channel.t_ns[::every], arrival_ns=channel.arrival_ns[::every], z=z[::every])
+    file, _ = with_gyro_bias_at_rest(car, [replace(run, sensors={**run.sensors, "imu": short})])
+    sd = file.provenance["sensors.imu.gyro_bias"].sd
+    assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * sd
 
 
 def test_without_a_rest_the_gyro_bias_of_the_file_is_used():

@@ -3,7 +3,7 @@
     b = b₀ + mean of (z − h), over the readings after REST_S without a command                            (1)
     w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
 
-The bias of a gyro is (1) if the vehicle rests for MIN_REST_S more: errors of the model do not act at rest. From the
+The bias of a gyro is (1) over each rest that lasts MIN_REST_S more: errors of the model do not act at rest. From the
 drive of a car, it cannot be separated from a small steering offset. So without a rest the file of a car keeps its
 value. A run begins at rest if its first speed readings are 0 within ZERO_SPEED_FACTOR w. w is the standard deviation
 of their white noise, by von Neumann's estimate over the whole run. Without a speed sensor, the run must begin without
@@ -100,18 +100,27 @@ def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
 
 
 def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
-    """Return gyro readings minus model (K,) [rad/s] while the vehicle was at rest. The array is empty if the rest is
-    too short, or if the vehicle was turned by hand."""
+    """Return gyro readings minus model (K,) [rad/s] while the vehicle was at rest. A rest is left out if it is
+    too short, or if the vehicle coasted or was turned by hand."""
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)
-    at_rest = is_at_rest(run, channel.t_ns) & np.isfinite(channel.z[:, -1])
+    finite = np.isfinite(channel.z[:, -1])
+    t_ns, z = channel.t_ns[finite], channel.z[finite, -1]
+    at_rest = is_at_rest(run, t_ns)
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-    residuals = channel.z[at_rest, -1] - sensor.h(at_standstill)[-1]
-    if len(residuals) < max(MIN_REST_S * sensor.rate_hz, 2.0):
-        return np.zeros(0)
+    residuals = z - sensor.h(at_standstill)[-1]
+    parts = np.split(np.arange(len(z)), np.flatnonzero(np.diff(at_rest)) + 1)
+    rests = [k for k in parts if at_rest[k].all() and _is_still(t_ns[k], residuals[k], sensor)]
+    return np.concatenate([np.zeros(0), *(residuals[k] for k in rests)])
+
+
+def _is_still(t_ns: np.ndarray, residuals: np.ndarray, sensor: "Tree") -> bool:
+    """Return True if one rest (K,) lasts MIN_REST_S and varies as noise; pooled, a short coast would pass."""
+    if len(t_ns) < 2 or (t_ns[-1] - t_ns[0]) * len(t_ns) / (len(t_ns) - 1) < 0.999 * MIN_REST_S * NANOSECONDS:
+        return False
     noise_std = np.sqrt(max(sensor.cov[-1, -1], 0.5 * np.mean(np.diff(residuals) ** 2)))  # (2)
-    return np.zeros(0) if np.std(residuals) > REST_NOISE_FACTOR * noise_std > 0.0 else residuals
+    return not np.std(residuals) > REST_NOISE_FACTOR * noise_std > 0.0
 
 
 def _file_with_gyro_bias(
