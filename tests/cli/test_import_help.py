@@ -49,6 +49,18 @@ def test_advised_imports_name_the_files_of_the_folder(baqueano, tmp_path):
     assert end.fix == "baqueano runs import log.toml FILE"
 
 
+def test_the_draft_gives_each_duty_its_direction_pin(tmp_path):
+    """Without the pins each backward command was a forward command; the rarer level is backward."""
+    rows = ["t_ms,pwm_l,dir_l,pwm_r,dir_r", "0,0,0,0,0"]
+    rows += [f"{10 * k},{90 + k},{int(k < 9)},{80 + k},{int(k > 7)}" for k in range(1, 12)]
+    (tmp_path / "log.csv").write_text("\n".join(rows), encoding="utf-8")
+    text = draft(tmp_path / "log.csv")
+    assert [entry["backward"] for entry in tomllib.loads(text)["command"]["wheels"]] == [
+        {"dir_l": 0},
+        {"dir_r": 1},
+    ]
+
+
 def test_a_map_is_recognised_by_its_content(baqueano, tmp_path):
     text = MAP_EXAMPLE.partition("\b\n")[2]
     (tmp_path / "rover.map").write_text(text, encoding="utf-8")

@@ -35,6 +35,7 @@ COMMAND_PATTERN, SPEED_PATTERN = (
 # commands of a left and a right wheel; a single voltage is that of the battery
 SETPOINT_PATTERN = r"(^|_)(volts?|voltage|set(point)?|target|goal|ref(erence)?|consigna|tension)(_|$)"
 VOLTAGE_PATTERN = r"(^|_)(volts?|voltage|tension)(_|$)"
+PIN_PATTERN = r"(^|_)(dir(ec(tion|cion))?|sentido|sign)(_|$)"  # of the direction of a motor: 0 and 1
 STEERING_PATTERN = r"steer|servo|volante|direccion"
 BARE_SIDES = tuple(  # two columns that are named only by their side
     rf"^(motor|rueda|wheel|u)?_?{side}(_percent)?$"
@@ -122,7 +123,12 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         measured_text = _("if these are measured, not commands: write them as z of [sensors.wheels]")
         remark = f"{'':28}# {measured_text}" if bare_pair else ""
         yield f'\n[command]{remark}\nin_force = "from"                    # {until_text}'
-        yield f"wheels = [\n{_list_lines(_wheel_command(table, column, largest) for column in commands)}\n]"
+        pins = _take_pair(free_columns, PIN_PATTERN) or ["", ""]
+        entries = (
+            _with_pin(_wheel_command(table, column, largest), table, column, pin)
+            for column, pin in zip(commands, pins, strict=True)
+        )
+        yield f"wheels = [\n{_list_lines(entries)}\n]"
     elif single_column:
         free_columns[:] = [column for column in free_columns if column not in single_column]
         single_column.sort(key=lambda column: bool(re.search(STEERING_PATTERN, _plain_name(column))))
@@ -248,6 +254,19 @@ def _wheel_command(table: LogTable, column: str, largest: float) -> str:
         return _entry(column, "voltage", "V")
     has_unit = any(_unit(column, measures) != UNKNOWN for measures in ("angular rate", "speed"))
     return _wheel(table, column) if has_unit else _command(column, largest)
+
+
+def _with_pin(entry: str, table: LogTable, column: str, pin: str) -> str:
+    """Return the entry with its direction pin. Backward is the rarer of two levels while the motor is driven."""
+    levels, counts = np.unique(
+        table.numbers(pin)[table.numbers(column) != 0.0] if pin else [], return_counts=True
+    )
+    if not pin or len(levels) > 2 or not np.isin(levels, (-1.0, 0.0, 1.0)).all():
+        return entry
+    backward = levels[np.argmin(counts)] if len(levels) == 2 else float(not np.any(levels == 1.0))
+    remark = _("{pin} = {level:g}: is this backward?", pin=pin, level=backward)
+    entry = entry.replace(" }", f", backward = {{ {_quoted(pin)} = {backward:g} }} }}", 1)
+    return f"{entry}; {remark}" if "},   #" in entry else f"{entry},   # {remark}"
 
 
 def _wheel(table: LogTable, column: str) -> str:
