@@ -142,14 +142,14 @@ def _shifted_truth(
         if search_s >= MAX_SEARCH_S:
             return true_of(0.0), []  # the end of the range is not a maximum
         search_s *= 2.0
-    unshifted, truth = len(lags) // 2, motion.m.truth
+    zero_lag, truth = len(lags) // 2, motion.m.truth
     if not regressions[k].is_clear():
         return true_of(0.0), []
     late_s, true = float(lags[k]), true_of(float(lags[k]))
-    if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[unshifted] ** 2):
+    if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[zero_lag] ** 2):
         return true, []
     code = "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier"
-    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[unshifted], then=r[k])
+    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[zero_lag], then=r[k])
     line = note("recording.write-shift", shift_s=f"{truth.mount.shift_s + late_s:.3g}")
     return true, [ImportFinding("clock", "info", None, reason, line)]
 
