@@ -109,7 +109,7 @@ def test_the_error_bound_is_computed_from_the_inverse_information():
 def test_the_fit_to_one_robot_is_not_wrong(case):
     study = identification(1, 5, cases=(case,), duration_s=5.0)
     (outcome,) = study.outcomes
-    assert len(outcome.names) == 25
+    assert len(outcome.names) == 26
     rows = study.rows()
     assert rows[0]["name"] == "pooled"
     assert rows[0]["wrongly_usable"] == 0
