@@ -83,7 +83,8 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 return fault("cli.vehicle-argument", fix, value=vehicle), USAGE
             code = "cli.usage"
             if isinstance(error, click.NoSuchOption):
-                code, error.possibilities = "cli.no-such-option", error.possibilities or _described_by(error)
+                code = "cli.no-such-option"
+                vars(error)["possibilities"] = error.possibilities or _described_by(error)
             verb = args[: 2 if args[:1] in GROUPS else 1]
             path = error.ctx.command_path if error.ctx else " ".join(["baqueano", *verb])
             return fault(
