@@ -216,7 +216,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(("speed", "bar_m"), [(-0.3, 1.0), (-0.5, 1.1)])
 def test_a_car_joins_its_route_in_reverse_within_a_metre_of_route(law, speed, bar_m):
-    """The origin is ahead of the rear axle, and first swings out: full lock alone needs 0.72 or 0.77 m."""
+    """In reverse the origin first moves away from the route: full lock alone needs 0.72 or 0.77 m of path."""
     car, radius_m, route = load("car"), 3.0, circle(3.0, -speed)
     route = route._replace(eta=route.eta[::-1], nu=-route.nu[::-1])
     system = loop_system(car, route, perfect=True, controller=car.controller(law))

@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S, velocity_error
 from baqueano.estimators.augmented_ekf import SCALE_INDEX
-from baqueano.identify import FitOptions, identify, random_steps
+from baqueano.identify import identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.noise.speed_error import with_speed_error
@@ -22,8 +22,6 @@ SMALL = load("small").with_values(
 RUN = simulate(SMALL, random_steps([1.0, 0.0, 0.0], 60.0, SMALL.rate_hz, 1, hold_s=2.0))
 FORCE = "model.actuator_matrix[0,0]"
 CONSTANT_SPEED = 0.3  # m/s
-# the drag of cornering is 0, its bound: there an effect is not linear
-INSIDE_BOUNDS = FitOptions(fixed=("model.friction.cornering",))
 
 
 def fit_with(names, sd):
@@ -91,16 +89,14 @@ def driven():
     small = load("small")
     run = simulate(small, random_steps(small.command.limit, 40.0, small.rate_hz, 2), 1)
     run = replace(run, truth=None)
-    return run, identify(run, small, options=INSIDE_BOUNDS)
+    return run, identify(run, small)
 
 
 def test_the_effect_of_the_gyros_scale_on_a_fit_equals_another_fit(driven):
     run, fit = driven
     small = load("small")
     low, high = (
-        identify(
-            run, small.with_values({"sensors.imu.gyro_scale": 1.0 / (1.0 + kappa)}), options=INSIDE_BOUNDS
-        )
+        identify(run, small.with_values({"sensors.imu.gyro_scale": 1.0 / (1.0 + kappa)}))
         for kappa in (-0.01, 0.01)
     )
     for name in ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[2,2]"):

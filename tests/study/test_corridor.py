@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from baqueano.compare.corridor import MAX_HEADING_STD_RAD
+from baqueano.identify import identify
 from baqueano.study import corridor, driving
 from baqueano.study.corridor import drives
 from baqueano.study.corridor.result import Instant, corridors_of
 from baqueano.study.corridor.vehicles import BIAS_WALK, SCALE_TOLERANCE, vehicles
+from baqueano.study.truth import TruthWorld
 
 
 def cases(n, claim_m, rng, heading=0.1):
@@ -62,3 +64,18 @@ def test_an_identified_vehicle_drives_inside_its_corridor(monkeypatch):
     assert list(study.instants) == ["10 s"]
     assert [row["coverage"] for row in study.rows()] == [1.0, 1.0]
     assert "10 s" in study.table()
+
+
+def test_a_fit_to_an_imu_gives_the_speed_straight_ahead_of_a_robot_with_drag_in_turns():
+    """The speed is seen only in turns; without their drag the straight drive was 11 % too slow."""
+    robots, commands = vehicles([9104]), np.array([0.52, 0.0, 0.0])
+    assert robots.cornering[0] > 0.05
+    (run,) = driving.simulate_experiments(robots, range(9104, 9105))
+    model = identify(run, driving.initial_file(), driving.FREE).vehicle_file.vehicle
+    world, state = TruthWorld(robots, [1], np.zeros((1, 3))), model.init()
+    for _ in range(200):
+        world.tick(commands[None], 0.01)
+        state = model.step(state, commands, 0.01, np.zeros(3))[0]
+    speed = world.truth.nu[0, 0]
+    assert 0.1 < speed < 0.3
+    assert state.nu[0] == pytest.approx(speed, rel=0.07)

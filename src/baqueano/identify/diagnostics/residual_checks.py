@@ -103,7 +103,8 @@ def check_residuals(
     if errors := [result.errors for result in missing_terms + differences]:
         unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
     if motion is not None:
-        gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion))[0]
+        is_inside = (low < 0.0) & (high > 0.0)
+        gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion), is_inside)[0]
     results = *missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED]
     return Diagnosis(messages + [result.message for result in results], unmodelled_cov, gyro_shift)
 

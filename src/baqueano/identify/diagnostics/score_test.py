@@ -185,9 +185,14 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
     return _ScoreSums(energy, products[-1], products[:-1].T, of_nuisances)
 
 
-def shift_by_effects(fit: FitResiduals, D: np.ndarray) -> np.ndarray:
-    """Return the change (K, k) of θ if the readings lacked a unit of each effect D (K, N m).  −(3) with δ = 1"""
-    return _sums(fit, D).cross @ fit.inverse
+def shift_by_effects(fit: FitResiduals, D: np.ndarray, is_inside: np.ndarray) -> np.ndarray:
+    """Return the change (K, k) of θ if the readings lacked a unit of each effect D (K, N m).  −(3) with δ = 1
+
+    Entries at a bound, where `is_inside` (k,) is False, do not change.
+    """
+    inverse, inside = np.zeros_like(fit.inverse), np.ix_(is_inside, is_inside)
+    inverse[inside] = pseudo_inverse(pseudo_inverse(fit.inverse)[inside])
+    return _sums(fit, D).cross @ inverse
 
 
 def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.ndarray) -> np.ndarray:
