@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.data.hand_measurements import drift_std, read_line
+from baqueano.identify.data.added_channels import drift_std, read_line
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import text
 from baqueano.runs.run import TruthLog

@@ -8,8 +8,7 @@ from baqueano.calibration.rest import with_gyro_bias_at_rest
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_truth
-from baqueano.identify.data.hand_measurements import with_hand_measurements
+from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_hand_measurements, with_truth
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters

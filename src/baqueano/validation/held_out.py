@@ -24,8 +24,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import MOUNT_PREFIX
-from baqueano.identify.data.hand_measurements import KINDS
+from baqueano.identify.data.added_channels import HAND_SENSORS, MOUNT_PREFIX
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.theta import POSE_SEGMENT_S
@@ -191,7 +190,7 @@ def _channels_used(fit: Fit) -> tuple[str, ...]:
     entries_used = dict.fromkeys(
         (c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained_fraction)
     )
-    sensors = [name for name in fit.sigma if name not in KINDS]
+    sensors = [name for name in fit.sigma if name not in HAND_SENSORS]
     whole_sensors = [
         name for name in sensors if all((name, k) in entries_used for k in range(len(fit.sigma[name])))
     ]

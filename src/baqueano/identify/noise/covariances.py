@@ -29,7 +29,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
-from baqueano.identify.data.hand_measurements import KINDS
+from baqueano.identify.data.added_channels import HAND_SENSORS
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
 from baqueano.identify.noise.held_out import Acceptance, accept_or_refit
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
@@ -281,7 +281,7 @@ def _measurement(
     in_motion: dict[str, np.ndarray] = {}
     at_rest: dict[str, np.ndarray | None] = {}
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
-        if name in KINDS:
+        if name in HAND_SENSORS:
             continue  # the error of a hand measurement is given by the user
         columns = sorted(
             {c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measurements).any()}
