@@ -23,7 +23,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import imu_only
-from baqueano.identify.covariance.scale_uncertainty import gyro_bias_covariance
+from baqueano.identify.covariance.information import gyro_bias_covariance
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import DUTY_STEP_PATH, duty_step_count, search_with_free_delay
 from baqueano.identify.estimation.search import Search, Task, search

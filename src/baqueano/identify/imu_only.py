@@ -5,7 +5,7 @@ motion (noise_level.py). The position l of the IMU along the vehicle is also fre
 l ν̇_ψ. For a car, the delay of the commands is also free. The IMU itself does not show the scales of gyro and
 accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the
 zero of a car's gyro, which acts like a small steering offset. The error bars contain their possible errors
-(scale_uncertainty.py), and the scatter between parts of the run (clusters.py). A change of the yaw rate of the gyro
+(information.py), and the scatter between parts of the run (clusters.py). A change of the yaw rate of the gyro
 changes the best delay. So both are searched in turn until they are constant (at most MAX_ROUNDS times). A fit that
 starts from its own result then stays there.
 
@@ -25,8 +25,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import jackknife, with_jackknife
-from baqueano.identify.covariance.information import Information, information
-from baqueano.identify.covariance.scale_uncertainty import with_systematic_errors
+from baqueano.identify.covariance.information import Information, information, with_systematic_errors
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import search_with_free_delay
