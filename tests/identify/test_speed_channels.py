@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise.accelerometer_misfit import MIN_SHARE, accelerometer_share
 from baqueano.identify.noise.speed_channels import ratio_of_blocks, speed_channels
+from baqueano.identify.noise.speed_error import MIN_SHARE, accelerometer_share
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 

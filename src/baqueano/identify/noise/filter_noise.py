@@ -11,7 +11,7 @@ this limit is not used. A channel that does not correct the motion has the noise
 than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities have σ² ≥ step²/12. With only an IMU, (3)
 estimates the disturbance from the forward accelerometer: its r is the rate of change of the speed error, which the drag
 λ of the model limits to d/λ. If wheels measure the speed, an error that the accelerometer does not measure is slip
-(accelerometer_misfit.py). In (4) a wrong track changes both wheels oppositely, so neither is better. The least
+(speed_error.py). In (4) a wrong track changes both wheels oppositely, so neither is better. The least
 `course_std` is the angle between course and heading of the model. docs/derivations/kalman.md derives (3) and (4).
 """
 
@@ -27,7 +27,6 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
-from baqueano.identify.noise.accelerometer_misfit import accelerometer_share, forward_accelerometer
 from baqueano.identify.noise.process_noise import (
     TICKS,
     coordinate_search,
@@ -35,7 +34,7 @@ from baqueano.identify.noise.process_noise import (
     robust_square,
     total_cost,
 )
-from baqueano.identify.noise.speed_error import with_speed_error
+from baqueano.identify.noise.speed_error import accelerometer_share, forward_accelerometer, with_speed_error
 from baqueano.numerics.statistics import white_std
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
@@ -173,7 +172,7 @@ def _crab_angle_rad(fit: "Fit") -> float:
 
 
 def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """Return the filter without the part of the speed error that is slip of wheels (accelerometer_misfit.py)."""
+    """Return the filter without the part of the speed error that is slip of wheels (speed_error.py)."""
     share = np.sqrt(accelerometer_share(ekf, fit, inertial))
     for path, low, _ in (FORWARD_NOISE[0], FORWARD_NOISE[2]):
         ekf = with_value(ekf, path, max(low, float(share * value_at_path(ekf, path))))
