@@ -9,8 +9,9 @@ from scipy.signal import lfilter
 
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise.speed_channels import ratio_of_blocks, speed_channels
+from baqueano.identify.noise.held_out import speed_channels
 from baqueano.identify.noise.speed_error import MIN_SHARE, accelerometer_share
+from baqueano.numerics.statistics import ratio_of_blocks
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 

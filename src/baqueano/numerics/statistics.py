@@ -3,6 +3,7 @@
     σ = MAD median |x|,   white noise: x the second differences over √6                                   (1)
     s_b = Σ_t∈b ψ ∂r,   m_b = A⁻¹ s_b,   cov = n/(n − p) Σ_b m_b m_bᵀ      over n blocks b                 (2)
     m_b the change without block b,      cov = (n − 1)/n Σ_b (m_b − m̄)(m_b − m̄)ᵀ                          (3)
+    r = √(Σ_b e_b² / Σ_b ẽ_b²)            of two errors e and ẽ, with the interval of drawn blocks         (4)
 
 Sums over blocks longer than the errors of a model are independent, for any autocorrelation inside a block. With few
 blocks an interval needs Student's quantile. Sources: Liang and Zeger 1986 for (2); Quenouille 1956, Tukey 1958 for (3);
@@ -18,6 +19,7 @@ import numpy as np
 QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
+MIN_BLOCKS, DRAWS = 5, 2000  # (4): blocks for an interval, and draws
 
 
 def student_quantile(probability: float, freedom: float) -> float:
@@ -115,3 +117,14 @@ def huber_regression(
         sigma = max(1.4826 * float(np.median(residuals)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
         weights = np.minimum(1.0, HUBER * sigma / np.maximum(residuals, 1e-300))
     return x, weights
+
+
+def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
+    """Return the ratio of two root mean square errors, and its 95 % interval. `ours` and `reference` (B,) are sums of
+    squares in B blocks, which are drawn with replacement. The interval is NaN with fewer than MIN_BLOCKS blocks. (4)"""
+    ratio = float(np.sqrt(ours.sum() / reference.sum()))
+    if len(ours) < MIN_BLOCKS:
+        return ratio, float("nan"), float("nan")
+    pick = np.random.default_rng(0).integers(0, len(ours), (DRAWS, len(ours)))
+    low, high = np.quantile(np.sqrt(ours[pick].sum(axis=1) / reference[pick].sum(axis=1)), [0.025, 0.975])
+    return ratio, float(low), float(high)

@@ -31,9 +31,8 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.added_channels import HAND_SENSORS
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
-from baqueano.identify.noise.held_out import Acceptance, accept_or_refit
+from baqueano.identify.noise.held_out import Acceptance, SpeedChannels, accept_or_refit, speed_channels
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
-from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
 from baqueano.messages.language import number, shown_unit

@@ -1,17 +1,17 @@
-"""Test the noise of a filter on held-out runs and on a simulation.
+"""Decide on held-out runs: which accelerometers correct the speed, and if the noise of a filter is correct.
 
-    NIS_c = Σ_t y_c² / S_cc / N   over readings of channel c in the held-out runs, 1 if the noise is correct (1)
-    NEES_s = Σ_t e_s² / P_ss / N  of state s over drives of the fitted vehicle with this noise               (2)
+    r = √(Σ_b e_b² / Σ_b ẽ_b²),   speed errors e with a channel, ẽ without, b blocks of SPEED_BLOCK_S      (1)
+    NIS_c = Σ_t y_c² / S_cc / N   over readings of channel c in the held-out runs, 1 if the noise is correct (2)
+    NEES_s = Σ_t e_s² / P_ss / N  of state s over drives of the fitted vehicle with this noise               (3)
 
-y are the innovations of the filter with their covariance S, limited to ROBUST_SIGMA standard deviations. Innovations of
-a real vehicle are not white, so the interval of (1) comes from blocks of BLOCK_S, drawn with replacement. A channel
-agrees if its interval contains a value from 1/CLOSE_FACTOR to CLOSE_FACTOR. If a channel disagrees, the runs of the fit
-do not show the noise of this vehicle: it is estimated again over all runs (filter_noise.py), and channels that still
-disagree are reported. A state agrees within CLOSE_FACTOR_ON_DRIVES; each drive of (2) is one block
-(simulate/assumed_noise.py).
+An accelerometer measures ν̇ and ν_x ν_ψ. A filter that corrects its speed by it is better than the model if both
+terms are correct for the vehicle, and worse if tilt, misalignment or tyres make them wrong. The sensors on board do not
+show which case applies; a reference of the speed does (1). y are the innovations of the filter with their covariance S,
+limited to ROBUST_SIGMA standard deviations. Innovations of a real vehicle are not white, so the interval of (2) comes
+from blocks of BLOCK_S, drawn with replacement. Each drive of (3) is one block (simulate/assumed_noise.py).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -19,23 +19,135 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.estimators.augmented.state import layout
+from baqueano.estimators.augmented.state import FORWARD_STATES, SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.noise.filter_noise import ROBUST_SIGMA
-from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.messages.language import mark as N_
+from baqueano.numerics.statistics import MIN_BLOCKS, ratio_of_blocks
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
+from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds
 from baqueano.simulate.assumed_noise import simulated_errors
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
+SPEED_BLOCK_S = 10.0
+FORWARD = 0  # the entry of ν
 BLOCK_S = 2.0  # longer than innovations are correlated
 CLOSE_FACTOR = 1.2  # factor on a variance: a smaller error does not degrade a filter
 # factor on the variance of a state: larger, because consider scales and slips are partly nonlinear
 CLOSE_FACTOR_ON_DRIVES = 1.5
 STATES = ("x", "y", N_("heading"), "v_x", "v_y", N_("yaw rate"))
+
+
+class SpeedChannels(NamedTuple):
+    """The channels that should correct the speed, and the reason."""
+
+    names: tuple[str, ...]  # for `speed_from`: "imu[1]"; empty if no channel helps
+    message: Diagnostic
+    is_from_held_out: bool = True  # False: the names are from the file
+
+
+def speed_channels(
+    filters: Callable[[tuple[str, ...]], AugmentedEkf],
+    file_names: tuple[str, ...],
+    validation_runs: Sequence[Run],
+    backend: str = "auto",
+) -> SpeedChannels | None:
+    """Return the channels that should correct the speed, or None for a filter without accelerometers. (1)
+    `filters(channels)` returns the filter with `channels` in its field `speed_from`, and with its noise estimated
+    again. `file_names` are the channels in the vehicle file; they are returned if no run shows the speed, or if all
+    are too short. Each channel, and all together, are tested. The channel with the least r is used if its whole
+    interval is below 1. The reference is the truth of the run, or else a sensor of speed that the estimator does not
+    use."""
+    without_speed = filters(())
+    channels = tuple(_undecided_channels(without_speed))
+    if not channels:
+        return None
+    references = [(run, *_reference_speed(run, without_speed)) for run in validation_runs]
+    with_speed = [(run, speed, source) for run, speed, source in references if speed is not None]
+    if not with_speed:
+        code = "speed.by-the-file" if file_names else "speed.by-the-model"
+        message = note(code, fix="--held-out RUN", channels=file_names, origin=_origin(without_speed))
+        return SpeedChannels(file_names, message, is_from_held_out=False)
+    errors_without, ratios = _errors(without_speed, with_speed, backend), {}
+    if not np.isfinite(errors_without).all():
+        return None  # the model itself diverges
+    source = ", ".join(sorted({source for *_, source in with_speed}))
+    runs = ", ".join(run.name for run, *_ in with_speed)
+    if len(errors_without) < MIN_BLOCKS:
+        pieces = {"pieces": len(errors_without), "least": MIN_BLOCKS, "block_s": SPEED_BLOCK_S}
+        return SpeedChannels(file_names, note("speed.too-short", runs=runs, **pieces), is_from_held_out=False)
+    for names in dict.fromkeys([*((channel,) for channel in channels), channels]):
+        errors = _errors(filters(names), with_speed, backend)
+        if np.isfinite(errors).all():
+            ratios[names] = ratio_of_blocks(errors, errors_without)
+    if not ratios:
+        return None  # every filter diverges
+    best_names = min(ratios, key=lambda names: ratios[names][0])
+    ratio, low, high = ratios[best_names]
+    details = {"channels": best_names, "ratio": ratio, "low": low, "high": high, "by": source, "runs": runs}
+    if high < 1.0:
+        return SpeedChannels(best_names, note("speed.corrected", **details))
+    return SpeedChannels((), note("speed.left", **details, origin=_origin(without_speed)))
+
+
+def _origin(ekf: AugmentedEkf) -> Diagnostic:
+    """Return a note with the sensors that measure the speed without an accelerometer, or with the model."""
+    corrects_speed = layout(ekf).moving_mask[:, FORWARD_STATES[0]] > 0.0
+    channels = zip(layout(ekf).channel_entries, corrects_speed, strict=True)
+    sensors = list(dict.fromkeys(name for (name, _), corrects in channels if corrects))
+    return note("speed.of-sensors", sensors=sensors) if sensors else note("speed.of-the-model")
+
+
+def _undecided_channels(ekf: AugmentedEkf) -> Iterator[str]:
+    """Yield the inertial channels in use that do not correct the motion yet, as candidates for the speed."""
+    filter_layout = layout(ekf)
+    bias_sensors = {bias.sensor for bias in filter_layout.biases}
+    for (name, i), E in zip(filter_layout.channel_entries, filter_layout.moving_mask, strict=True):
+        if name in bias_sensors and not np.any(E[:SCALE_INDEX]):
+            yield f"{name}[{i}]"
+
+
+def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
+    """Return the speed (N,) at the ticks from a source that the estimator does not use, and its name, or (None, "")."""
+    if run.truth is not None and np.isfinite(speed := true_speed(run.t_ns, run.truth)).any():
+        return speed, N_("the truth")
+    names_used = set(layout(ekf).names)
+    for name in getattr(ekf.sensors, "_fields", ()):
+        readings = [one for one in velocity_readings(ekf.sensors, (name,)) if FORWARD in one.entries]
+        channel = run.sensors.get(name)
+        if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
+            continue
+        z = channel.z[:, list(readings[0].rows)]
+        finite = np.isfinite(z).all(axis=1)
+        speed = (z[finite] - readings[0].at_rest) @ readings[0].inverse[FORWARD]
+        return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), speed, np.nan, np.nan), name
+    return None, ""
+
+
+def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], backend: str) -> np.ndarray:
+    """Return the sums of squares (B,) of the speed errors over the blocks of all runs."""
+
+    def step(belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
+        belief, estimate = ekf.row(belief, tick)
+        return belief, estimate.nu[FORWARD]
+
+    out = []
+    for run, speed, _ in runs:
+        start = float(speed[0]) if np.isfinite(speed[0]) else 0.0
+        ticks = ticks_of(run, ekf, len(run.t_ns))
+        belief = ekf.init(nu=np.array([start, 0.0, 0.0]))
+        kernel = scan(step, belief, example_filter_tick(ekf), backend=backend)
+        nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
+        finite = np.isfinite(speed)
+        square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that diverges
+        block = (run.t_s // SPEED_BLOCK_S).astype(int)
+        sums, count = (np.bincount(block[finite], x[finite]) for x in (square, np.ones(len(square))))
+        out.append(sums[count > 0])
+    return np.concatenate(out)
 
 
 class NoiseVerdict(StrEnum):
@@ -85,7 +197,9 @@ def accept_or_refit(
     backend: str = "auto",
 ) -> tuple[AugmentedEkf, Acceptance]:
     """Return the filter whose noise is written, and the verdict. The filter is `ekf` if the `validation_runs` agree
-    with it or are too short for a test, else `refit()`, with the noise over all runs."""
+    with it or are too short for a test, else `refit()`, with the noise over all runs: the runs of the fit then do not
+    show the noise of this vehicle. A channel agrees if its interval contains a value from 1/CLOSE_FACTOR to
+    CLOSE_FACTOR, a state within CLOSE_FACTOR_ON_DRIVES. Channels that still disagree are reported."""
     runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
     squares = nis_of(ekf, validation_runs, kernel)
     decisive = [square for square in squares if square.verdict != NoiseVerdict.CANNOT_TELL]
@@ -112,7 +226,7 @@ def accept_or_refit(
 
 
 def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[NormalisedSquare]:
-    """Return the NIS of each channel that corrects the motion, in the order of the layout.  (1)"""
+    """Return the NIS of each channel that corrects the motion, in the order of the layout.  (2)"""
     filter_layout = layout(ekf)
     names = [f"{name}[{i}]" for name, i in filter_layout.channel_entries]
     squares, counts = [], []
@@ -132,7 +246,7 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[Normali
 
 
 def nees_of(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]:
-    """Return the NEES of each state on drives like `run`, or an empty list if they cannot be simulated.  (2)"""
+    """Return the NEES of each state on drives like `run`, or an empty list if they cannot be simulated.  (3)"""
     e, P = simulated_errors(ekf, run, kernel)
     square = e**2 / np.diagonal(P, axis1=2, axis2=3)
     count = np.full(len(square), float(square.shape[1]))

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.compare.errors import absolute_pose_errors, align_trajectory
-from baqueano.identify.noise.speed_channels import ratio_of_blocks
 from baqueano.messages.language import mark as N_
+from baqueano.numerics.statistics import ratio_of_blocks
 from baqueano.runs.interpolation import interpolate_poses, true_speed
 from baqueano.runs.run import TruthLog
 from baqueano.signals import seconds
