@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import gains
+from baqueano.identify.diagnostics.file_consistency import gain_findings
 from baqueano.identify.parameters.free import default_free, free_parameters
 from baqueano.sensors import Wheels
 from baqueano.signals import sensor_slots
@@ -68,14 +68,14 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
     blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
-    findings = gains.gain_findings(blocks, names, np.array([sideways, turning]), sd)
+    findings = gain_findings(blocks, names, np.array([sideways, turning]), sd)
     assert [finding.code for finding in findings] == ["file.lever-arm"]
     assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
     no_imu = blocks._replace(sensors=sensor_slots(("wheels",))(Wheels(0.12)))
-    assert gains.gain_findings(no_imu, names, np.array([sideways, turning]), sd)[0].fix == (
+    assert gain_findings(no_imu, names, np.array([sideways, turning]), sd)[0].fix == (
         "--free +model.centre_of_mass_x_m"
     )
-    findings = gains.gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    findings = gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
     assert [finding.code for finding in findings] == ["file.swapped"]
     assert {"expected", "value"} <= findings[0].figures.keys()  # fields of its template
 

@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import gains
+from baqueano.identify.diagnostics.file_consistency import gain_findings
 
 
 def with_imu(run, change):
@@ -89,7 +89,7 @@ def test_swapped_axes_are_detected_because_each_fits_the_other_prediction(turned
 def test_swapped_axes_without_turns_are_detected_by_the_gain_matrix(case):
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
-    findings = gains.gain_findings(blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3))
+    findings = gain_findings(blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3))
     assert [(finding.code, finding.subject) for finding in findings] == [("file.swapped", "u[0]")]
     axes = [findings[0].figures[name].code for name in ("expected", "value")]
     assert axes == ["axis.forward", "axis.sideways"]
@@ -109,7 +109,7 @@ def test_an_inverted_gyro_is_reported_by_gain_sign_or_accelerometer(turned_run, 
 
 def test_an_inverted_gain_without_other_evidence_gives_a_warning(case):
     blocks, names = FittedBlocks(case.vehicle, case.sensors), ["model.actuator_matrix[2,2]"]
-    findings = gains.gain_findings(blocks, names, np.array([-29.9]), np.array([0.1]))
+    findings = gain_findings(blocks, names, np.array([-29.9]), np.array([0.1]))
     assert (findings[0].code, findings[0].severity) == ("file.inverted", Severity.WARNING)
     assert findings[0].subject == "model.actuator_matrix[2,2]"
     assert (findings[0].figures["now"], findings[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
@@ -125,7 +125,7 @@ def test_friction_guessed_by_a_factor_of_two_gives_a_usable_fit(case_run, case):
 )
 def test_only_a_gain_far_from_the_file_gives_a_reason(case, times, codes):
     was = case.value("model.actuator_matrix[2,2]")
-    findings = gains.gain_findings(
+    findings = gain_findings(
         FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
         np.array([times * was]),

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic
-from baqueano.identify.diagnostics import channel_map, gains, residual_checks
+from baqueano.identify.diagnostics import file_consistency, residual_checks
 from baqueano.runs.diagnostics.physical_units import CURVE_CODE
 
 if TYPE_CHECKING:
@@ -22,25 +22,25 @@ def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> res
     problem, theta, mask = end.task.problem, end.search.solution.theta, end.identifiability.mask
     s, is_finite, is_start = problem.layout.shared_count, np.isfinite(theta).all(), np.ones(len(theta), bool)
     identifiable = np.concatenate([mask, is_start[len(mask) :]])  # starts of segments
-    messages = channel_map.check_channels(problem, theta) if is_finite else []
+    messages = file_consistency.check_channels(problem, theta) if is_finite else []
     earlier_messages = list(end.findings)
     if not UNIT_CODES & {message.code for message in earlier_messages}:
-        errors, is_cleared = channel_map.check_gyro_against_model(end)
+        errors, is_cleared = file_consistency.check_gyro_against_model(end)
         messages += errors
         cleared_codes = {CURVE_CODE} if is_cleared else set()
         earlier_messages = [message for message in earlier_messages if message.code not in cleared_codes]
     if not (end.search.solution.converged and is_finite and identifiable[:s].any()):
         # without a fit, compare the axes with the predictions at the start of the search
         codes = {message.code for message in messages}
-        at_start = channel_map.check_channels(problem, end.task.start)
+        at_start = file_consistency.check_channels(problem, end.task.start)
         messages += [message for message in at_start if message.code not in codes]
-        messages = earlier_messages + channel_map.with_mount_findings(end, messages)
+        messages = earlier_messages + file_consistency.with_mount_findings(end, messages)
         return residual_checks.Diagnosis(messages, np.zeros((s, s)), np.zeros(s))
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
-    messages += gains.gain_findings(end.blocks, problem.shape.shared_paths, estimate, std[:s])
-    messages += gains.noise_findings(file_sigma, sigma, problem.labels)
+    messages += file_consistency.gain_findings(end.blocks, problem.shape.shared_paths, estimate, std[:s])
+    messages += file_consistency.noise_findings(file_sigma, sigma, problem.labels)
     diagnosis = residual_checks.check_residuals(
         end.blocks, problem, theta, identifiable, std, (end.task.low, end.task.high)
     )
-    messages = channel_map.with_mount_findings(end, messages + diagnosis.messages)
+    messages = file_consistency.with_mount_findings(end, messages + diagnosis.messages)
     return diagnosis._replace(messages=earlier_messages + messages)

@@ -6,7 +6,7 @@
     a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (4)
 
 (3) and (4) are signal maps (signal_map.py) of means over WINDOW_S or four samples. A fit compares the gyro with its
-model in the same way (identify/diagnostics/channel_map.py). r is 1 if the units are correct, else 180/π or its
+model in the same way (identify/diagnostics/file_consistency.py). r is 1 if the units are correct, else 180/π or its
 inverse. A wrong unit is reported if r is within a factor MAX_UNIT_RATIO of that value. The factor is large because r
 is nearer to 1 if wheels skid, or if values of the file are guesses. A gyro that agrees with the wheels is confirmed.
 (4) cannot separate a gyro from an accelerometer in another unit, and reports both.

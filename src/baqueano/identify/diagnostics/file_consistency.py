@@ -1,39 +1,43 @@
-"""Test if channels, units and mounts of the sensors are those of the vehicle file.
-
-The test of a channel is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale.
-If a channel does not follow the prediction with the values of the file, the search is repeated for other mounts: axes
-swapped, turned by a quarter or a half turn, or one axis inverted. The gains adapt, so they are compared with the file
-(gains.py):
+"""Test if channels, units, mounts and gains are those of the vehicle file.
 
     gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other mount),   n_c readings of the IMU              (1)
     ω_z = r ω_h   of the gyro and the values in the file, r of runs/diagnostics/physical_units.py             (2)
+    G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)         (3)
+    G_y = l_x G_ψ,   G_x = −l_y G_ψ      effect of an IMU at (l_x, l_y) if the command turns the vehicle     (4)
 
+The test of a channel is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale.
+If a channel does not follow the prediction with the values of the file, the search is repeated for other mounts (1).
 A turned mount cannot be detected if the vehicle can have any force along x and y; a mirrored one can, because ν_x ω
-points to the left in a left turn. If mounts have the same residuals, the signs of the gains decide. A gyro
-that agrees with the wheels or with the model is confirmed.
+points to the left in a left turn. If mounts have the same residuals, the signs of the gains decide. The gains adapt
+to a wrong channel, so they are compared with the file. The file can be wrong. But if a command of the fit pushes
+backward, sideways or five times as hard, a wrong log is more probable.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.diagnostics.gains import gain_findings
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import FreeParameter, value
+from baqueano.identify.parameters.free import FreeParameter, entries, value
 from baqueano.identify.parameters.theta import start_theta
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.parameter import all_parameters
 from baqueano.runs.diagnostics.physical_units import MAX_UNIT_RATIO, compare_gyro
 from baqueano.runs.diagnostics.signal_map import (
     MappedChannel,
     channel_regressions,
     clip,
     is_clear,
+    nearest_ratio,
     signal_map,
 )
+from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability import FinishedFit
@@ -42,7 +46,18 @@ MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
 DIVERGED_PREDICTION = 1e6  # SI units: a model with a larger prediction is treated as diverged
 MAX_ROWS = 3000  # rows of each run
 SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts whose gain is above it
-AXIS_CODES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
+CHANNEL_CODES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
+# times the value in the file: tolerances of data sheet and scale, or a guess of half or double
+MAX_GAIN_RATIO = 2.0
+MODEL_TOLERANCE = 0.1  # relative change of a gain by an imperfect model, in addition to its standard error
+IMPLAUSIBLE_RATIO = 20.0  # times the value in the file: larger than for any wrong guess of a vehicle
+SIGNIFICANT_SIGMA = 5.0  # standard errors
+# times the noise of the file; below SILENT_RATIO the run is a simulation without noise
+QUIET_RATIO, SILENT_RATIO = 0.2, 1e-4
+UNITS = {
+    57.29578: "guess.degrees", 9.80665: "guess.g", 255.0: "guess.pwm", 100.0: "guess.percent", 1000.0: "guess.milli",
+}  # fmt: skip
+AXIS_CODES, TURNING_AXIS = ("axis.forward", "axis.sideways", "axis.turning"), 2
 
 
 def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
@@ -163,7 +178,7 @@ def with_mount_findings(end: "FinishedFit", messages: list[Diagnostic]) -> list[
         ):
             code = "axes.swapped" if mount[0].order[0] else "axes.inverted"
             other_messages = [
-                message for message in messages if message.code not in AXIS_CODES or message.code == code
+                message for message in messages if message.code not in CHANNEL_CODES or message.code == code
             ]
             return [mount[1], *other_messages]
     return messages
@@ -229,4 +244,117 @@ def _log_sigma(end: Search, channels: slice, n: np.ndarray) -> float:
 def _agrees_with_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared_paths
     messages = gain_findings(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
-    return not any(message.code in AXIS_CODES for message in messages)
+    return not any(message.code in CHANNEL_CODES for message in messages)
+
+
+def gain_findings(
+    blocks: FittedBlocks, names: Sequence[str], estimate: np.ndarray, std: np.ndarray
+) -> list[Diagnostic]:
+    """Return findings on fitted gains that disagree with the gains in `blocks`."""
+    estimates = {
+        n: (float(e), float(s)) for n, e, s in zip(names, estimate, std, strict=True) if np.isfinite(e)
+    }
+    return _scalar_gain_findings(blocks, estimates) + _matrix_findings(blocks, estimates)
+
+
+def noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
+    """Return findings on channels whose noise `sigma` (m,) is much less than `file_sigma` (m,), that of the file."""
+    findings = []
+    for label, was, now in zip(labels, file_sigma, sigma, strict=True):
+        if was > 0.0 and SILENT_RATIO < now / was < QUIET_RATIO:
+            figures: JsonObject = {"guess": _unit(was / now), "sigma": float(now), "times": float(now / was)}
+            findings.append(note("file.quiet", Severity.WARNING, "", label, **figures))
+    return findings
+
+
+def _scalar_gain_findings(
+    blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]
+) -> list[Diagnostic]:
+    findings = []
+    for path, p in all_parameters(blocks.model, "model"):
+        is_matrix = np.ndim(value_at_path(blocks, path)) == 2
+        for entry in entries(blocks, path) if p.role == "gain" and not is_matrix else ():
+            if entry in estimates and value(blocks, entry) != 0.0:
+                findings += _comparison(entry, value(blocks, entry), *estimates[entry])
+    return findings
+
+
+def _comparison(path: str, file_value: float, fitted: float, std: float) -> list[Diagnostic]:
+    """Return findings on one gain compared with its value in the file."""
+    if not abs(fitted - file_value) > SIGNIFICANT_SIGMA * std:
+        return []
+    ratio = fitted / file_value
+    if ratio < 0.0:
+        return [note("file.inverted", Severity.WARNING, subject=path, now=fitted, was=file_value)]
+    factor = max(ratio, 1.0 / max(ratio, 1e-12))
+    if factor * (1.0 - max(SIGNIFICANT_SIGMA * std / abs(fitted), MODEL_TOLERANCE)) < MAX_GAIN_RATIO:
+        return []
+    if factor > IMPLAUSIBLE_RATIO:
+        return [note("file.far-gain", Severity.ERROR, subject=path, times=ratio, guess=_unit(factor))]
+    return [note("file.gain", Severity.WARNING, subject=path, times=ratio, guess=_unit(factor))]
+
+
+def _unit(off: float) -> Diagnostic | str:
+    code = UNITS.get(nearest_ratio(off, 0.8, 1.25, UNITS))
+    return note(code) if code else ""
+
+
+def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, float]]) -> list[Diagnostic]:
+    """Return findings on each column of the gain matrix: the largest entry in the file must stay the largest, and its
+    value must agree with the file. If a turning command moves the vehicle more along another axis, a lever arm is
+    suggested. (3), (4)"""
+    model = blocks.model
+    path = next(
+        (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
+    )
+    if path is None:
+        return []
+    file_gains, scale, findings = np.asarray(value_at_path(blocks, path), float), _mass_and_inertia(model), []
+    for j in range(file_gains.shape[1]):
+        paths = [f"{path}[{i},{j}]" for i in range(3)]
+        main_axis = int(np.argmax(np.abs(file_gains[:, j]) / scale))
+        if file_gains[main_axis, j] == 0.0 or paths[main_axis] not in estimates:
+            continue
+        fitted_gains = np.array([estimates.get(p, (file_gains[i, j], 0.0))[0] for i, p in enumerate(paths)])
+        sizes, file_sizes = (
+            _comparable_magnitudes(gains / scale, file_gains, scale)
+            for gains in (fitted_gains, file_gains[:, j])
+        )
+        second_axis = int(np.argmax(np.where(np.arange(3) == main_axis, 0.0, sizes)))
+        is_second_larger = sizes[second_axis] > sizes[main_axis]
+        if is_second_larger and MAX_GAIN_RATIO * sizes[main_axis] < file_sizes[main_axis]:
+            axes = {k: note(AXIS_CODES[i]) for k, i in (("expected", main_axis), ("value", second_axis))}
+            findings.append(note("file.swapped", Severity.WARNING, "", f"u[{j}]", **axes))
+            continue
+        offset = _offset_path(blocks)
+        if is_second_larger and main_axis == TURNING_AXIS and offset:
+            axis = note(AXIS_CODES[second_axis])
+            findings.append(
+                note("file.lever-arm", Severity.WARNING, f"--free +{offset}", f"u[{j}]", axis=axis)
+            )
+        findings += _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
+    return findings
+
+
+def _offset_path(blocks: FittedBlocks) -> str:
+    """Return the path of the lever arm of a sensor, else of the centre of mass, else ""."""
+    for name, sensor in blocks.sensors._asdict().items():
+        if has_field(sensor, "lever_arm_m"):
+            return f"sensors.{name}.lever_arm_m"
+    return "model.centre_of_mass_x_m" if has_field(blocks.model, "centre_of_mass_x_m") else ""
+
+
+def _comparable_magnitudes(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return the comparable magnitudes (3,) of the accelerations `fitted` (3,) of a command. The turning entry is
+    multiplied by the ratio of linear to turning gain in the file."""
+    gains = np.max(np.abs(file_gains) / scale[:, None], axis=1)
+    linear = max(gains[0], gains[1])
+    ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
+    return np.abs(fitted) * np.array([1.0, 1.0, ratio])
+
+
+def _mass_and_inertia(model: Tree) -> np.ndarray:
+    """Return (m, m, I) (3,), or ones for a kinematic model."""
+    if has_field(model, "mass_kg"):
+        return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
+    return np.ones(3)
