@@ -162,16 +162,16 @@ def fix_unidentifiable(
     in its place. Otherwise the rest of the error would bias the other parameters.
     """
     problem = end.problem
-    is_uncut = len(problem.layout.runs) == max(problem.layout.runs) + 1
+    is_split = problem.layout.has_split_runs
     # the starts of segments are nuisance parameters
-    count = problem.size if is_uncut else problem.layout.first_start
+    count = problem.layout.first_start if is_split else problem.size
     is_fixed, collinear, partners = np.zeros(count, bool), {}, {}
     released_entry: int | None = None  # an entry that was fixed first, and the result with it
     first_result: tuple[Search, Identifiability, Information] | None = None
     while True:
         problem, theta = end.problem, end.solution.theta
         info = information(problem, theta)
-        if not is_uncut:
+        if is_split:
             A, B = eliminate_starts(info.bread, info.meat, problem.layout)
             info = info._replace(bread=A, meat=B)
         by_channel = info.information_by_channel[:, :count]

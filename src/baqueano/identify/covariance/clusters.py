@@ -57,11 +57,9 @@ def jackknife(
     split. If `alike`, also return None if one block has more than MAX_BLOCK_SHARE of the information on a direction
     (one segment: MAX_SEGMENT_SHARE).
     """
-    if not len(identifiable) or (by_segment and not _has_split_runs(problem)):
+    if not len(identifiable) or (by_segment and not problem.layout.has_split_runs):
         return None
-    A = bread[np.ix_(identifiable, identifiable)]
-    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
-    inverse = np.linalg.inv(A / np.outer(root, root))
+    root, inverse = _scaled_inverse(bread[np.ix_(identifiable, identifiable)])
     position = np.full(problem.size, -1)
     position[identifiable] = np.arange(len(identifiable))
     block_s = np.inf if by_segment else block_duration_s(problem)
@@ -95,6 +93,17 @@ def jackknife(
     return covariance_of_changes(all_changes)
 
 
+def _scaled_inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return √A_ii (k,), and the inverse (k, k) of A with its entries divided by them."""
+    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    return root, np.linalg.inv(A / np.outer(root, root))
+
+
+def are_finite(d: np.ndarray) -> bool:
+    """Return True if derivatives (N, m, q) belong to a model that did not diverge."""
+    return bool(np.max(d, initial=0.0) < MAX_DERIVATIVE and np.min(d, initial=0.0) > -MAX_DERIVATIVE)
+
+
 def block_duration_s(problem: Residuals) -> float:
     """Return the duration of one block [s]."""
     return max(BLOCK_S, _total_s(problem) / MAX_BLOCKS)
@@ -113,19 +122,14 @@ def segment_derivatives(
     """Yield for each segment r (N, m), ∂r (N, m, q) and the indices of the q entries in θ. If runs are split, the
     initial states are eliminated, and ∂r is NaN in a segment in which the model diverged."""
     for r, d, index in problem.sensitivities(theta):
-        if not _has_split_runs(problem):
+        if not problem.layout.has_split_runs:
             yield r, d, index
             continue
         start = index >= problem.layout.first_start
-        if np.max(d, initial=0.0) < MAX_DERIVATIVE and np.min(d, initial=0.0) > -MAX_DERIVATIVE:
+        if are_finite(d):
             yield r, derivatives_without_start(d, np.abs(r) < HUBER, start), index[~start]
         else:
             yield r, np.full_like(d[..., ~start], np.nan), index[~start]
-
-
-def _has_split_runs(problem: Residuals) -> bool:
-    """Return True if any run is split into segments."""
-    return len(problem.records) > max(problem.layout.runs) + 1
 
 
 def _total_s(problem: Residuals) -> float:
@@ -184,8 +188,7 @@ def with_jackknife(info: "Information", identifiable: np.ndarray, cov: np.ndarra
     The correlations are those of `cov`. (3)"""
     index = np.ix_(identifiable, identifiable)
     A, meat = info.bread[index], info.meat.copy()
-    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
-    inverse = np.linalg.inv(A / np.outer(root, root))
+    root, inverse = _scaled_inverse(A)
     sandwich = inverse @ (meat[index] / np.outer(root, root)) @ inverse
     D = inflation_factors(np.diagonal(cov) * root**2, np.maximum(np.diagonal(sandwich), np.diagonal(inverse)))
     product = A @ (cov * np.outer(D, D)) @ A

@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, measured_std_of_gyro_bias, std_of_tolerance
 from baqueano.contracts.optional import has_field
-from baqueano.identify.covariance.clusters import MAX_DERIVATIVE, inflation_factors, segment_derivatives
+from baqueano.identify.covariance.clusters import are_finite, inflation_factors, segment_derivatives
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.normal_equations import pseudo_inverse
@@ -62,11 +62,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
 
     def segment_sums(segment: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         r, d, _ = segment
-        if not (
-            np.max(d, initial=0.0) < MAX_DERIVATIVE
-            and np.min(d, initial=0.0) > -MAX_DERIVATIVE
-            and np.isfinite(r).all()
-        ):
+        if not (are_finite(d) and np.isfinite(r).all()):
             r, d = np.zeros_like(r), np.zeros_like(d)  # a model that diverges gives no information
         bread, meat = _white_sums(np.where(is_sparse & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if is_autocorrelated:
@@ -90,11 +86,11 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
 def _scores_by_segment(problem: Residuals, segments: list[Any]) -> np.ndarray | None:
     """Return s_k (K, p) of (3), or None if the runs are not split or have too few segments."""
     layout, count = problem.layout, len(segments)
-    if count == max(layout.runs) + 1 or count < MIN_SEGMENTS_PER_PARAMETER * layout.first_start:
+    if not layout.has_split_runs or count < MIN_SEGMENTS_PER_PARAMETER * layout.first_start:
         return None
     scores = np.zeros((count, problem.size))
     for k, (r, d, index) in enumerate(segments):
-        if np.max(np.abs(d), initial=0.0) < MAX_DERIVATIVE and np.isfinite(r).all():
+        if are_finite(d) and np.isfinite(r).all():
             scores[k, index] = np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
     return scores
 

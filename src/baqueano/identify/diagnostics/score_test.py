@@ -102,7 +102,7 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
         nuisances += _nuisance_derivatives(
             flat, w, slice(a, b), m, range(q - layout.start_size, q), is_shown, range(q - layout.start_size)
         )
-    for k in range(max(layout.runs) + 1):
+    for k in range(layout.run_count):
         rows = np.flatnonzero(run == k)
         is_shown = identifiable[s + k * layout.run_entry_count : s + (k + 1) * layout.run_entry_count]
         segment_rows = slice(int(rows[0]), int(rows[-1]) + 1)

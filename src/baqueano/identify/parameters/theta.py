@@ -110,9 +110,19 @@ class ThetaLayout(NamedTuple):
     runs: tuple[int, ...]  # of each segment
 
     @property
+    def run_count(self) -> int:
+        """Return the number of runs."""
+        return max(self.runs) + 1
+
+    @property
+    def has_split_runs(self) -> bool:
+        """Return True if any run is split into segments."""
+        return len(self.runs) > self.run_count
+
+    @property
     def first_start(self) -> int:
         """Return the index of the first start."""
-        return self.shared_count + self.run_entry_count * (max(self.runs) + 1)
+        return self.shared_count + self.run_entry_count * self.run_count
 
     @property
     def size(self) -> int:
@@ -325,7 +335,7 @@ def start_theta(
     for k, parameter in enumerate(free):
         theta[k] = by_path.get(parameter.path, value(blocks, parameter.path))
         low[k], high[k] = parameter.low, parameter.high
-    for run in range(max(layout.runs) + 1):
+    for run in range(layout.run_count):
         for k, path in enumerate(shape.by_run, layout.shared_count + run * layout.run_entry_count):
             if path in shape.per_run:
                 parameter = free_parameter(blocks, path, options.bounds)

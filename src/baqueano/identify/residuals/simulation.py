@@ -184,10 +184,9 @@ class Residuals:
         measurements, else 0. Tyres stop a slip immediately; without the prior, slip and speed can diverge together.
         """
         prior = np.zeros(self.size)
-        is_cut = len(self.records) > max(self.layout.runs) + 1
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
         for k, has in enumerate(self.has):
-            if is_cut or not has[:1].any():
+            if self.layout.has_split_runs or not has[:1].any():
                 prior[self.layout.start_slice(k)] = weight
         return prior
 

@@ -198,10 +198,10 @@ def _run_entries(
     """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately. The starts
     are included if the runs are not split."""
     layout, shape = problem.layout, problem.shape
-    runs, s = max(layout.runs) + 1, layout.shared_count
+    runs, s = layout.run_count, layout.shared_count
     by_run = theta[s : layout.first_start].reshape(runs, -1)
     by_run_sd = sd[s : layout.first_start].reshape(runs, -1)
-    if len(layout.runs) > runs:
+    if layout.has_split_runs:
         return shape.by_run, by_run, by_run_sd
     names = (*shape.by_run, *(f"start.{START_NAMES[i]}" for i in shape.start))
     starts, starts_sd = (x[layout.first_start :].reshape(runs, -1) for x in (theta, sd))
@@ -337,7 +337,7 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
         h, span = (h[rows[rows >= record.lead], column : column + 2], record.dt_s[record.lead :].sum())
         spans.append(span)
         lengths_m.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
-    code = "truth.horizon-of-pieces" if len(spans) > max(problem.layout.runs) + 1 else "truth.horizon"
+    code = "truth.horizon-of-pieces" if problem.layout.has_split_runs else "truth.horizon"
     horizon = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(lengths_m)))
     return [horizon, *_mount_notes(problem, theta)]
 
@@ -355,5 +355,5 @@ def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared_paths)
-    means = theta[s : layout.first_start].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
+    means = theta[s : layout.first_start].reshape(layout.run_count, -1).mean(axis=0)[: len(shape.per_run)]
     return substitute(end.blocks, shape.paths, [float(x) for x in (*theta[:s], *means)])
