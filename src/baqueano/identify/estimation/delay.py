@@ -85,11 +85,7 @@ def _search_delay_grid(
         return middle
     best_solution, lighter_task = middle.solution, task._replace(problem=middle.problem)
     for side in (grid[first + 1 :], grid[:first][::-1]):
-        last = middle.solution
-        for delay_s in side:
-            tolerance = COST_TOLERANCE * best_solution.evaluation.cost
-            last = _solution_at_delay(lighter_task, last.theta, i, delay_s, tolerance)
-            best_solution = last if _expected_cost(last) < _expected_cost(best_solution) else best_solution
+        best_solution = _best_of_delays(lighter_task, middle.solution, best_solution, i, side)
     if best_solution is middle.solution:
         return middle
     return _search_at_fixed_delay(
@@ -110,17 +106,23 @@ def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Se
     centre_s, fine_s = best.solution.theta[i], FINE_TICKS * tick_s
     task = task._replace(problem=best.problem)
     middle = solution = _solution_at_delay(task, best.solution.theta, i, centre_s)
+    if best.stopped:
+        return best._replace(solution=middle)
     for side in (fine_s, -fine_s):
-        last = middle
-        for n in range(1, 1 + round(step_s / fine_s)):
-            if best.stopped or not task.low[i] <= centre_s + n * side <= task.high[i]:
-                break
-            tolerance = COST_TOLERANCE * solution.evaluation.cost
-            last = _solution_at_delay(task, last.theta, i, centre_s + n * side, tolerance)
-            solution = last if _expected_cost(last) < _expected_cost(solution) else solution
-    if not best.stopped:
-        solution = _search_both_sides(task, solution, i, fine_s, tick_s)
-    return best._replace(solution=solution)
+        delays_s = centre_s + np.arange(1, 1 + round(step_s / fine_s)) * side
+        is_inside = (task.low[i] <= delays_s) & (delays_s <= task.high[i])
+        solution = _best_of_delays(task, middle, solution, i, delays_s[is_inside])
+    return best._replace(solution=_search_both_sides(task, solution, i, fine_s, tick_s))
+
+
+def _best_of_delays(task: Task, begin: Solution, best: Solution, i: int, delays_s: np.ndarray) -> Solution:
+    """Return `best`, or a solution at one of the `delays_s` that is expected to cost less. The search at each delay
+    starts at the end of the previous one, the first at `begin`."""
+    last = begin
+    for delay_s in delays_s:
+        last = _solution_at_delay(task, last.theta, i, delay_s, COST_TOLERANCE * best.evaluation.cost)
+        best = min(best, last, key=_expected_cost)
+    return best
 
 
 def _search_both_sides(task: Task, nearest: Solution, i: int, fine_s: float, tick_s: float) -> Solution:
