@@ -104,6 +104,13 @@ def batch_covariance(
     return covariance_of_changes(changes.T, p) / np.outer(scale, scale)
 
 
+def huber_cost(residuals: np.ndarray) -> float:
+    """Return the sum of Huber's cost over `residuals` of any shape, in standard deviations."""
+    r = np.abs(residuals)
+    clipped = np.minimum(r, HUBER)
+    return float(np.sum(clipped * (r - 0.5 * clipped)))
+
+
 def huber_regression(
     jacobian: np.ndarray, y: np.ndarray, iterations: int = 10
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -38,7 +38,7 @@ from baqueano.identify.residuals.motion import (
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.numerics.normal_equations import Evaluation, sum_of_segments
 from baqueano.numerics.parallel import parallel_map
-from baqueano.numerics.statistics import HUBER
+from baqueano.numerics.statistics import HUBER, huber_cost
 from baqueano.sensors.sampling import difference
 from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import scan, with_value
@@ -173,9 +173,7 @@ class Residuals:
         """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of(rows)`."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> float:
-            r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
-            clipped_residuals = np.minimum(r, HUBER)
-            return float(np.sum(clipped_residuals * (r - 0.5 * clipped_residuals)))
+            return huber_cost(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
 
         return sum(self._map_segments(of))
 

@@ -43,7 +43,7 @@ from baqueano.identify.result.verdict import MAX_NOISE_RATIO
 from baqueano.messages.language import number
 from baqueano.numerics.normal_equations import derivatives_without_start
 from baqueano.numerics.parallel import gram
-from baqueano.numerics.statistics import HUBER, covariance_of_changes, student_quantile
+from baqueano.numerics.statistics import HUBER, covariance_of_changes, huber_cost, student_quantile
 
 FLOOR_P_VALUE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")
@@ -252,6 +252,4 @@ def _leave_out(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> n
 def _cost(block: _ObjectiveBlock, change: np.ndarray) -> float:
     """Return C_b from the open-loop residuals after the `change` of the fit."""
     with np.errstate(invalid="ignore", over="ignore"):  # a model that diverged
-        r = np.abs(block.r + block.d @ change[block.entries])
-        clipped_residuals = np.minimum(r, HUBER)
-        return float(np.sum(clipped_residuals * (r - 0.5 * clipped_residuals)))
+        return huber_cost(block.r + block.d @ change[block.entries])
