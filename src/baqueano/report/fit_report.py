@@ -227,7 +227,7 @@ def _run_names(runs: Any) -> str:
 def _run_section(fit: Fit, run: str) -> Section:
     channels = _channels_of(fit.channels, run)
     data_drawing, channels_shown = draw_most_motion(channels)
-    residual = np.stack([(c.measurements - c.predictions) / c.sigma for c in channels], axis=1)
+    residual = np.stack([c.residuals / c.sigma for c in channels], axis=1)
     over_time = figures.over_time([
         (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
         for c, r in zip(channels, residual.T, strict=True)
@@ -274,7 +274,7 @@ def draw_most_motion(channels: list[Any]) -> tuple[Any, str]:
 def label(channel: Any) -> str:
     """Return the label of a channel, "a_x [m/s²]" for the first channel of an IMU."""
     entries = CHANNEL_LABELS.get(channel.sensor, ())
-    return _(entries[channel.entry]) if channel.entry < len(entries) else f"{channel.sensor}[{channel.entry}]"
+    return _(entries[channel.entry]) if channel.entry < len(entries) else channel.label
 
 
 def without_model_prefix(name: str) -> str:

@@ -122,9 +122,7 @@ def _channel_drawings(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
     return {
         "data": lambda: draw_most_motion(list(channels))[0],
         "residuals": lambda: figures.residuals(
-            np.stack(
-                [(channel.measurements - channel.predictions) / channel.sigma for channel in channels], axis=1
-            ),
+            np.stack([channel.residuals / channel.sigma for channel in channels], axis=1),
             [label(reason) for reason in channels],
         ),
     }

@@ -145,7 +145,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
         channels += of_run.channels
     metrics, messages = [], _too_few_reasons(fit, runs)
     for c in channels:
-        if np.isfinite(c.measurements - c.predictions).any() and np.isfinite(c.explained_fraction):
+        if np.isfinite(c.residuals).any() and np.isfinite(c.explained_fraction):
             own_channels = [own for own in fit.channels if (own.sensor, own.entry) == (c.sensor, c.entry)]
             unit = channel_unit(vehicle_file, c.sensor, c.entry)
             channel_metrics, channel_findings = _channel_metrics(c, own_channels, unit)
@@ -206,10 +206,10 @@ def _channel_metrics(
     """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs of
     the fit. Also return the evidence against the model."""
     own_channels = [channel for channel in own_channels if np.isfinite(channel.explained_fraction)]
-    e = c.measurements - c.predictions
+    e = c.residuals
     explained_fraction = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measurements), 1e-300))
     metrics = ChannelMetrics(
-        c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), explained_fraction, np.nan, unit
+        c.run, c.label, float(np.sqrt(np.nanmean(e**2))), explained_fraction, np.nan, unit
     )
     if not own_channels:
         return metrics, []
@@ -229,7 +229,7 @@ def _channel_metrics(
 
 def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:
     """Return a finding on a channel whose explained part is significantly below 0, or None.  (5)"""
-    finite = np.isfinite(c.measurements - c.predictions)
+    finite = np.isfinite(c.residuals)
     blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_BLOCK_S)
     total = float(np.var(c.measurements[finite]))
     excess = -metrics.explained_fraction * total
@@ -286,7 +286,7 @@ def _channel_errors(
 ) -> tuple[_ChannelError, list[_ChannelError]]:
     """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S. If there are fewer than
     MIN_BLOCKS blocks, use blocks of SHORT_BLOCK_S if this gives more blocks."""
-    own_residuals = np.concatenate([channel.measurements - channel.predictions for channel in own_channels])
+    own_residuals = np.concatenate([channel.residuals for channel in own_channels])
     spread, trials = float(np.sqrt(np.nanmean(own_residuals**2))), []
     for block_s in (BLOCK_S, SHORT_BLOCK_S):
         errors, *own_errors = (_channel_error(channel, spread, block_s) for channel in (c, *own_channels))
@@ -299,7 +299,7 @@ def _channel_errors(
 
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
     """Return the residuals of a channel in blocks of `block_s`, clipped at CLIP_RATIO times `spread`."""
-    e, finite = c.measurements - c.predictions, np.isfinite(c.measurements - c.predictions)
+    e, finite = c.residuals, np.isfinite(c.residuals)
     e, t = np.clip(e[finite], -CLIP_RATIO * spread, CLIP_RATIO * spread), c.t_s[finite]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)
     block_numbers, counts = np.unique(block, return_counts=True)

@@ -316,7 +316,7 @@ def _residuals(
     for channels_of_run, run in zip(fit.channels_by_run, runs, strict=True):
         by_entry = {c.entry: c for c in channels_of_run if c.sensor == name}
         channels = [by_entry[i] for i in columns]
-        r = np.stack([c.measurements - c.predictions for c in channels], axis=1)
+        r = np.stack([c.residuals for c in channels], axis=1)
         h = np.stack([c.predictions for c in channels], axis=1)
         is_complete = np.isfinite(r).all(axis=1)
         at_standstill = _is_at_rest(run, channels[0].t_s, h, sigma)

@@ -206,7 +206,7 @@ def _with_misfit_from_accelerometer(
     lags = lags[lags > 0]
     products, count, residuals = np.zeros(len(lags)), np.zeros(len(lags)), []
     for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
-        r = np.clip(c.measurements - c.predictions, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
+        r = np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
         residuals.append(r[np.isfinite(r)])
         for k, lag in enumerate(lags[lags < len(r)]):
             pairs = r[:-lag] * r[lag:]
@@ -335,7 +335,7 @@ def _variance_range(
 ) -> tuple[float, float]:
     """Return the least and the greatest variance of an inertial channel. With few residuals, the greatest is
     `otherwise`.  (2)"""
-    residuals = [c.measurements - c.predictions for c in fit.channels if (c.sensor, c.entry) == (name, entry)]
+    residuals = [c.residuals for c in fit.channels if (c.sensor, c.entry) == (name, entry)]
     residuals = [r[np.isfinite(r)] for r in residuals]
     count = sum(max(0, len(r) - 2) for r in residuals)
     max_variance = (white_std(residuals) ** 2 if count >= MIN_RESIDUALS else 0.0) or otherwise

@@ -129,10 +129,10 @@ def _series(
         acceleration, slope = channel_of[accelerometer[:2]], accelerometer[2]
         of_gyro, of_wheels = ([channel_of[one.name, k] for k in one.rows] for one in (gyro, wheels))
         z = np.stack([c.measurements for c in of_gyro], axis=1) - gyro.at_rest
-        r = np.stack([c.measurements - c.predictions for c in of_wheels], axis=1)
+        r = np.stack([c.residuals for c in of_wheels], axis=1)
         pairs = (
             (of_wheels[0].t_s, r @ wheels.inverse[FORWARD]),
-            (acceleration.t_s, (acceleration.measurements - acceleration.predictions) / slope),
+            (acceleration.t_s, acceleration.residuals / slope),
             (of_gyro[0].t_s, z @ gyro.inverse[YAW]),
         )
         series = [TimeSeries(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in pairs]

@@ -48,6 +48,16 @@ class ChannelFit(NamedTuple):
     explained_fraction: float  # part of the measurements' variance that the model explains, outliers clipped
     autocorrelation: float  # sum of the autocorrelation of the residuals, 0 for white noise
 
+    @property
+    def label(self) -> str:
+        """Return the name of the channel, such as "imu[2]"."""
+        return f"{self.sensor}[{self.entry}]"
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Return z − h (N,), NaN without a measurement."""
+        return self.measurements - self.predictions
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Fit(Result):
@@ -306,8 +316,7 @@ class Fit(Result):
         for c in self.channels:
             if not np.isfinite(c.explained_fraction):
                 continue  # it was not fitted
-            label = f"{c.sensor}[{c.entry}]"
-            label = _("{channel} of {run}", channel=label, run=c.run) if len(self.runs) > 1 else label
+            label = _("{channel} of {run}", channel=c.label, run=c.run) if len(self.runs) > 1 else c.label
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
             details = {"channel": label, "noise": noise, "part": percent_text(c.explained_fraction)}
@@ -321,18 +330,17 @@ class Fit(Result):
     def _channels_together(self) -> list[str]:
         """Return one line per channel on all runs: the median run, and the run with the least explained part."""
         out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained_fraction)]
-        for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in finite_channels):
-            by_explained = sorted(
-                (c for c in finite_channels if (c.sensor, c.entry) == (sensor, entry)),
-                key=lambda c: c.explained_fraction,
-            )
+        for label in dict.fromkeys(c.label for c in finite_channels):
+            channel_fits = [c for c in finite_channels if c.label == label]
+            by_explained = sorted(channel_fits, key=lambda c: c.explained_fraction)
             median, lowest = by_explained[len(by_explained) // 2], by_explained[0]
-            noise = f"{number(median.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
+            unit = channel_unit(self.file, median.sensor, median.entry)
+            noise = f"{number(median.sigma):.3g} {unit}".rstrip()
             out.append(
                 _(
                     "{channel} of {runs} runs: noise {noise}; the model explains {middle} of the median "
                     "run and {least} of {run}",
-                    channel=f"{sensor}[{entry}]",
+                    channel=label,
                     runs=len(by_explained),
                     noise=noise,
                     middle=percent_text(median.explained_fraction),

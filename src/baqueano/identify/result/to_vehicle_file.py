@@ -154,10 +154,7 @@ def envelope_of(
                 for c in channels
                 if (c.sensor, c.entry) == (name, entry) and np.isfinite(c.explained_fraction)
             ]
-            z = [
-                c.measurements[np.abs(c.measurements - c.predictions) <= OUTLIER_SIGMA * c.sigma]
-                for c in channel_fits
-            ]
+            z = [c.measurements[np.abs(c.residuals) <= OUTLIER_SIGMA * c.sigma] for c in channel_fits]
             if sum(map(len, z)):
                 ranges[f"{name}[{entry}]"] = (
                     min(x.min() for x in z if len(x)),

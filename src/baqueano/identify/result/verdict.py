@@ -202,11 +202,11 @@ def _is_one_sided(above: int, below: int) -> bool:
 def _single_outlier(e: Evidence, label: str) -> Diagnostic:
     """Return the finding on a channel with one outlying reading, such as a hand measurement. It states measurement
     and prediction in place of 100 % outliers."""
-    channel_fits = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
+    channel_fits = [c for c in e.channels if c.label == label]
     z, h, sigma = next(
         (float(c.measurements[k]), float(c.predictions[k]), c.sigma)
         for c in channel_fits
-        for k in np.flatnonzero(np.isfinite(c.measurements - c.predictions))
+        for k in np.flatnonzero(np.isfinite(c.residuals))
     )
     units = CHANNEL_UNITS.get(channel_fits[0].sensor, ())
     unit = units[channel_fits[0].entry] if channel_fits[0].entry < len(units) else ""
@@ -220,14 +220,14 @@ def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
     m = len(e.autocorrelation)
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
-        residuals = (c.measurements - c.predictions) / c.sigma
+        residuals = c.residuals / c.sigma
         is_in_group = np.isfinite(residuals), residuals > OUTLIER_SIGMA, residuals < -OUTLIER_SIGMA
         counts[k % m] += np.sum(is_in_group, axis=1)
     return [(int(n), int(above), int(below)) for n, above, below in counts]
 
 
 def _labels(e: Evidence) -> list[str]:
-    return [f"{c.sensor}[{c.entry}]" for c in e.channels[: len(e.autocorrelation)]]
+    return [c.label for c in e.channels[: len(e.autocorrelation)]]
 
 
 def without_model_prefix(name: str) -> str:
@@ -261,11 +261,11 @@ def by_channel(
     """Return for each channel its runs. `one_mean` (m,), in the order of the first run, marks channels with one
     mean over all runs."""
     runs_of_channel: dict[str, list[ChannelOfRun]] = {}
-    labels = list(dict.fromkeys(f"{c.sensor}[{c.entry}]" for c in channels))
+    labels = list(dict.fromkeys(c.label for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
     for label, mean_of_runs in zip(labels, means, strict=True):
         min_count = 1 if mean_of_runs else 2
-        channel_fits = [c for c in channels if f"{c.sensor}[{c.entry}]" == label]
+        channel_fits = [c for c in channels if c.label == label]
         channel_fits = [c for c in channel_fits if np.isfinite(c.measurements).sum() >= min_count]
         is_finite = [np.isfinite(c.measurements) for c in channel_fits]
         z = [c.measurements[finite_rows] for c, finite_rows in zip(channel_fits, is_finite, strict=True)]
