@@ -14,7 +14,7 @@ of (2) is poorly identified. Its variance is Σ_j v_ij²/λ_j. It can be confuse
 show is reported once.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -66,10 +66,13 @@ def identifiability_of(
     """Return the identifiability of the entries of θ (p,). The first entries are `shared_parameters` of the vehicle.
     `signal_energy` (m,) belongs to the channels. `is_fixed` (p,) is a mask of entries that are already fixed;
     `span` (p,) is the distance between the bounds."""
-    is_by_hand = [
-        k < len(shared_parameters) and shared_parameters[k].definition.measured_by != ""
-        for k in range(len(theta))
-    ]
+
+    def mask_of(test: Callable[[FreeParameter], bool]) -> np.ndarray:
+        mask = np.zeros(len(theta), bool)
+        mask[: len(shared_parameters)] = [test(parameter) for parameter in shared_parameters]
+        return mask
+
+    is_of_vehicle, is_by_hand = (mask_of(lambda p: True), mask_of(lambda p: p.definition.measured_by != ""))
     is_identifiable, collinear, near = ~is_fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.information_by_channel, signal_energy)
     while is_identifiable.any():
@@ -79,25 +82,16 @@ def identifiability_of(
         loading = np.abs(direction) / np.max(np.abs(direction))
         main_entries = np.flatnonzero(loading >= MEMBER_LOADING).tolist()
         members, diagonal = np.flatnonzero(loading >= MIN_LOADING), np.diagonal(info.bread)
-        start_rank = np.where(np.arange(len(theta)) >= len(shared_parameters), -diagonal, 0.0)
+        start_rank = np.where(is_of_vehicle, 0.0, -diagonal)
         rank = {int(i): (is_by_hand[i], round(loading[i], 1), start_rank[i]) for i in members}
         removed_entry = max(rank, key=rank.__getitem__)
         collinear[removed_entry] = tuple(i for i in main_entries if i != removed_entry)
         is_identifiable[removed_entry] = False
-    is_of_vehicle = np.arange(len(theta)) < len(shared_parameters)
-    # a bound of the integrator does not limit the effect that the equations can have
-    is_numerical = np.array(
-        [k < len(shared_parameters) and shared_parameters[k].is_numerical_bound for k in range(len(theta))]
-    )
     span = np.full(len(theta), np.inf) if span is None else span
-    weak_signal = np.where(is_numerical, signal, np.minimum(signal, span))
+    # a bound of the integrator does not limit the effect that the equations can have
+    weak_signal = np.where(mask_of(lambda p: p.is_numerical_bound), signal, np.minimum(signal, span))
     signal = np.minimum(signal, span)
-    is_scale = np.array(
-        [
-            k < len(shared_parameters) and shared_parameters[k].definition.role == "scale"
-            for k in range(len(theta))
-        ]
-    )
+    is_scale = mask_of(lambda p: p.definition.role == "scale")
     signal, weak_signal = (
         np.where(is_scale, np.minimum(x, SCALE_STD / BLIND_RATIO), x) for x in (signal, weak_signal)
     )
@@ -247,10 +241,8 @@ class FinishedFit(NamedTuple):
     """State of a fit after the search."""
 
     vehicle_file: "VehicleFile"
-    blocks: FittedBlocks
+    parameters: Parameters
     task: Task
-    requested_parameters: list[FreeParameter]  # (p,) all requested parameters
-    frozen: list[int]  # those whose command never moved; they are not in θ
     search: Search
     identifiability: Identifiability
     info: Information
@@ -262,19 +254,15 @@ class FinishedFit(NamedTuple):
     systematic: np.ndarray | None = None  # (p, p) covariance of θ from parameters fixed at measured values
 
     @property
-    def in_theta(self) -> list[int]:
-        """Return the indices of the requested parameters that are in θ; they are its first entries, in order."""
-        return [k for k in range(len(self.requested_parameters)) if k not in self.frozen]
-
-    @property
-    def free(self) -> list[FreeParameter]:
-        """Return the entries of `requested_parameters` that are in θ."""
-        return [self.requested_parameters[k] for k in self.in_theta]
+    def blocks(self) -> FittedBlocks:
+        """Return the model and the sensors, with the values of the file."""
+        return self.parameters.blocks
 
     def confused_with(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
         """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
         `identifiability`."""
-        return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]
+        free = self.parameters.free
+        return [free[j] for j in which.get(i, ()) if j < len(free)]
 
 
 def finished_fit(
@@ -285,10 +273,8 @@ def finished_fit(
     at their start. The bounds of `task` can be narrower than the bounds of the parameters."""
     end, identifiability, info = fix_unidentifiable(task, end, parameters.free)
     task = task._replace(low=parameters.low, high=parameters.high, problem=end.problem)
-    return FinishedFit(
-        vehicle_file, parameters.blocks, task, list(parameters.requested_parameters), list(parameters.frozen),
-        with_bound_flags(task, end), identifiability, info, message, findings,
-    )  # fmt: skip
+    end = with_bound_flags(task, end)
+    return FinishedFit(vehicle_file, parameters, task, end, identifiability, info, message, findings)
 
 
 MAX_NAMES = 4  # names in one message

@@ -44,7 +44,7 @@ from baqueano.identify.parameters.free import (
 from baqueano.identify.parameters.theta import parameters_for_fit
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_gyro_aided
 from baqueano.identify.residuals.noise_level import min_sigma, robust_sigma
-from baqueano.identify.result.assemble import fit_of
+from baqueano.identify.result.assemble import fit_of, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.numerics.least_squares import Minimiser, minimise
 from baqueano.runs.run import Run
@@ -102,10 +102,10 @@ def fit_imu_only(
         info=_with_all_errors(end, scales, zero_rad_s),
         search=end.search._replace(sigma=robust_sigma(residuals, end.task.problem.has, floor)),
     )
+    basis = verdict_basis(end)
     # the jackknife already contains effects that the model lacks
-    errors = fit_of(end._replace(score_test=False))
-    fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
-    return _with_notes(fit, imu, scales)
+    diagnosis = basis.diagnosis._replace(unmodelled_cov=np.zeros_like(basis.diagnosis.unmodelled_cov))
+    return _with_notes(fit_of(end, basis._replace(diagnosis=diagnosis)), imu, scales)
 
 
 def _search_yaw_rate_and_delay(task: Task) -> tuple[Task, Search]:
@@ -209,10 +209,10 @@ def _requested_parameters(
     if has_offset(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY_PATH])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
-    requested_parameters = free_parameters(blocks, free, options.fixed, bounds)
-    if not is_fixed and lever not in [parameter.path for parameter in requested_parameters]:
-        requested_parameters.append(free_parameter(blocks, lever, options.bounds))
-    return requested_parameters
+    requested = free_parameters(blocks, free, options.fixed, bounds)
+    if not is_fixed and lever not in [parameter.path for parameter in requested]:
+        requested.append(free_parameter(blocks, lever, options.bounds))
+    return requested
 
 
 def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:

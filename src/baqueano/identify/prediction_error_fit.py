@@ -90,7 +90,11 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Return the covariance (p + k, p + k) of the parameters of `fit` and of the standard deviations of the process
     noise. Unknown entries are NaN."""
     p, k, count = len(fit.names), len(second.axes), len(second.end.identifiability.mask)
-    floor, bread, in_theta = second.likelihood_fit.noise.floor, second.info.bread, second.end.in_theta
+    floor, bread, in_theta = (
+        second.likelihood_fit.noise.floor,
+        second.info.bread,
+        second.end.parameters.in_theta,
+    )
     is_free = np.r_[second.end.identifiability.mask, floor > 0.0, np.ones(len(bread) - count - k, bool)]
     entries = np.flatnonzero(is_free & (np.diagonal(bread) > 0.0))
     full_cov, cov = np.full(bread.shape, np.nan), np.full((p + k, p + k), np.nan)
@@ -123,10 +127,11 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     search = first.search._replace(solution=solution, autocorrelation=rho, evaluations=evaluations)
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
-    blocks, findings = with_value(first.blocks, PROCESS_NOISE_PATH, std), first.findings
+    parameters = replace(first.parameters, blocks=with_value(first.blocks, PROCESS_NOISE_PATH, std))
+    findings = first.findings
     if choice.contradicted:
         findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
-    second = first._replace(blocks=blocks, search=search, info=info, findings=findings)
+    second = first._replace(parameters=parameters, search=search, info=info, findings=findings)
     second = second._replace(is_explained_by_floor=choice.explains, is_filtered=True)
     return PredictionErrorFit(second, likely, choice, prediction.axes, with_noise)
 

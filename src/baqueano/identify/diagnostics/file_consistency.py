@@ -105,9 +105,7 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     A gyro is confirmed if it agrees with the file, with the wheels, or with a converged fit whose gains agree with the
     file. The start of the search is not evidence, so it is not used. (2)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    unbounded_parameters = [
-        end.requested_parameters[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta
-    ]
+    unbounded_parameters = [free._replace(low=-np.inf, high=np.inf) for free in end.parameters.free]
     by_file = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
     first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = measurements(problem), predictions(problem, by_file)
@@ -129,7 +127,11 @@ def _keeps_turning_gains(end: "FinishedFit") -> bool:
     """Return True if the fit converged, and its turning gains and known measures stayed near their values in the file.
     Return False if the file contains such values, but none of them is identifiable."""
     theta, mask = end.search.solution.theta, end.identifiability.mask
-    turning = [(k, value(end.blocks, free.path)) for k, free in enumerate(end.free) if _affects_turning(free)]
+    turning = [
+        (k, value(end.blocks, free.path))
+        for k, free in enumerate(end.parameters.free)
+        if _affects_turning(free)
+    ]
     ratios = [theta[k] / x_0 for k, x_0 in turning if x_0 and mask[k]]
     identifiable = bool(ratios) or not any(x_0 for _, x_0 in turning)
     return (

@@ -80,18 +80,19 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared_paths)
-    shared_cov = np.full((len(end.requested_parameters), len(end.requested_parameters)), np.nan)
-    shared_cov[np.ix_(end.in_theta, end.in_theta)] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
+    requested, in_theta = end.parameters.requested, end.parameters.in_theta
+    shared_cov = np.full((len(requested), len(requested)), np.nan)
+    shared_cov[np.ix_(in_theta, in_theta)] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
     run_entry_names, run_values, run_entry_sd = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
     sigma_by_sensor = np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1])
     commands = end.vehicle_file.command.names
-    start = np.array([value(end.blocks, parameter.path) for parameter in end.requested_parameters])
-    start[end.in_theta] = end.task.start[: len(end.in_theta)]
+    start = np.array([value(end.blocks, parameter.path) for parameter in requested])
+    start[in_theta] = end.task.start[: len(in_theta)]
     fit = Fit(
         names=evidence.names,
-        units=tuple(parameter.unit for parameter in end.requested_parameters),
+        units=tuple(parameter.unit for parameter in requested),
         start=start,
         estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
@@ -156,11 +157,11 @@ def _evidence(
     identifiable = end.identifiability.mask[:s]
     channels = _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation)
     return Evidence(
-        tuple(parameter.path for parameter in end.requested_parameters),
+        tuple(parameter.path for parameter in end.parameters.requested),
         _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _in_order(end, end.identifiability.poorly_identified[:s], False).astype(bool),
-        len(end.frozen),
+        len(end.parameters.frozen),
         unobservable_terms,
         channels,
         by_channel(channels, has_one_mean(end.task.problem)),
@@ -170,7 +171,7 @@ def _evidence(
         findings,
         tuple(
             weak_reason(parameter, end.confused_with(end.identifiability.correlated, i))
-            for i, parameter in enumerate(end.free)
+            for i, parameter in enumerate(end.parameters.free)
             if end.identifiability.poorly_identified[i]
         ),
         _most_moving(end),
@@ -216,8 +217,8 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
     """Return the values of the shared entries of θ in the order of `requested`, with `frozen_value` for the frozen
     parameters."""
-    ordered_values = np.full(len(end.requested_parameters), frozen_value, dtype=float)
-    ordered_values[end.in_theta] = values
+    ordered_values = np.full(len(end.parameters.requested), frozen_value, dtype=float)
+    ordered_values[end.parameters.in_theta] = values
     return ordered_values
 
 
@@ -258,7 +259,7 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
     unobservable_terms, never_shown = [], []
     columns: dict[int, list[FreeParameter]] = {}
-    for parameter in (end.requested_parameters[k] for k in end.frozen):
+    for parameter in (end.parameters.requested[k] for k in end.parameters.frozen):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain
@@ -267,10 +268,10 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
         is_impossible = bool(command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
         message = missing_command(frozen, command.names[j], is_impossible)
         (never_shown if is_impossible else unobservable_terms).append(message)
-    for i in np.flatnonzero(~end.identifiability.mask[: len(end.free)]).tolist():
+    for i in np.flatnonzero(~end.identifiability.mask[: len(end.parameters.free)]).tolist():
         pairs = end.identifiability.collinear, end.identifiability.correlated
         collinear, partners = (end.confused_with(pair, i) for pair in pairs)
-        reason = unobservable_reason(end.free[i], collinear, float(end.task.start[i]), partners)
+        reason = unobservable_reason(end.parameters.free[i], collinear, float(end.task.start[i]), partners)
         unobservable_terms.append(reason)
     return tuple(unobservable_terms), tuple(never_shown)
 
