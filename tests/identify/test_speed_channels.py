@@ -11,6 +11,7 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise.held_out import speed_channels
 from baqueano.identify.noise.speed_error import MIN_SHARE, accelerometer_share
+from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.numerics.statistics import ratio_of_blocks
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
@@ -109,9 +110,7 @@ def part_of(r_v, r_a, rate, seed=1, seconds=SECONDS):
     noisy = [r_v + ODOMETER * rng.standard_normal(N), r_a + ACCEL * rng.standard_normal(N), rate]
     numbers = zip((("odometer", 0), ("imu", 0), ("imu", 2)), noisy, (0.0, 0.0, rate), strict=True)
     channels = [
-        SimpleNamespace(
-            run="a", sensor=name, entry=k, t_s=T_S[:n], measurements=x[:n], predictions=(0.0 * x + h)[:n]
-        )
+        ChannelFit("a", name, k, T_S[:n], x[:n], (0.0 * x + h)[:n], 1.0, 0.0, 0.0)
         for (name, k), x, h in numbers
     ]
     assert layout(ekf).names == ("imu", "odometer")
