@@ -27,7 +27,9 @@ from baqueano.identify.noise.filter_noise import (
     _with_misfit_from_accelerometer,
     _with_noise,
 )
-from baqueano.identify.noise.process_noise import coordinate_search, log_det_and_square
+from baqueano.identify.noise.process_noise import log_det_and_square
+from baqueano.identify.result.fit_result import ChannelFit
+from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
@@ -246,7 +248,7 @@ def test_an_accelerometer_shows_a_push_against_the_drag(decay_rate):
     d = lfilter([1.0], [1.0, -fade], std * np.sqrt(1.0 - fade**2) * rng.standard_normal(60_000))
     v = lfilter([dt_s], [1.0, -np.exp(-decay_rate * dt_s)], d)
     r = d - decay_rate * v + 0.03 * rng.standard_normal(len(d))
-    channel = SimpleNamespace(sensor="imu", entry=0, measurements=r, predictions=np.zeros(len(r)), sigma=1.0)
+    channel = ChannelFit("a", "imu", 0, dt_s * np.arange(len(r)), r, np.zeros(len(r)), 1.0, 0.0, 0.0)
     ekf = _with_misfit_from_accelerometer(ekf, SimpleNamespace(channels=[channel]), {"imu"}, decay_rate)
     assert ekf.disturbance_std[0] == pytest.approx(std, rel=0.2)
 

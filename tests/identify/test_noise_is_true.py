@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import filter_noise
-from baqueano.identify.noise.process_noise import coordinate_search
+from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S

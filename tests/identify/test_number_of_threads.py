@@ -6,7 +6,7 @@ import sys
 
 SUMS = """
 import numpy as np
-from baqueano.identify.covariance.information import _lag_products
+from baqueano.numerics.autocorrelation import _lag_products
 from baqueano.identify.diagnostics.score_test import _product, _sums_by_part
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.identify.result.verdict import by_channel

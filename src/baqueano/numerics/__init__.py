@@ -2,6 +2,8 @@
 
 least_squares      damped Gauss-Newton with bounds, on normal equations
 normal_equations   normal equations of segments, and the elimination of nuisance entries
+coordinate_search  minimisation without derivatives
+autocorrelation    white and autocorrelated residuals
 statistics         quantiles, robust spreads, covariances of estimates
 slow_part          a slow signal and its white noise
 parallel           work on all cores

@@ -201,3 +201,27 @@ def sum_of_segments(
         g[index] += part.gradient
     add(H, indices, [dense(part.hessian) for part in parts])
     return Evaluation(cost, g, H)
+
+
+def marginal_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
+    """Return the smallest eigenvalue of the normalised information on the entries `index`, with the `others`
+    eliminated. Return 0 if one of the entries `index` does not have information."""
+    if not np.all(np.diagonal(A)[index] > 0.0):
+        return 0.0
+    indices = np.concatenate([index, others])
+    root = np.sqrt(np.diagonal(A)[indices])
+    C = A[np.ix_(indices, indices)] / np.outer(root, root)
+    n = len(index)
+    remaining = C[:n, :n] - C[:n, n:] @ pseudo_inverse(C[n:, n:]) @ C[n:, :n]
+    return float(np.linalg.eigvalsh(0.5 * (remaining + remaining.T))[0])
+
+
+def marginal_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.ndarray:
+    """Return the standard errors (q,) of the entries `index` of θ, if these and the entries in the mask `is_free` (p,)
+    are estimated together. A (p, p) is the information. An entry without information has an infinite error."""
+    entries = np.flatnonzero((is_free | np.isin(np.arange(len(is_free)), index)) & (np.diagonal(A) > 0.0))
+    root = np.sqrt(np.diagonal(A)[entries])
+    inverse = np.linalg.pinv(A[np.ix_(entries, entries)] / np.outer(root, root), hermitian=True)
+    std = np.full(len(is_free), np.inf)
+    std[entries] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
+    return np.asarray(std[index])

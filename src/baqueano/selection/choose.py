@@ -19,7 +19,6 @@ from baqueano.calibration.rest import begins_at_rest, with_gyro_bias_at_rest
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import marginal_information, marginal_std
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import sensors_of
@@ -33,7 +32,7 @@ from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
 from baqueano.numerics.least_squares import Solution
-from baqueano.numerics.normal_equations import dense
+from baqueano.numerics.normal_equations import dense, marginal_information, marginal_std
 from baqueano.runs.run import Run
 from baqueano.selection.choice import Choice, Decision, TermResult, channels_of
 from baqueano.selection.cross_validation import (

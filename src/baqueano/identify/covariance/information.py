@@ -4,11 +4,10 @@
     B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ    if residuals are autocorrelated            (2)
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
 
-(1) is the sandwich of an M-estimator. γ_c(l) in (2) is the autocovariance of ψ in channel c, L = 5 s or a tenth of a
-shorter run. (3) is for a run in K segments with q shared parameters; it does not change the
-correlations. The sum of the autocorrelation over the first ticks decides if residuals are white. If a channel has
-fewer than MIN_MEASUREMENTS, ψ² is set to 1, which is its mean if σ is correct. docs/derivations/robust_covariance.md
-gives the reasons. Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
+(1) is the sandwich of an M-estimator, (2) that of numerics/autocorrelation.py. (3) is for a run in K segments with q
+shared parameters; it does not change the correlations. If a channel has fewer than MIN_MEASUREMENTS, ψ² is set to 1,
+which is its mean if σ is correct. docs/derivations/robust_covariance.md gives the reasons. Sources: Huber 1981, 6.3;
+Liang and Zeger 1986 for (3).
 """
 
 from collections.abc import Callable
@@ -21,18 +20,16 @@ from baqueano.contracts.optional import has_field
 from baqueano.identify.covariance.clusters import are_finite, inflation_factors, segment_derivatives
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
 from baqueano.numerics.normal_equations import pseudo_inverse
-from baqueano.numerics.parallel import dot, gram, inner, parallel_map
+from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import HUBER, covariance_of_changes
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-WINDOW_S = 5.0
-LAGS = 20  # ticks over which the autocorrelation is summed
 # segments for each shared parameter: with fewer, the fit pulls the sums of scores to 0
 MIN_SEGMENTS_PER_PARAMETER = 2
-WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not treated as white noise
 RELATIVE_STEP = 1e-3  # part of a reading, and of 1 rad/s
 GYRO_CHANNEL = 2  # channel of an IMU
 
@@ -123,55 +120,6 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     return cov / np.outer(scale, scale)
 
 
-def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
-    """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant. Residuals are
-    clipped, and rows without a measurement are excluded."""
-    sums = parallel_map(_lag_products, residuals, has, rows=sum(map(len, has)))
-    total, power, count = np.sum(sums, axis=0)
-    rho = total / np.maximum(power, 1e-300)
-    threshold = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
-    return np.where(np.abs(rho) > threshold, rho, 0.0)
-
-
-def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
-    """Return (3, m) for residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and the number of values of x."""
-    products = np.zeros((3, r.shape[1]))
-    for c in range(r.shape[1]):
-        x = r[is_present[:, c] > 0.0, c]
-        if len(x) <= 2 * LAGS:
-            continue
-        x = np.minimum(np.maximum(x, -3.0), 3.0)
-        x -= x.mean()
-        sums = np.cumsum(x)
-        later_sums = np.full(len(x), sums[-1])
-        later_sums[:-LAGS] = sums[LAGS:]
-        products[:, c] = dot(x, later_sums - sums), dot(x, x), len(x)
-    return products
-
-
-def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
-    """Return B (p, p) for scores ψ (N, m) and derivatives d (N, m, p), from the autocovariance of ψ.  (2)"""
-    n, m, p = d.shape
-    lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
-    fft_length = 1 << int(np.ceil(np.log2(2 * n)))
-    taper = np.zeros(fft_length)
-    taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1.0)
-    taper[-lags:] = taper[lags:0:-1]
-    B = np.zeros((p, p))
-    for c in range(m):
-        spectrum = np.fft.rfft(has[:, c], fft_length)
-        pair_counts = np.fft.irfft(np.abs(spectrum) ** 2, fft_length)
-        cov = np.fft.irfft(np.abs(np.fft.rfft(psi[:, c], fft_length)) ** 2, fft_length)
-        gamma = np.where(pair_counts > 0.5, cov / np.maximum(pair_counts, 0.5), 0.0) * taper
-        power = np.maximum(np.fft.rfft(gamma).real, 0.0)
-        derivatives = np.ascontiguousarray(d[:, c, :])
-        filtered_scores = np.fft.irfft(
-            np.fft.rfft(derivatives, fft_length, axis=0) * power[:, None], fft_length, axis=0
-        )[:n]
-        B += inner(derivatives, filtered_scores)
-    return 0.5 * (B + B.T)
-
-
 def _square_root(B: np.ndarray) -> np.ndarray:
     """Return F (k, k) with F Fᵀ = B + ε I, where ε is small. If B has negative eigenvalues because of rounding, ε
     replaces all eigenvalues below ε."""
@@ -181,30 +129,6 @@ def _square_root(B: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(B)
         return vectors * np.sqrt(np.maximum(values, jitter))
-
-
-def marginal_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
-    """Return the smallest eigenvalue of the normalised information on the entries `index`, with the `others`
-    eliminated. Return 0 if one of the entries `index` does not have information."""
-    if not np.all(np.diagonal(A)[index] > 0.0):
-        return 0.0
-    indices = np.concatenate([index, others])
-    root = np.sqrt(np.diagonal(A)[indices])
-    C = A[np.ix_(indices, indices)] / np.outer(root, root)
-    n = len(index)
-    remaining = C[:n, :n] - C[:n, n:] @ pseudo_inverse(C[n:, n:]) @ C[n:, :n]
-    return float(np.linalg.eigvalsh(0.5 * (remaining + remaining.T))[0])
-
-
-def marginal_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.ndarray:
-    """Return the standard errors (q,) of the entries `index` of θ, if these and the entries in the mask `is_free` (p,)
-    are estimated together. A (p, p) is the information. An entry without information has an infinite error."""
-    entries = np.flatnonzero((is_free | np.isin(np.arange(len(is_free)), index)) & (np.diagonal(A) > 0.0))
-    root = np.sqrt(np.diagonal(A)[entries])
-    inverse = np.linalg.pinv(A[np.ix_(entries, entries)] / np.outer(root, root), hermitian=True)
-    std = np.full(len(is_free), np.inf)
-    std[entries] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
-    return np.asarray(std[index])
 
 
 def gyro_bias_covariance(

@@ -18,18 +18,13 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baqueano.identify.covariance.information import (
-    WHITE_LIMIT,
-    Information,
-    autocorrelated_scores,
-    autocorrelation_sums,
-    covariance_of,
-)
+from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.theta import arrow_layout
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _
+from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
 from baqueano.numerics.least_squares import DAMPING, Solution, minimise
 from baqueano.numerics.normal_equations import Evaluation, sum_of_segments
 from baqueano.numerics.parallel import gram, parallel_map

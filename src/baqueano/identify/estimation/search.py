@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.information import WHITE_LIMIT, autocorrelation_sums
 from baqueano.identify.residuals.noise_level import informative_rows, robust_sigma
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
+from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelation_sums
 from baqueano.numerics.least_squares import MAX_EVALUATIONS, Minimiser, Solution, minimise
 
 MAX_ROUNDS = 15  # of σ

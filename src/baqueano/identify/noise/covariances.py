@@ -28,7 +28,6 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.added_channels import HAND_SENSORS
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
 from baqueano.identify.noise.held_out import Acceptance, SpeedChannels, accept_or_refit, speed_channels
@@ -38,6 +37,7 @@ from baqueano.messages import texts
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS

@@ -29,12 +29,12 @@ from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.identify.noise.process_noise import (
     TICKS,
-    coordinate_search,
     log_det_and_square,
     robust_square,
     total_cost,
 )
 from baqueano.identify.noise.speed_error import accelerometer_share, forward_accelerometer, with_speed_error
+from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.statistics import white_std
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run

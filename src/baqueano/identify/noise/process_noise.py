@@ -4,9 +4,8 @@
     ρ(d²) = d² up to K² m, beyond it 2 K √m d − K² m, K = ROBUST_SIGMA: limits the effect of an outlier   (2)
 
 y and S come from the extended Kalman filter while it runs over the log. So R is correct for that filter, with its
-mode, gate and rate. The search changes one logarithm after the other, up and down, then pairs in opposite directions.
-It halves its steps when J does not decrease, and does not use derivatives. With the truth of a simulation, R is the
-covariance of the prediction error of one step of the filter, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇), g of ekf.py.
+mode, gate and rate. With the truth of a simulation, R is the covariance of the prediction error of one step of the
+filter, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇), g of ekf.py.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +18,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
 from baqueano.identify.residuals.motion import open_loop
+from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Estimate, Tick, seconds
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
 ROBUST_SIGMA = 3.0  # standard deviations
-STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the logarithm of a standard deviation
-EXCHANGE_STEP = 0.5
 TICKS = {"c": 12_000, "python": 600, "numpy": 200}  # ticks that are used, by backend
 MIN_RELATIVE_STD = 1e-4  # least standard deviation, relative to the root mean square of the state
 
@@ -58,25 +56,6 @@ def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], flo
         return total if np.isfinite(total) else np.inf
 
     return cost
-
-
-def coordinate_search(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001. A step
-    changes one entry. A step of EXCHANGE_STEP or less can also raise one entry and lower another, because two noises
-    can explain the same error."""
-    min_cost, axes = cost(q), np.eye(len(q))
-    directions = [sign * axis for axis in axes for sign in (1.0, -1.0)]
-    exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
-    for step in STEPS:
-        improves = True
-        while improves:
-            improves = False
-            for direction in directions if step > EXCHANGE_STEP else directions + exchanges:
-                trial = np.clip(q + step * direction, low, high)
-                cost_of_trial = cost(trial) if np.any(trial != q) else np.inf
-                if cost_of_trial < min_cost - 1e-3:
-                    q, min_cost, improves = trial, cost_of_trial, True
-    return q
 
 
 def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:

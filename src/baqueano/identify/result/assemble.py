@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
-from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of
+from baqueano.identify.covariance.information import covariance_of
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose
@@ -28,6 +28,7 @@ from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
 from baqueano.messages.language import translate as _
+from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import parallel_map
 

@@ -20,10 +20,10 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.statistics import prediction_limit
 from baqueano.vehicle_file.units import CHANNEL_UNITS

@@ -1,0 +1,64 @@
+"""Test if residuals are white, and sum their scores if they are not.
+
+    B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ                                               (1)
+
+γ_c(l) is the autocovariance of the scores ψ in channel c, L = WINDOW_S or a tenth of a shorter run. The sum of the
+autocorrelation over the first LAGS ticks decides if residuals are white. Source: Newey and West 1987 for the taper.
+"""
+
+import numpy as np
+
+from baqueano.numerics.parallel import dot, inner, parallel_map
+
+WINDOW_S = 5.0
+LAGS = 20  # ticks over which the autocorrelation is summed
+WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not treated as white noise
+
+
+def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
+    """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant. Residuals are
+    clipped, and rows without a measurement are excluded."""
+    sums = parallel_map(_lag_products, residuals, has, rows=sum(map(len, has)))
+    total, power, count = np.sum(sums, axis=0)
+    rho = total / np.maximum(power, 1e-300)
+    threshold = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
+    return np.where(np.abs(rho) > threshold, rho, 0.0)
+
+
+def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
+    """Return (3, m) for residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and the number of values of x."""
+    products = np.zeros((3, r.shape[1]))
+    for c in range(r.shape[1]):
+        x = r[is_present[:, c] > 0.0, c]
+        if len(x) <= 2 * LAGS:
+            continue
+        x = np.minimum(np.maximum(x, -3.0), 3.0)
+        x -= x.mean()
+        sums = np.cumsum(x)
+        later_sums = np.full(len(x), sums[-1])
+        later_sums[:-LAGS] = sums[LAGS:]
+        products[:, c] = dot(x, later_sums - sums), dot(x, x), len(x)
+    return products
+
+
+def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+    """Return B (p, p) for scores ψ (N, m) and derivatives d (N, m, p), from the autocovariance of ψ.  (1)"""
+    n, m, p = d.shape
+    lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
+    fft_length = 1 << int(np.ceil(np.log2(2 * n)))
+    taper = np.zeros(fft_length)
+    taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1.0)
+    taper[-lags:] = taper[lags:0:-1]
+    B = np.zeros((p, p))
+    for c in range(m):
+        spectrum = np.fft.rfft(has[:, c], fft_length)
+        pair_counts = np.fft.irfft(np.abs(spectrum) ** 2, fft_length)
+        cov = np.fft.irfft(np.abs(np.fft.rfft(psi[:, c], fft_length)) ** 2, fft_length)
+        gamma = np.where(pair_counts > 0.5, cov / np.maximum(pair_counts, 0.5), 0.0) * taper
+        power = np.maximum(np.fft.rfft(gamma).real, 0.0)
+        derivatives = np.ascontiguousarray(d[:, c, :])
+        filtered_scores = np.fft.irfft(
+            np.fft.rfft(derivatives, fft_length, axis=0) * power[:, None], fft_length, axis=0
+        )[:n]
+        B += inner(derivatives, filtered_scores)
+    return 0.5 * (B + B.T)
