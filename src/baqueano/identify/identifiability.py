@@ -61,7 +61,7 @@ def identifiability_of(
     theta: np.ndarray,
     shared_parameters: Sequence[FreeParameter],
     is_fixed: np.ndarray,
-    span: np.ndarray | None = None,
+    span: np.ndarray,
 ) -> Identifiability:
     """Return the identifiability of the entries of θ (p,). The first entries are `shared_parameters` of the vehicle.
     `signal_energy` (m,) belongs to the channels. `is_fixed` (p,) is a mask of entries that are already fixed;
@@ -87,7 +87,6 @@ def identifiability_of(
         removed_entry = max(rank, key=rank.__getitem__)
         collinear[removed_entry] = tuple(i for i in main_entries if i != removed_entry)
         is_identifiable[removed_entry] = False
-    span = np.full(len(theta), np.inf) if span is None else span
     # a bound of the integrator does not limit the effect that the equations can have
     weak_signal = np.where(mask_of(lambda p: p.is_numerical_bound), signal, np.minimum(signal, span))
     signal = np.minimum(signal, span)
@@ -297,7 +296,7 @@ def unobservable_reason(
     parameter: FreeParameter,
     collinear: Sequence[FreeParameter],
     value: float,
-    confused: Sequence[FreeParameter] = (),
+    confused: Sequence[FreeParameter],
 ) -> Diagnostic:
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
     path = parameter.path

@@ -133,15 +133,15 @@ class _SignificantResult(NamedTuple):
     errors: np.ndarray  # (k,) possible errors of the parameters, with the signs of one effect
 
 
-class _FitEvidence:
-    """A fit, its residuals, the standard errors of its parameters, and their distances `low`, `high` to the bounds."""
+class _FitEvidence(NamedTuple):
+    """A fit and its k identifiable parameters."""
 
-    def __init__(
-        self, residuals: FitResiduals, paths: Sequence[str], theta: np.ndarray, std: np.ndarray,
-        low: np.ndarray, high: np.ndarray,
-    ) -> None:  # fmt: skip
-        self.residuals, self.paths, self.theta, self.std = residuals, paths, theta, std
-        self.low, self.high = low, high
+    residuals: FitResiduals
+    paths: Sequence[str]  # (k,)
+    theta: np.ndarray  # (k,)
+    std: np.ndarray  # (k,) standard errors
+    low: np.ndarray  # (k,) distances to the bounds
+    high: np.ndarray  # (k,)
 
     def is_significant(self, test: ScoreTest) -> bool:
         """Return True if |z| of the test is above the critical value for its degrees of freedom."""

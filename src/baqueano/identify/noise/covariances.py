@@ -237,15 +237,14 @@ def measure_noise(
     runs_with_truth = [r for r, truth in truths if np.isfinite(truth.nu_dot).all()]
     if source == "truth" and not runs_with_truth:
         raise UsageError(fault("noise.no-truth"))
-    rate = fit.file.rate_hz
     if runs_with_truth and source != "innovations":
         errors, size = process_errors(fit, runs_with_truth, backend)
-        R = positive_definite(np.cov(errors.T), (MIN_RELATIVE_STD * size) ** 2, "R", notes)
-        return Noise(in_motion, at_rest, R, rate, "truth", tuple(notes), units)
-    file_covariances = {name: q for name, q in in_motion.items() if name in fit.file.sensors._fields}
-    R, size = process_covariance(fit, runs, file_covariances, backend)
+        R, source = np.cov(errors.T), "truth"
+    else:
+        file_covariances = {name: q for name, q in in_motion.items() if name in fit.file.sensors._fields}
+        (R, size), source = process_covariance(fit, runs, file_covariances, backend), "innovations"
     R = positive_definite(R, (MIN_RELATIVE_STD * size) ** 2, "R", notes)
-    return Noise(in_motion, at_rest, R, rate, "innovations", tuple(notes), units)
+    return Noise(in_motion, at_rest, R, fit.file.rate_hz, source, tuple(notes), units)
 
 
 def positive_definite(

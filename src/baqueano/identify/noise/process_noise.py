@@ -34,7 +34,7 @@ MIN_RELATIVE_STD = 1e-4  # least standard deviation, relative to the root mean s
 
 
 def process_covariance(
-    fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str = "auto"
+    fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the diagonal R (6, 6) for the given Q of each sensor, and the root mean square (6,) of (ν, ν̇)."""
     ekf = filter_of(fit, measurement)
@@ -136,7 +136,7 @@ class PredictionState(NamedTuple):
     effort: np.ndarray  # (n,) at the end of the previous step
 
 
-def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
+def process_errors(fit: "Fit", runs: Sequence[Run], backend: str) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (N, 6) of the filter's prediction of (ν, ν̇) over a tick, and the root mean square (6,) of
     (ν, ν̇)."""
     ekf = filter_of(fit, {})
