@@ -209,10 +209,10 @@ def _requested_parameters(
     if has_offset(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY_PATH])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
-    requested = free_parameters(blocks, free, options.fixed, bounds)
-    if not is_fixed and lever not in [parameter.path for parameter in requested]:
-        requested.append(free_parameter(blocks, lever, options.bounds))
-    return requested
+    requested_parameters = free_parameters(blocks, free, options.fixed, bounds)
+    if not is_fixed and lever not in [parameter.path for parameter in requested_parameters]:
+        requested_parameters.append(free_parameter(blocks, lever, options.bounds))
+    return requested_parameters
 
 
 def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:

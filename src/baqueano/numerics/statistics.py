@@ -107,8 +107,8 @@ def batch_covariance(
 def huber_cost(residuals: np.ndarray) -> float:
     """Return the sum of Huber's cost over `residuals` of any shape, in standard deviations."""
     r = np.abs(residuals)
-    clipped = np.minimum(r, HUBER)
-    return float(np.sum(clipped * (r - 0.5 * clipped)))
+    clipped_residuals = np.minimum(r, HUBER)
+    return float(np.sum(clipped_residuals * (r - 0.5 * clipped_residuals)))
 
 
 def huber_regression(

@@ -5,8 +5,8 @@
     NEES_s = Σ_t e_s² / P_ss / N  of state s over drives of the fitted vehicle with this noise               (3)
 
 An accelerometer measures ν̇ and ν_x ν_ψ. A filter that corrects its speed by it is better than the model if both
-terms are correct for the vehicle, and worse if tilt, misalignment or tyres make them wrong. The sensors on board do not
-show which case applies; a reference of the speed does (1). y are the innovations of the filter with their covariance S,
+terms are correct for the vehicle. It is worse if tilt, misalignment or tyres make them wrong. The sensors on board do
+not show which case applies; a reference of the speed does (1). y are the innovations of the filter with covariance S,
 limited to ROBUST_SIGMA standard deviations. Innovations of a real vehicle are not white, so the interval of (2) comes
 from blocks of BLOCK_S, drawn with replacement. Each drive of (3) is one block (simulate/assumed_noise.py).
 """

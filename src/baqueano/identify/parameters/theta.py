@@ -149,7 +149,7 @@ class Parameters:
     segment."""
 
     blocks: FittedBlocks  # prepared for the free parameters
-    requested: tuple[FreeParameter, ...]  # (q,) all requested parameters
+    requested_parameters: tuple[FreeParameter, ...]  # (q,) all requested parameters
     frozen: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
     records: tuple[FitRecord, ...]  # per segment
     shape: ThetaShape
@@ -161,17 +161,17 @@ class Parameters:
     @property
     def in_theta(self) -> list[int]:
         """Return the indices of the requested parameters that are in θ."""
-        return [k for k in range(len(self.requested)) if k not in self.frozen]
+        return [k for k in range(len(self.requested_parameters)) if k not in self.frozen]
 
     @property
     def free(self) -> list[FreeParameter]:
         """Return the requested parameters that are in θ; they are its first entries, in order."""
-        return [self.requested[k] for k in self.in_theta]
+        return [self.requested_parameters[k] for k in self.in_theta]
 
 
 def parameters_for_fit(
     blocks: FittedBlocks,
-    requested: Sequence[FreeParameter],
+    requested_parameters: Sequence[FreeParameter],
     runs: Sequence[Run],
     channels: Mapping[str, list[int]],
     rate_hz: float,
@@ -179,22 +179,26 @@ def parameters_for_fit(
 ) -> Parameters:
     """Return the requested parameters of `blocks` for all rows of `runs`; `channels` is a field of `Dataset`. Raise
     UsageError if no command moved, or if bounds or start values belong to no free parameter."""
-    _check_bounds(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
+    _check_bounds(options.bounds, [*(parameter.path for parameter in requested_parameters), *options.per_run])
     options = with_pose_segments(options, blocks)
     for run in runs:
         if len(run.applied_commands) and not np.any(np.isfinite(run.applied_commands)):
             raise UsageError(fault("runs.no-command", run=run.name))
     u = np.nan_to_num(np.concatenate([run.applied_commands for run in runs]))
-    frozen_numbers = frozen_columns(list(requested), u)
-    if (requested and len(frozen_numbers) == len(requested)) or not np.any(u):
+    frozen_numbers = frozen_columns(list(requested_parameters), u)
+    if (requested_parameters and len(frozen_numbers) == len(requested_parameters)) or not np.any(u):
         raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
-    blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_rows_of(runs))
+    blocks, requested_parameters = enable_parameters(
+        blocks, list(requested_parameters), rate_hz, u, past_rows_of(runs)
+    )
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
-    free = [parameter for k, parameter in enumerate(requested) if k not in frozen_numbers]
+    free = [parameter for k, parameter in enumerate(requested_parameters) if k not in frozen_numbers]
     shape = shape_of(blocks, free, records, options)
     layout = layout_of(shape, records)
     begin = start_theta(blocks, free, shape, records, options)
-    return Parameters(blocks, tuple(requested), tuple(frozen_numbers), tuple(records), shape, layout, *begin)
+    return Parameters(
+        blocks, tuple(requested_parameters), tuple(frozen_numbers), tuple(records), shape, layout, *begin
+    )
 
 
 def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:

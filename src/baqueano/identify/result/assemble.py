@@ -81,19 +81,19 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared_paths)
-    requested, in_theta = end.parameters.requested, end.parameters.in_theta
-    shared_cov = np.full((len(requested), len(requested)), np.nan)
+    requested_parameters, in_theta = end.parameters.requested_parameters, end.parameters.in_theta
+    shared_cov = np.full((len(requested_parameters), len(requested_parameters)), np.nan)
     shared_cov[np.ix_(in_theta, in_theta)] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
     run_entry_names, run_values, run_entry_sd = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
     sigma_by_sensor = np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1])
     commands = end.vehicle_file.command.names
-    start = np.array([value(end.blocks, parameter.path) for parameter in requested])
+    start = np.array([value(end.blocks, parameter.path) for parameter in requested_parameters])
     start[in_theta] = end.task.start[: len(in_theta)]
     fit = Fit(
         names=evidence.names,
-        units=tuple(parameter.unit for parameter in requested),
+        units=tuple(parameter.unit for parameter in requested_parameters),
         start=start,
         estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
@@ -158,7 +158,7 @@ def _evidence(
     identifiable = end.identifiability.mask[:s]
     channels = _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation)
     return Evidence(
-        tuple(parameter.path for parameter in end.parameters.requested),
+        tuple(parameter.path for parameter in end.parameters.requested_parameters),
         _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _in_order(end, end.identifiability.poorly_identified[:s], False).astype(bool),
@@ -216,9 +216,9 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 
 
 def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
-    """Return the values of the shared entries of θ in the order of `requested`, with `frozen_value` for the frozen
-    parameters."""
-    ordered_values = np.full(len(end.parameters.requested), frozen_value, dtype=float)
+    """Return the values of the shared entries of θ in the order of `requested_parameters`, with `frozen_value` for the
+    frozen parameters."""
+    ordered_values = np.full(len(end.parameters.requested_parameters), frozen_value, dtype=float)
     ordered_values[end.parameters.in_theta] = values
     return ordered_values
 
@@ -260,7 +260,7 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
     unobservable_terms, never_shown = [], []
     columns: dict[int, list[FreeParameter]] = {}
-    for parameter in (end.parameters.requested[k] for k in end.parameters.frozen):
+    for parameter in (end.parameters.requested_parameters[k] for k in end.parameters.frozen):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain
