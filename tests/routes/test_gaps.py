@@ -1,5 +1,7 @@
 """Parts of a route with an unknown path are refused; drawn and edited routes do not have such parts."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,31 @@ def test_drawn_and_edited_routes_have_no_gaps(name):
     part = cut(route, 0.1, 0.9)
     for edited_route in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
         assert codes(edited_route) == []
+
+
+def sideways(route, heading_rad):
+    """Return a route driven with a constant heading, as by a vehicle that can move along all axes."""
+    turned = np.full(len(route.t_s), heading_rad)
+    return route._replace(eta=np.column_stack([route.eta[:, :2], turned]))
+
+
+def test_a_sideways_route_is_only_for_a_vehicle_with_a_command_that_moves_it_sideways():
+    omni = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml")
+    for heading_rad, limits in ((0.5 * np.pi, (-0.21, -0.19)), (-0.5 * np.pi, (0.19, 0.21))):
+        route = sideways(line(1.0, 0.2), heading_rad)
+        for name in ("small", "car"):
+            (finding,) = examine(route, load(name)).findings
+            assert finding.code == "route.sideways"
+            assert limits[0] < finding.figures["speed_m_s"] < limits[1]
+        assert not examine(route, omni).findings
+
+
+def test_a_slip_and_an_origin_beside_the_axle_are_not_sideways_motion():
+    slow_circle, car = circle(0.5, 0.2), load("car")
+    beside = slow_circle.eta + np.array([0.0, 0.0, np.radians(40.0)])
+    assert not examine(slow_circle._replace(eta=beside), car).findings
+    turn = np.linspace(0.0, np.pi, 200)
+    # an origin 0.1 m ahead of the axle
+    spin = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), turn])
+    route = Route(turn, spin, np.tile([0.0, 0.1, 1.0], (200, 1)), False)
+    assert not examine(route, load("small")).findings

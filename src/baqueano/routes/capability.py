@@ -3,6 +3,8 @@
     ε: the model at ν = (v, 0, r) accelerates with (v̇, ṙ)      NEWTON_STEPS steps from ε = 0                   (1)
     share = max |u_i| / limit_i,   u = drivetrain⁻¹(ε),   of commands and of wheels                      (2)
 
+    rank ∂(ν̇_x, ν̇_y, ν̇_ψ)/∂ε > rank ∂(ν̇_x, ν̇_ψ)/∂ε      for a vehicle that can move sideways at will       (3)
+
 v is the speed, r the yaw rate, ε the effort, u the command. A share above 1 exceeds the limits of the motors. A vehicle
 that cannot turn at rest, such as a car, steers before its path requires this; so ṙ is not required. Friction, dead
 zones, unequal motors and the battery are included, as in the identified model. If no command with a limit above 0
@@ -32,9 +34,15 @@ MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, MAX_ACCELERATION_M_S2 = 100.0, 100.0, 100.0  
 
 
 class Capability:
-    """The share of its command that a vehicle needs, compiled for arrays of motions."""
+    """The share of its command that a vehicle needs, compiled for arrays of motions.
+
+    `moves_sideways` is True for a vehicle with a command that moves it sideways without turning it.  (3)
+    """
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
+        is_active = vehicle_file.command.limit > 0.0
+        B = _motion_by_effort_at_rest(vehicle_file.vehicle)[:, is_active]
+        self.moves_sideways = bool(np.linalg.matrix_rank(B) > np.linalg.matrix_rank(B[::2]))
         self._share = scan(
             _share_step(vehicle_file.vehicle, vehicle_file.command.limit), 0.0, np.zeros(4), backend=backend
         )
@@ -69,16 +77,28 @@ def largest_allowed(is_allowed: Callable[[np.ndarray], np.ndarray], high: np.nda
     return np.where(is_high_allowed, high, low)
 
 
+def _motion(vehicle: Tree, nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
+    """Return the acceleration (3,) of a dynamic model, or the velocity (3,) of a kinematic model."""
+    motion: np.ndarray = (
+        vehicle.nu_dot(nu, effort) if optional.is_dynamic(vehicle) else vehicle.velocity(effort)
+    )
+    return motion
+
+
+def _motion_by_effort_at_rest(vehicle: Tree) -> np.ndarray:
+    """Return the derivatives (3, n) of the motion by the effort, for a vehicle at rest without effort."""
+    return jacobian(lambda effort: _motion(vehicle, np.zeros(3), effort))(np.zeros(vehicle.commands))
+
+
 def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray], tuple[float, Value]]:
     """Return the step of a scan that computes the share of one motion (v, r, v̇, ṙ).  (1), (2)"""
     commands, drivetrain = vehicle.commands, vehicle.drivetrain
     is_dynamic = optional.is_dynamic(vehicle)
 
     def motion_of(nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        return (vehicle.nu_dot(nu, effort) if is_dynamic else vehicle.velocity(effort))[::2]
+        return _motion(vehicle, nu, effort)[::2]
 
-    at_rest = np.abs(jacobian(lambda effort: motion_of(np.zeros(3), effort))(np.zeros(commands)))
-    can_turn = bool(np.any(at_rest[1] > MIN_EFFECT))
+    can_turn = bool(np.any(np.abs(_motion_by_effort_at_rest(vehicle)[2]) > MIN_EFFECT))
     is_active, wheels = limit > 0.0, np.broadcast_to(drivetrain.limit, (drivetrain.channels,))
 
     def step(carry: float, motion: np.ndarray) -> tuple[float, Value]:

@@ -3,10 +3,12 @@
     r_has(v): the largest steady yaw rate of the identified vehicle at the speed v                        (1)
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
+    |ν_y| ≤ R |r| + |ν_x| + MIN_SIDEWAYS_M_S                                                              (4)
 
 u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because at a corner of a
 drawn route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning.
-A vehicle with too little speed remains behind: the route is refused.
+A vehicle with too little speed remains behind: the route is refused. (4) is for a vehicle that no command moves
+sideways: it rolls on an axle within the radius R of its body, or slips by less than 45°.
 """
 
 from dataclasses import dataclass
@@ -17,6 +19,7 @@ import numpy as np
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.geometry import wrap
 from baqueano.guides.route import Route, from_start, move_route
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
@@ -25,6 +28,7 @@ from baqueano.messages.printable import baqueano_command, in_lines
 from baqueano.routes.capability import MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, Capability
 from baqueano.routes.gaps import route_gaps
 from baqueano.routes.path import NAME_PLACEHOLDER, distances_along
+from baqueano.vehicle_file.head import reach_m
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -37,6 +41,9 @@ MAX_STEP_S = 0.1  # largest time between two of them, up to MAX_POSES: a third o
 MAX_SHARE = 1.05  # share of the command up to which a route passes
 MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
 MIN_SPEED_M_S = 1e-3  # below it a curvature is not defined
+# a slower or shorter motion to the side may be an error, or a correction, of the recorded estimate
+MIN_SIDEWAYS_M_S, MIN_SIDEWAYS_S = 0.05, 1.0
+MAX_REACH_M = 1.0  # R of a vehicle without dimensions
 
 
 class Walls(Protocol):
@@ -227,6 +234,9 @@ def examine(
     if vehicle_file is not None and not findings:
         capability = Capability(vehicle_file, backend)
         share, findings = _share_findings(route, s, capability)
+        if not capability.moves_sideways:
+            reach = reach_m(vehicle_file.geometry) or MAX_REACH_M
+            findings = [*_sideways_findings(route, s, reach), *findings]
     free_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
         xy = _in_room(route, room).eta[:, :2]
@@ -282,6 +292,25 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
     return share, [fault("route.turns-too-fast", advice, **limits, **figures)]
 
 
+def _sideways_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnostic]:
+    """Return a list with a finding if the route moves sideways; `reach` is R [m].  (4)"""
+    t_s, dt_s, middle_s = _times(route), np.diff(route.t_s), 0.5 * (route.t_s[1:] + route.t_s[:-1])
+    step, turn = np.diff(route.eta[:, :2], axis=0), wrap(np.diff(route.eta[:, 2]))
+    psi = route.eta[:-1, 2] + 0.5 * turn
+    along, across = np.cos(psi) * step.T + np.sin(psi) * np.array([step[:, 1], -step[:, 0]])
+    nu_x, nu_y, r = (
+        _moving_mean(t_s, np.interp(t_s, middle_s, change / dt_s)) for change in (along, across, turn)
+    )
+    excess = _least_over(np.abs(nu_y) - reach * np.abs(r) - np.abs(nu_x), t_s, MIN_SIDEWAYS_S)
+    k = int(np.argmax(excess))
+    if excess[k] <= MIN_SIDEWAYS_M_S:
+        return []
+    file, name = f"routes/{NAME_PLACEHOLDER}.csv", f"{NAME_PLACEHOLDER}-turned"
+    advice = baqueano_command("route", "import", file, name)
+    at_m = float(np.interp(t_s[k], route.t_s, s))
+    return [fault("route.sideways", advice, at_m=at_m, speed_m_s=float(nu_y[k]))]
+
+
 def _demand(route: Route, s: np.ndarray, capability: Capability | None) -> Demand:
     """Return motion and share of the command at the distances s (n,) of the route, at most MAX_POSES.  (2)"""
     t_s = _times(route)
@@ -305,11 +334,11 @@ def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
 
 
-def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
-    """Return the least share (m,) in the MIN_LACK_S after each time: the share that lasts at least MIN_LACK_S."""
-    n = _count_in(MIN_LACK_S, t_s)
-    padded_share = np.pad(share, (0, n - 1), mode="edge")
-    return np.min(np.lib.stride_tricks.sliding_window_view(padded_share, n), axis=1)
+def _least_over(x: np.ndarray, t_s: np.ndarray, span_s: float = MIN_LACK_S) -> np.ndarray:
+    """Return the least x (m,) in the `span_s` after each time: the value that lasts at least `span_s`."""
+    n = _count_in(span_s, t_s)
+    padded = np.pad(x, (0, n - 1), mode="edge")
+    return np.min(np.lib.stride_tricks.sliding_window_view(padded, n), axis=1)
 
 
 def _count_in(span_s: float, t_s: np.ndarray) -> int:

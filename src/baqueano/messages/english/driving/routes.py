@@ -56,6 +56,10 @@ TEMPLATES: dict[str, str] = {
         "at {at_m:.1f} m and {speed_m_s:.2f} m/s the route needs {needs_rad_s:.1f} rad/s, but "
         "the vehicle reaches {has_rad_s:.1f}. Make it slower: {fix}"
     ),
+    "route.sideways": (
+        "at {at_m:.1f} m the route moves sideways with {speed_m_s:.2f} m/s, but no command moves the vehicle sideways. "
+        "Take the headings from the path: {fix}"
+    ),
     "route.accelerates-too-fast": (
         "at {at_m:.1f} m the route needs {share:.0%} of the command, to speed up or to enter a "
         "curve. Make it slower: {fix}"
