@@ -337,8 +337,8 @@ def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
 def _least_over(x: np.ndarray, t_s: np.ndarray, span_s: float = MIN_LACK_S) -> np.ndarray:
     """Return the least x (m,) in the `span_s` after each time: the value that lasts at least `span_s`."""
     n = _count_in(span_s, t_s)
-    padded = np.pad(x, (0, n - 1), mode="edge")
-    return np.min(np.lib.stride_tricks.sliding_window_view(padded, n), axis=1)
+    padded_x = np.pad(x, (0, n - 1), mode="edge")
+    return np.min(np.lib.stride_tricks.sliding_window_view(padded_x, n), axis=1)
 
 
 def _count_in(span_s: float, t_s: np.ndarray) -> int:
