@@ -44,6 +44,7 @@ ROOMS = [
     "sweep",
     "symbolic",
     "tune",
+    "validation",
     "vehicle_file",
     "vehicles",
     "worlds",

@@ -41,6 +41,7 @@ ROOMS = {  # module → its purpose; the first one that offers a name describes 
     "baqueano.monitor": "messages during a drive",
     "baqueano.simulate": "simulation of one drive or of many",
     "baqueano.identify": "identification of models",
+    "baqueano.validation": "errors of a fit on other runs, and on a drive to come",
     "baqueano.compare": "errors of runs, and consistency of filters",
     "baqueano.sweep": "comparison of blocks on the same drives",
     "baqueano.tune": "tuning of gains",

@@ -20,7 +20,6 @@ from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
-from baqueano.identify import forecast
 from baqueano.messages import language
 from baqueano.report import card, figures
 from baqueano.report.canvas import Canvas, at_width, with_width
@@ -30,6 +29,7 @@ from baqueano.report.pages.result_page import page_of
 from baqueano.report.plots import drawings_of
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
+from baqueano.validation import forecast
 from baqueano.validation.held_out import validate
 from baqueano.validation.parameter_drift import ParameterChange, ParameterHistory
 from tests.catalogues import read_catalogue

@@ -7,13 +7,12 @@
     Fit          error bars, findings, verdict, vehicle file     identifiability.py, covariance/, diagnostics/, result/
 
 fit.py composes them, and this folder is one fit. Before it, design/ makes the drive, and `excitation` a plain signal;
-calibration/ measures the sensors. After it, noise/ measures the noise of the filter and forecast.py the errors ahead.
-Many fits: selection/ chooses the terms of a model, validation/ judges the fit on other runs.
+calibration/ measures the sensors. After it, noise/ measures the noise of the filter. Many fits: selection/ chooses the
+terms of a model, validation/ judges a fit on other runs and forecasts the errors of a drive.
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.fit import conclude, identify, solve
-from baqueano.identify.forecast import Forecast, forecast
 from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.identify.options import FitOptions
 from baqueano.identify.residuals.simulation import Residuals
@@ -26,13 +25,11 @@ __all__ = [
     "Dataset",
     "Fit",
     "FitOptions",
-    "Forecast",
     "Noise",
     "Residuals",
     "conclude",
     "dataset",
     "excitation",
-    "forecast",
     "identify",
     "measure_noise",
     "parameters_of",

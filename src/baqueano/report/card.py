@@ -13,7 +13,7 @@ from baqueano.diagnostics import note
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
 from baqueano.guides.route import Route
-from baqueano.identify import Fit, Forecast
+from baqueano.identify import Fit
 from baqueano.identify.result.fit_result import verdict_lines
 from baqueano.identify.result.verdict import percent_text
 from baqueano.messages import text, texts
@@ -26,6 +26,7 @@ from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.tune import TuneResult
+from baqueano.validation.forecast import Forecast
 from baqueano.validation.held_out import Validation
 from baqueano.validation.parameter_drift import ParameterHistory
 from baqueano.vehicle_file.block_check import BlockCheck

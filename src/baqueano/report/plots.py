@@ -17,7 +17,7 @@ from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.identify import Fit, Forecast
+from baqueano.identify import Fit
 from baqueano.identify.noise.covariances import Noise
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
@@ -36,6 +36,7 @@ from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import Ensemble
 from baqueano.tune import TuneResult
 from baqueano.tune.tune_result import FACTORS
+from baqueano.validation.forecast import Forecast
 from baqueano.validation.held_out import Validation
 from baqueano.validation.parameter_drift import ParameterHistory
 

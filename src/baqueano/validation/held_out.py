@@ -70,13 +70,36 @@ class ChannelMetrics(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Validation(Result):
-    """All channels of all held-out runs."""
+    """Errors of a fit on runs that it did not use, with a verdict.
+
+    Attributes
+    ----------
+    figures : tuple of ChannelMetrics
+        Errors of each channel of each run, in the unit of the channel.
+    channels : tuple of ChannelFit
+        Residuals of each channel of each run, for the figure.
+    messages : tuple of Diagnostic
+        Evidence against the model, and reasons why a test is not possible.
+    outside : tuple of Diagnostic
+        Runs that leave the range of motion of the fit.
+    basis : Diagnostic
+        Horizon of the simulation [s], and the number of independent pieces of motion.
+
+    Examples
+    --------
+    >>> from baqueano.identify import identify, random_steps
+    >>> small = bq.load("small")
+    >>> runs = [bq.simulate(small, random_steps([1.0, 0.0, 1.0], 30.0, 100.0, k), k) for k in (1, 2)]
+    >>> result = validate(identify(runs[0], small, ["model.mass_kg"]), runs[1])
+    >>> [row["channel"] for row in result.rows()]
+    ['imu[0]', 'imu[1]', 'imu[2]']
+    """
 
     figures: tuple[ChannelMetrics, ...]
     channels: tuple[ChannelFit, ...]
-    messages: tuple[Diagnostic, ...]  # evidence against the model, and reasons why a test is not possible
-    outside: tuple[Diagnostic, ...]  # runs that leave the envelope of the fit
-    basis: Diagnostic  # "20 s open loop from standstill, 12 independent pieces of motion"
+    messages: tuple[Diagnostic, ...]
+    outside: tuple[Diagnostic, ...]
+    basis: Diagnostic
 
     @property
     def verdict(self) -> Verdict:
@@ -124,7 +147,38 @@ class _ChannelError(NamedTuple):
 
 
 def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
-    """Return the validation of `fit` on `runs`. Raise UsageError if the fit was refused, or used one of these runs."""
+    """Return the errors of a fit on runs that it did not use.
+
+    Parameters
+    ----------
+    fit : Fit
+        A fit that was not refused.
+    runs : Run or sequence of Run
+        Runs of the same vehicle, with the sensors of the fit.
+
+    Returns
+    -------
+    Validation
+        REFUSED for a model that is worse than the mean of a channel, WARN for too large an error. CANNOT TELL if the
+        runs contain too little independent motion, else USABLE.
+
+    Raises
+    ------
+    UsageError
+        If the fit was refused, or used one of these runs.
+
+    Notes
+    -----
+    Each run is simulated in open loop from its own start, with the sensors' biases of the run. Equations of the module.
+
+    Examples
+    --------
+    >>> from baqueano.identify import identify, random_steps
+    >>> small = bq.load("small")
+    >>> runs = [bq.simulate(small, random_steps([1.0, 0.0, 1.0], 40.0, 100.0, k), k) for k in (1, 2)]
+    >>> print(validate(identify(runs[0], small, ["model.mass_kg"]), runs[1]).verdict)
+    USABLE
+    """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("validation.refused-fit"))

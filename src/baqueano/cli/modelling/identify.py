@@ -219,7 +219,7 @@ def _forecast_route(route: str | None) -> "Route | None":
 def _forecast_drive(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
     """Return the forecast of a drive from the errors of the fit; None if it cannot be computed."""
     from baqueano.errors import UsageError
-    from baqueano.identify import forecast
+    from baqueano.validation import forecast
 
     try:
         with show_activity(note("cli.predicting")):

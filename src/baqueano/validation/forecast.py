@@ -8,7 +8,7 @@ P is the covariance of the fit. (1) is linear. If the standard deviation of the 
 the vehicle can be anywhere, and the message states this in place of a distance. The forecast is a lower limit of the
 error. It does not contain effects that the runs did not show, process noise, the battery, or an error of the initial
 pose. The model drives the lap with the recommended controller and a known pose. Then it repeats the commands in open
-loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
+loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/validation/test_forecast.py.
 """
 
 from collections.abc import Sequence

@@ -14,13 +14,13 @@ from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import eight
-from baqueano.identify import FitOptions, forecast, identify, random_steps
-from baqueano.identify.forecast import MAX_HEADING_STD_RAD, DriveForecast, _lap
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.parameters.free import value
 from baqueano.report.fit_report import page_of_fit
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.simulate.many import simulate_many
+from baqueano.validation.forecast import MAX_HEADING_STD_RAD, DriveForecast, _lap, forecast
 from baqueano.vehicle_file import load
 from tests.codes import of_code
 
