@@ -23,6 +23,7 @@ from baqueano.sensors import Mark
 from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
 from baqueano.vehicle_file import load
+from baqueano.vehicle_file.head import Geometry
 from baqueano.vehicles import Planar
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -34,6 +35,7 @@ FILE = SimpleNamespace(
     path=None,
     is_guess=False,
     rate_hz=100.0,
+    geometry=Geometry(),
     command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), unit="duty", limit=LIMIT),
     vehicle=VEHICLE,
     sensors=SENSORS,

@@ -13,12 +13,13 @@ from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, nearest, note, stop
+from baqueano.diagnostics import Diagnostic, StopReason, fault, nearest, note, stop
 from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, diagnostics_of_blocks
+from baqueano.drive.safety.sensor_notes import notes_about_sensors
 from baqueano.errors import Misuse, SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
 from baqueano.monitor import SensorMonitor
@@ -254,18 +255,14 @@ def _prepare(
 ) -> tuple[Blocks, SensorMonitor | None, list[Diagnostic]]:
     """Return the compiled blocks, the monitor of the sensors or None, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
+    own_notes = within(PREPARE_S, notes_about_sensors, vehicle_file, blocks.estimator)
     sensors, sensor_notes = within(PREPARE_S, sensor_monitor, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, compile_blocks, *inputs) if live else compile_blocks(*inputs)
     if live:
         blocks = Blocks._make(BudgetedBlock(b) if _may_hang(b) else b for b in blocks)
     if sensors is not None:
         sensors.begin(*(settings.start[k : k + 3] for k in range(0, len(settings.start), 3)))
-    noise_notes = (
-        [note("drive.usual-noise", Severity.WARNING, "baqueano identify last --update", sensors=names)]
-        if (names := vehicle_file.sensors_without_noise)
-        else []
-    )
-    return blocks, sensors, [*settings.notes, *notes, *sensor_notes, *noise_notes]
+    return blocks, sensors, [*settings.notes, *notes, *sensor_notes, *own_notes]
 
 
 def stop_reason_of(run: Run) -> Diagnostic | None:
