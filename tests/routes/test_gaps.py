@@ -120,3 +120,17 @@ def test_a_slip_and_an_origin_beside_the_axle_are_not_sideways_motion():
     spin = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), turn])
     route = Route(turn, spin, np.tile([0.0, 0.1, 1.0], (200, 1)), False)
     assert not examine(route, load("small")).findings
+
+
+@pytest.mark.parametrize(("row", "at_m"), [(0, 0.0), (75, 0.75)])
+def test_a_heading_that_turns_at_once_is_refused_with_a_cut_that_mends_the_route(row, at_m):
+    route = line(2.0, 0.25)
+    eta = route.eta.copy()
+    eta[: row + 1, 2] = np.radians(90.0)
+    (finding,) = examine(route._replace(eta=eta)).findings
+    assert (finding.code, finding.figures["count"]) == ("route.sudden-turn", 1)
+    assert finding.figures["at_m"] == pytest.approx(at_m, abs=0.01)
+    assert finding.figures["turn_deg"] == pytest.approx(-90.0)
+    *_, side, distance = finding.fix.split()
+    ends = {"--from": {"from_m": float(distance)}, "--to": {"to_m": float(distance)}}[side]
+    assert not examine(cut(route._replace(eta=eta), **ends)).findings

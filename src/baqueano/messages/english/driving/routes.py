@@ -40,6 +40,10 @@ TEMPLATES: dict[str, str] = {
         "the route jumps by {gap_m:.2f} m at {at_m:.2f} m ({at_s:.1f} s), {count} times in all: "
         "the path in the gap is unknown. Cut it there, or teach it again: {fix}"
     ),
+    "route.sudden-turn": (
+        "the heading of the route turns by {turn_deg:.0f}° at once at {at_m:.2f} m ({at_s:.1f} s), {count} times in "
+        "all. Cut it there, or teach it again: {fix}"
+    ),
     "route.gap": (
         "samples are missing at {at_m:.2f} m ({at_s:.1f} s): the next pose is {gap_m:.2f} m and {gap_s:.1f} s further, "
         "and the path between is not known. There are {count} such places. Cut it there, or teach it again: {fix}"
