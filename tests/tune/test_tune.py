@@ -1,6 +1,7 @@
 """The gains of `tune` minimise the cost of the paper; the text warns about unreliable gains."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from baqueano.geometry import wrap
 from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle, line, sinuous_circle
 from baqueano.messages import verdict_line
+from baqueano.project.my_controller import MyController
 from baqueano.routes import examine
 from baqueano.simulate import simulate_loop
 from baqueano.tune import tune
@@ -116,6 +118,16 @@ def test_a_gain_at_its_limit_is_reported(small):
     assert tuning.values["alpha"] == pytest.approx(4.0, rel=1e-2)
     (reason,) = (reason for reason in tuning.reasons if reason.code == "tune.at-upper-limit")
     assert (reason.subject, reason.figures) == ("alpha", {"limit": 4.0, "unit": "unit of u per m"})
+
+
+def test_a_narrow_margin_is_a_warning_with_a_larger_weight_on_jerks(tuning):
+    robust, narrow = (replace(tuning, controller=MyController(k_x=k_x)) for k_x in (3.0, 15.0))
+    assert "tune.narrow-margin" not in [reason.code for reason in robust.reasons]
+    for jerk_m2, fix in ((0.0, "--jerk 0.1"), (0.1, "--jerk 1")):
+        result = replace(narrow, weights=narrow.weights._replace(jerk_m2=jerk_m2))
+        (reason,) = (reason for reason in result.reasons if reason.code == "tune.narrow-margin")
+        assert (reason.subject, reason.fix) == ("u_x", fix)
+        assert 1.0 < reason.figures["gain"] < 1.5
 
 
 def test_a_subset_of_the_gains_can_be_tuned(small):

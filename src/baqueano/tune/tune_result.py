@@ -21,11 +21,14 @@ from baqueano.tune.search import Descent
 from baqueano.tune.search_space import file_values
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 # factors on a gain, for the cost around the optimum
 FACTORS = (0.5, 0.65, 0.8, 0.9, 1.0, 1.1, 1.25, 1.6, 2.0)
+# below one of these margins, a small error of the model makes the loop oscillate: the drawn error of the delay is 10 ms
+MIN_GAIN_MARGIN, MIN_DELAY_MARGIN_S = 1.5, 0.02
+SMOOTHER, SMALL_JERK_M2 = 10.0, 0.01  # the suggested weight on jerks: factor, and weight in place of 0
 AGREEMENT_TOLERANCE = 1e-3  # costs with a smaller relative difference are treated as equal
 
 
@@ -163,8 +166,20 @@ class TuneResult(Result):
             messages.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
         if len(self.descents) > 1 and self.agreeing_descents == 1:
             messages.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
-        if not all(m.stable for m in self.margins):
-            messages.append(note("tune.unstable", Severity.WARNING, speed_m_s=self.margins[0].speed_m_s))
+        margins = self.margins
+        narrow = min(margins, key=lambda m: m.gain_up)
+        if not all(m.stable for m in margins):
+            messages.append(note("tune.unstable", Severity.WARNING, speed_m_s=margins[0].speed_m_s))
+        elif narrow.gain_up < MIN_GAIN_MARGIN or narrow.delay_s < MIN_DELAY_MARGIN_S:
+            jerk_m2 = SMOOTHER * self.weights.jerk_m2 or SMOOTHER * SMALL_JERK_M2
+            figures: JsonObject = {
+                "gain": narrow.gain_up,
+                "delay_ms": 1e3 * narrow.delay_s,
+                "jerk_m2": jerk_m2,
+            }
+            messages.append(
+                note("tune.narrow-margin", Severity.WARNING, f"--jerk {jerk_m2:g}", narrow.channel, **figures)
+            )
         if self.drive.saturated_fraction > 0.2:
             messages.append(
                 note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated_fraction)
