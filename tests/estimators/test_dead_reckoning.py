@@ -208,6 +208,18 @@ def test_slow_readings_correct_the_model_error_between_two_readings():
     assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 0.15
 
 
+def test_a_gyro_without_accelerometers_turns_the_heading():
+    reckon = reckoning(WHEELED, imu=IMU)
+    ticks = ticks_of(reckon, {"imu": np.tile([0.0, 0.0, 1.03 * 0.5], (200, 1))})
+    missing = ticks.sensors.imu._replace(z=ticks.sensors.imu.z + np.array([np.nan, np.nan, 0.0]))
+    heading = [
+        kernel_of(reckon).run(t)[0].mean[2]
+        for t in (ticks, ticks._replace(sensors=ticks.sensors._replace(imu=missing)))
+    ]
+    assert heading[0] > 0.5
+    assert heading[1] == heading[0]
+
+
 def test_sensor_rows_are_selected_by_their_measured_velocities():
     def rows_shown(**sensors_by_name):
         return [(r.name, r.rows, r.entries) for r in reckoning(**sensors_by_name).readings]

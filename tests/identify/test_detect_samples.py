@@ -1,5 +1,7 @@
 """Samples that are not measurements are detected by statistical limits and excluded; sound samples are not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -100,6 +102,25 @@ def test_many_samples_at_the_largest_value_are_reported_as_clipped():
     far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
     assert np.isfinite(after.z[far, 0]).mean() < 0.05
     assert np.isfinite(after.z[:, 2]).all()  # the signal never reached the end of the range
+
+
+def test_one_visit_to_a_full_scale_of_chips_in_use_is_enough():
+    z, pulse = motion(), 5.0 * np.exp(-(((np.arange(4000) - 2000) / 60.0) ** 2))
+    for end, is_known in ((32767 / 131, True), (245.0, False)):
+        turning = z[:, 2] + pulse
+        clipped_z = np.column_stack([z[:, :2], np.clip(turning, -np.radians(end), np.radians(end))])
+        after, findings = check_samples("imu", IMU, channel(clipped_z))
+        assert ("data.clipped" in codes(findings)) == is_known
+        assert np.isnan(after.z[turning > np.radians(end), 2]).all() == is_known
+        assert np.isfinite(after.z[turning < np.radians(end) - 0.1]).all()
+
+
+def test_one_reading_beyond_the_range_of_the_file_is_excluded():
+    z = motion()
+    z[1000, 1] = -19.0
+    after, findings = check_samples("imu", replace(IMU, accel_limit=19.0), channel(z))
+    assert np.argwhere(np.isnan(after.z)).tolist() == [[1000, 1]]
+    assert codes(findings) == {"data.clipped"}
 
 
 def test_id6_clipped_samples_are_removed_without_biasing_the_fit():

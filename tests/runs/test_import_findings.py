@@ -345,3 +345,31 @@ def test_import_warnings_are_available_as_a_table_and_as_rows(lab):
         "level": "info", "finding": "no command yet", "t_s": 0.0,
         "text": "1 ticks before the first command were excluded",
     }  # fmt: skip
+
+
+def test_gyro_words_at_the_rail_become_gaps_of_the_gyro_alone(lab):
+    scale, true = 1.5 / 32768.0, lab.board["wz"]
+    lab.board["wz"] = np.clip(np.round(true / scale), -32768, 32767)
+    lab.edit('"wz", unit = "rad/s"', f'"wz", unit = "raw", scale = {scale}')
+    at_rail = np.abs(true) > 1.5
+    assert 0 < at_rail.sum() < 90
+    run, findings = lab.run()
+    z = run.sensors["imu"].z
+    assert len(z) == 1500
+    assert not np.isfinite(z[at_rail, 2]).any()
+    assert np.isfinite(z[:, :2]).all()
+    assert np.isfinite(z[np.abs(true) < 1.3, 2]).all()
+    (finding,) = (d for d in findings if d.code == "full scale")
+    assert finding.level == "warning"
+    assert finding.reason.figures["at_end"] == at_rail.sum()
+    assert finding.reason.figures["lost"] == np.isnan(z[:, 2]).sum()
+    assert lab.run().verdict == "WARN"
+
+
+def test_a_gyro_that_only_comes_near_its_rail_keeps_all_readings(lab):
+    scale = np.max(np.abs(lab.board["wz"])) / 32766.0
+    lab.board["wz"] = np.round(lab.board["wz"] / scale)
+    lab.edit('"wz", unit = "rad/s"', f'"wz", unit = "raw", scale = {scale}')
+    run, findings = lab.run()
+    assert np.isfinite(run.sensors["imu"].z).all()
+    assert "full scale" not in {d.code for d in findings}

@@ -139,7 +139,9 @@ class Complementary:
     def _turning_count(self, tick: Tick) -> Value:
         """Return the number of readings of the yaw rate in this tick."""
         has_readings = [
-            has_measurement(getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name))
+            has_measurement(
+                getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name), reading.rows
+            )
             for reading in self.readings
             if TURNING_INDEX in reading.entries
         ]

@@ -26,7 +26,7 @@ def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
         channel = run.sensors.get(name)
         if channel is not None:
             tick_index = np.searchsorted(t_ns, channel.arrival_ns)
-            is_inside = (tick_index < len(t_ns)) & np.isfinite(channel.z).all(axis=1)
+            is_inside = (tick_index < len(t_ns)) & np.isfinite(channel.z).any(axis=1)
             z[tick_index[is_inside]], has[tick_index[is_inside]] = channel.z[is_inside], 1.0
             age[tick_index[is_inside]] = age_s(channel.t_ns[is_inside], t_ns[tick_index[is_inside]])
         slots[name] = (has, z, age)

@@ -69,9 +69,10 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], allow_channels: bool 
             raise Invalid(fault("field.use", value=entry, valid=names))
 
 
-def has_measurement(sensor: Sensor, slot: Slot) -> Value:
-    """Return True if a measurement arrived and is finite."""
-    return (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
+def has_measurement(sensor: Sensor, slot: Slot, rows: tuple[int, ...] | None = None) -> Value:
+    """Return True if a measurement arrived and is finite, in all its entries or in those of `rows`."""
+    z = slot.z if rows is None else slot.z[list(rows)]
+    return (slot.has > 0.0) & (np.sum(np.isfinite(z)) == (sensor.size if rows is None else len(rows)))
 
 
 def age_s(sensor: Sensor, slot: Slot) -> Value:

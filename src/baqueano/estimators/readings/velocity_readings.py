@@ -105,7 +105,7 @@ def replace_velocity(
     reading: Reading, sensor: Sensor, slot: Slot, nu: np.ndarray, bias: Value = 0.0, scale: Value = 0.0
 ) -> Value:
     """Return ν (3,) with the reading, after removal of `bias` and `scale`; `nu` if no reading arrived.  (1)"""
-    has_reading = has_measurement(sensor, slot)
+    has_reading = has_measurement(sensor, slot, reading.rows)
     z = np.where(has_reading, slot.z[list(reading.rows)], reading.at_rest)
     correction = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.jacobian @ nu)
     return nu + np.where(has_reading, correction, 0.0)

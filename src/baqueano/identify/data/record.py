@@ -6,10 +6,10 @@ Ticks can be irregular. A long tick is split into equal rows, so that the integr
 step must be short compared with the fastest time constant of a small vehicle, 15 ms. A measurement belongs to the row
 that ends at its timestamp (not at its arrival), or to the first row that ends after it. If a row contains several
 measurements, the last one is used. A reading that is a mean belongs to the row in which its interval ends
-(averaging.py). Entries that are not finite and measurements before the first tick are excluded. Readings at the end of
-the sensor's range are excluded and counted. If sensor and commands have different clocks, a reading with timestamp t
-was taken at t + o, |o| ≤ MAX_CLOCK_OFFSET_S. Readings of this sensor are assigned MAX_CLOCK_OFFSET_S after their
-timestamp, and the model's h is evaluated with that delay (vehicles/delay.py).
+(averaging.py). Entries that are not finite and measurements before the first tick are excluded. If sensor and commands
+have different clocks, a reading with timestamp t was taken at t + o, |o| ≤ MAX_CLOCK_OFFSET_S. Readings of this sensor
+are assigned MAX_CLOCK_OFFSET_S after their timestamp, and the model's h is evaluated with that delay
+(vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,8 +22,7 @@ from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.averaging import averaged_readings, durations_s, is_average
-from baqueano.runs.run import Channel, Run
-from baqueano.sensors.sampling import sensor_range
+from baqueano.runs.run import Run
 from baqueano.signals import ByName, seconds
 from baqueano.vehicles.rk4 import MAX_ROW_S, row_counts
 
@@ -104,7 +103,7 @@ def record_of(
     readings = {}
     for name, block in sensors.items():
         max_offset_s = MAX_CLOCK_OFFSET_S if name in clocks else 0.0
-        readings[name] = _measurements(run, name, block, ends, row_s, notes, max_offset_s)
+        readings[name] = _measurements(run, name, block, ends, row_s, max_offset_s)
         if used_channels and name in used_channels:
             unused_channels = np.setdiff1d(np.arange(block.size), used_channels[name])
             readings[name].has[:, unused_channels] = 0.0
@@ -153,12 +152,11 @@ def _measurements(
     block: Tree,
     ends: np.ndarray,
     row_s: np.ndarray,
-    notes: list[Diagnostic],
     max_offset_s: float,
 ) -> Measurements:
     """Return the measurements of one sensor in N rows of `row_s` (N,) [s]. `ends` contains the last row of each tick.
-    Each reading is assigned `max_offset_s` after its timestamp. Messages are added to `notes`. Raise UsageError for a
-    run without this sensor, or with another number of channels."""
+    Each reading is assigned `max_offset_s` after its timestamp. Raise UsageError for a run without this sensor, or with
+    another number of channels."""
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, valid=run.sensors))
@@ -169,7 +167,7 @@ def _measurements(
         )
     m, row_count = block.size, len(row_s)
     z, has = np.zeros((row_count, m)), np.zeros((row_count, m))
-    is_sound = _valid_mask(name, block, channel, notes)
+    is_sound = np.isfinite(channel.z)
     intervals_s = durations_s(run, name) if len(channel.t_ns) > 1 and is_average(run, name, block) else None
     if max_offset_s == 0.0 and intervals_s is not None:
         row_end_s = np.cumsum(row_s) - row_s[: ends[0] + 1].sum()
@@ -217,18 +215,6 @@ def _row_and_part(
     age = np.clip(tick_part, 0.0, 1.0) * rows  # in rows
     earlier = np.minimum(np.floor(age + MAX_EARLY_FRACTION), rows - 1).astype(int)
     return ends[tick] - earlier, np.clip(age - earlier, 0.0, 1.0)
-
-
-def _valid_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
-    """Return a mask (M, m), True where an entry is finite and not at the end of the range."""
-    is_sound = np.isfinite(channel.z)
-    limit = sensor_range(block)
-    if limit is not None:
-        at_limit = is_sound & (np.abs(channel.z) >= limit)
-        if at_limit.any():
-            notes.append(note("data.end-of-range", subject=name, lost=int(at_limit.sum())))
-        is_sound &= ~at_limit
-    return is_sound
 
 
 def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:

@@ -47,8 +47,11 @@ class LoggedMotion:
         self.rate = self.imu[:, 2] if run.truth is None else self.true_rate()
 
     def mean(self, t_ns: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the window means (W,) of values (M,)."""
-        t = self._seconds(t_ns)
+        """Return the window means (W,) of values (M,), interpolated over gaps; NaN without values."""
+        is_known = np.isfinite(values)
+        if not is_known.any():
+            return np.full(len(self._t), np.nan)
+        t, values = self._seconds(t_ns)[is_known], values[is_known]
         area = np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))
         return self._rate_of_change(t, np.concatenate([[0.0], area]))
 

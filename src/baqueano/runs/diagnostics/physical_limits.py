@@ -50,7 +50,7 @@ MIN_COMMAND = 0.03  # a command too small to move a motor
 
 def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield the findings about the unit of a sensor, from this sensor only."""
-    peak = np.quantile(np.abs(channel.z), 0.99, axis=0)
+    peak = [_peak(z) for z in channel.z.T]
     is_beyond, measurement_kind = False, signal.kind or ""
     for value, measures, entry in zip(peak, KINDS.get(measurement_kind, ()), signal.entries, strict=False):
         limit, limit_text, guess = LIMIT_OF_KIND.get(measurement_kind) or LIMIT_OF_KIND.get(
@@ -71,9 +71,10 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
 def _grip_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
     """Yield a finding about the unit if an acceleration exceeds the grip of tyres.  (1)"""
     for a, entry in zip(_window_means(channel).T[:2], signal.entries, strict=False):
-        if not len(a) or not np.isfinite(a).all():
+        a = a[np.isfinite(a)]
+        if not len(a):
             continue
-        peak_acceleration = float(np.quantile(np.abs(a - np.median(a)), 0.99))
+        peak_acceleration = _peak(a - np.median(a))
         if peak_acceleration > MAX_GRIP_M_S2:
             level = "error" if peak_acceleration > 2.0 * MAX_GRIP_M_S2 else "warning"
             reason = note(
@@ -114,7 +115,7 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
     )
-    peak_rate = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
+    peak_rate = _peak(rate)
     rest_rates = rate[at_rest][np.isfinite(rate[at_rest])]
     bias, std = (
         (abs(float(np.median(rest_rates))), _robust_std(rest_rates)) if len(rest_rates) > 5 else (0.0, 0.0)
@@ -128,19 +129,19 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
         reason = note("recording.fast-turns", **figures, most=peak_rate, turns=peak_rate / (2.0 * np.pi))
         yield ImportFinding("fast turns", "warning", None, reason, cure)
     for entry, a in zip(signal.entries[:2], channel.z[at_rest, :2].T, strict=True):
-        peak_rate = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
-        if (
-            len(a)
-            and np.isfinite(a).all()
-            and 0.0 < _robust_std(a) < MAX_REST_STD_M_S2
-            and peak_rate < MAX_GRIP_M_S2 / 10.0
-        ):
+        a, most = a[np.isfinite(a)], _peak(channel.z[:, int(entry.key[-2])])
+        if len(a) and 0.0 < _robust_std(a) < MAX_REST_STD_M_S2 and most < MAX_GRIP_M_S2 / 10.0:
             reason = note(
-                "recording.quiet", key=entry.key, unit_read=entry.unit, sd=_robust_std(a), most=peak_rate
+                "recording.quiet", key=entry.key, unit_read=entry.unit, sd=_robust_std(a), most=most
             )
             yield ImportFinding(
                 "quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g")
             )
+
+
+def _peak(x: np.ndarray) -> float:
+    """Return the magnitude that 1 % of the finite values of x (M,) exceed; 0 without one."""
+    return float(np.quantile(np.abs(x[np.isfinite(x)]), 0.99)) if np.isfinite(x).any() else 0.0
 
 
 def _robust_std(x: np.ndarray) -> float:

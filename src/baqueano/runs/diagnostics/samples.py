@@ -3,28 +3,31 @@
     P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)     of white noise σ in steps of q, at most         (1)
     σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6     of the values that changed
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
+    or max ≥ a known limit;   or n(z = max) ≥ 2, and max is a full scale of chips in use, within 0.15 %
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
 Samples that repeat the previous one, and exact zeros, are removed if they are `CHANCE_FACTOR` times more frequent
 than (1). They are kept if the signal changes by less than a step. For encoders, the test uses the values between two
 jumps (runs/diagnostics/repeated_readings.py). Many equal values can be the top speed, and a zero is removed only
-between two readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the
-tails of noise contain few samples. The samples of (3) are then removed. (3) does not depend on the noise of the
-sample itself, so the fit stays unbiased.
+between two readings far from it. The tails of noise contain few samples, so many samples at one extreme (2) show the
+end of a range. The samples of (3) are then removed, because (3) does not depend on the noise of a sample.
 """
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts import optional
-from baqueano.contracts.optional import has_field
+from baqueano.contracts.optional import INF
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.numerics.statistics import white_std
 from baqueano.runs.diagnostics.repeated_readings import find_repeats, is_read_too_fast
 from baqueano.runs.run import Channel
+from baqueano.sensors.sampling import sensor_range
+from baqueano.signals import STANDARD_GRAVITY
 
 # more samples than CHANCE_FACTOR times the expected number plus EXTRA_SAMPLES are significant
 CHANCE_FACTOR, EXTRA_SAMPLES = 3.0, 5
@@ -34,6 +37,12 @@ MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that can be lost wit
 MEDIAN_SAMPLES, MIN_CONSECUTIVE = 9, 3  # samples, (3)
 ROUNDING = 1e-12  # of the largest value: rounding difference between two ways to compute a reading
 ISOLATED_ZERO_SIGMA = 10.0  # standard deviations between an isolated zero and its neighbours
+FULL_SCALE_TOLERANCE = 1.5e-3  # 32767 of 32768 words, and rounded sensitivities such as 131 words per deg/s
+# of small IMUs, in SI; the second row is that of 35 mdps per word and its multiples
+FULL_SCALES = {
+    "acceleration": STANDARD_GRAVITY * np.array([2.0, 4.0, 8.0, 16.0]),
+    "angular rate": np.radians(np.outer([1.0, 1.14685], [125.0, 250.0, 500.0, 1000.0, 2000.0]).ravel()),
+}
 
 
 class ChannelResolution(NamedTuple):
@@ -41,6 +50,19 @@ class ChannelResolution(NamedTuple):
 
     sigma: float  # from second differences; 0 if too few values change
     step: float  # least difference of two values, without rounding
+
+
+class EndSamples(NamedTuple):
+    """The samples of one channel at the end of its range."""
+
+    mask: np.ndarray  # (M,)
+    ends: list[float]  # the largest and the least reading, if they are ends
+    at_end: int  # samples that are equal to an end
+
+    @property
+    def lost(self) -> int:
+        """Return the number of samples of the mask."""
+        return int(self.mask.sum())
 
 
 def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
@@ -51,19 +73,21 @@ def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, li
         messages.append(note("data.not-finite", subject=name, lost=lost_count))
     if len(z) < MIN_SAMPLES or optional.attribute(block, "cov") is None:
         return channel, messages
-    is_imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
+    limits, noise = sensor_range(block), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
     for i in range(z.shape[1]):
-        is_invalid, channel_messages = _check_channel(f"{name}[{i}]", z[:, i], is_imu, float(noise[i]))
+        limit = None if limits is None else float(limits[i])
+        is_invalid, channel_messages = _check_channel(f"{name}[{i}]", z[:, i], limit, float(noise[i]))
         z[is_invalid, i] = np.nan
         messages += channel_messages
     return channel._replace(z=z), _merge_messages(name, z.shape[1], messages)
 
 
 def _check_channel(
-    label: str, x: np.ndarray, is_imu: bool, noise: float
+    label: str, x: np.ndarray, limit: float | None, noise: float
 ) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return the mask (M,) of invalid samples of one channel, and messages about them."""
-    is_finite, no_samples = np.isfinite(x), np.zeros(len(x), bool)
+    """Return the mask (M,) of invalid samples of one channel, and messages about them. `limit` is the full scale of an
+    IMU, and None for other sensors."""
+    is_finite, no_samples, is_imu = np.isfinite(x), np.zeros(len(x), bool), limit is not None
     if is_finite.sum() < MIN_SAMPLES:
         return no_samples, []
     if np.ptp(x[is_finite]) == 0.0:
@@ -71,7 +95,7 @@ def _check_channel(
     resolution = channel_resolution(x[is_finite])
     if resolution.sigma <= 0.0:
         return no_samples, []
-    is_at_end, messages = _limit_samples(label, x, resolution) if is_imu else (no_samples, [])
+    is_at_end, messages = (no_samples, []) if limit is None else _limit_samples(label, x, resolution, limit)
     x = np.where(is_at_end, np.nan, x)
     is_zero, zero_message = _lost_frames(label, x, resolution, is_imu)
     is_repeated, repeat_messages = _repeated_samples(label, x, resolution, is_imu)
@@ -153,36 +177,43 @@ def _repeated_samples(
     return is_repeated, [note("data.repeats", subject=label, lost=lost, percent=percent, longest=longest)]
 
 
-def _limit_samples(
-    label: str, x: np.ndarray, resolution: ChannelResolution
-) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return the mask (M,) of samples at the end of a range, and a list with at most one message.  (2), (3)"""
-    finite, is_invalid, ends, end_count = np.isfinite(x), np.zeros(len(x), bool), [], 0
-    if finite.sum() < MIN_SAMPLES or resolution.sigma < resolution.step:
-        return is_invalid, []  # too coarse: every level has many samples
+def end_samples(
+    x: np.ndarray, resolution: ChannelResolution, limit: float = INF, full_scales: Collection[float] = ()
+) -> EndSamples:
+    """Return the samples of x (M,) at the end of a range. `limit` is a known end on both sides, and `full_scales` are
+    those of chips in use.  (2), (3)"""
+    finite, is_invalid, ends, at_end = np.isfinite(x), np.zeros(len(x), bool), [], 0
+    is_fine = 0.0 < resolution.step <= resolution.sigma  # otherwise every level has many samples
     width = max(2.0 * resolution.step, 0.2 * resolution.sigma)
     for sign in (1.0, -1.0):
         y = np.where(finite, sign * x, -np.inf)
-        maximum = float(np.max(y))
-        is_maximum = y == maximum
-        inner_count = int(np.sum((y < maximum) & (y >= maximum - width)))
-        visit_count = int(np.sum(is_maximum[1:] & ~is_maximum[:-1])) + int(is_maximum[0])
-        count = int(is_maximum.sum())
-        is_often = count >= MIN_END_SAMPLES and count > MIN_END_SAMPLES * inner_count
-        if visit_count >= MIN_VISITS and is_often:  # (2)
-            is_invalid |= _is_beyond_end(y, is_maximum, maximum, resolution.sigma)
-            ends.append(sign * maximum)
-            end_count += count
-    if not ends:
-        return is_invalid, []
-    is_invalid, percent = is_invalid & finite, _percentage(is_invalid & finite, finite)
+        largest = float(np.max(y))
+        end = min(largest, limit)
+        is_end = y >= end
+        count, visits = int(is_end.sum()), int(np.sum(is_end[1:] & ~is_end[:-1])) + int(is_end[0])
+        inner_count = int(np.sum((y < end) & (y >= end - width)))
+        is_often = count >= MIN_END_SAMPLES and count > MIN_END_SAMPLES * inner_count and visits >= MIN_VISITS
+        is_full_scale = count > 1 and any(abs(end / f - 1.0) < FULL_SCALE_TOLERANCE for f in full_scales)
+        if end >= limit or (is_fine and (is_often or is_full_scale)):
+            is_invalid |= _is_beyond_end(y, is_end, end, resolution.sigma)
+            is_invalid |= is_end & (end >= limit)
+            ends.append(sign * largest)
+            at_end += count
+    return EndSamples(is_invalid & finite, ends, at_end)
+
+
+def _limit_samples(
+    label: str, x: np.ndarray, resolution: ChannelResolution, limit: float
+) -> tuple[np.ndarray, list[Diagnostic]]:
+    """Return the mask (M,) of samples at the end of a range, and a list with at most one message."""
+    kind = "angular rate" if label.endswith("[2]") else "acceleration"
+    at_end = end_samples(x, resolution, limit, FULL_SCALES[kind])
+    if not at_end.lost:
+        return at_end.mask, []
+    percent = _percentage(at_end.mask, np.isfinite(x))
     severity = Severity.WARNING if percent > 100.0 * MAX_LOST_FRACTION else Severity.INFO
-    details = {
-        "lost": int(is_invalid.sum()),
-        "ends": map(float, ends),
-        "at_end": end_count,
-    }
-    return is_invalid, [note("data.clipped", severity, subject=label, percent=percent, **details)]
+    details = {"lost": at_end.lost, "ends": at_end.ends, "at_end": at_end.at_end}
+    return at_end.mask, [note("data.clipped", severity, subject=label, percent=percent, **details)]
 
 
 def _is_beyond_end(y: np.ndarray, index: np.ndarray, end: float, sigma: float) -> np.ndarray:

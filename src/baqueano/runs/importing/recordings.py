@@ -24,6 +24,7 @@ from baqueano.messages.text_table import text_table
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.importing.full_scale import without_full_scale
 from baqueano.runs.importing.rates import rates, times_ns, wraps_each_turn
 from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, quaternion_of, recordings_of
 from baqueano.runs.maps.column_map import load_map
@@ -296,7 +297,7 @@ def _finite_rows(
         findings.append(ImportFinding("missing", "warning", first_ns, reason))
     if not is_complete.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
-    return is_complete, values[is_complete]
+    return is_complete, without_full_scale(signal, source, values, findings)[is_complete]
 
 
 def _applied_commands(

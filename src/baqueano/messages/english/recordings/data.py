@@ -26,7 +26,6 @@ TEMPLATES: dict[str, str] = {
         "the model bridged {gaps} gaps in time without measurements; the longest lasts {longest_s:.3g} s"
     ),
     "data.command-unknown": "the command of {ticks} ticks is missing: the previous command was used",
-    "data.end-of-range": "{subject}: {lost} entries at full scale were excluded",
     "time.unit": (
         "the usual step is {step_s:.3g} s, but the vehicle file uses {rate_hz:g} Hz, {expected_s:.3g} s: "
         "{guess}?"

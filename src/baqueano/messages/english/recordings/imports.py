@@ -136,6 +136,11 @@ TEMPLATES = {
     "recording.no-command-yet": "{count} ticks before the first command were excluded",
     "recording.no-command": "no command: the vehicle is assumed to be at rest",
     "recording.missing": "[{key}]: {lost} of {rows} rows lack a number (NaN, empty) and were excluded",
+    "recording.full-scale": (
+        "{key}: {lost} of {rows} rows ({share:.1%}) are near full scale, {ends} in the unit of the column, and "
+        "became gaps; {at_end} are at full scale"
+    ),
+    "recording.larger-range": "choose a larger range of this sensor, or drive more gently",
     "recording.no-time": "{table}: {count} rows without a time were excluded",
     "recording.cut-line": "{table}: line {line} is incomplete and was excluded",
     "recording.not-in-all": "{map}: {values} of [files.{file}] is not in [files.{lacking}] and was excluded",
