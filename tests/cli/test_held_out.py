@@ -1,6 +1,7 @@
 """`identify --held-out` reports its verdict as text, in --json, in the exit code and in the file."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -34,6 +35,34 @@ def test_a_fit_refused_by_validation_does_not_change_the_file(identify_against, 
     assert re.search(r"\bturned\b.* -\d+.* imu\[\d\]", reason), "it explains less than the mean value does"
     first, _, _ = reason.partition(" (")  # the paragraph names the other channels in brackets
     assert f"REFUSED: {first}" in end.out
+    assert (tmp_path / "my.toml").read_text() == before
+
+
+def test_an_imu_upside_down_in_all_runs_is_not_validated_and_not_written(baqueano, tmp_path):
+    """Gyro and a_y are inverted together, so the mirrored model explains every run of this log."""
+    small = load("small")
+    small.save(tmp_path / "my.toml")
+    for seed in (1, 2):
+        run = simulate(small, random_steps(small.command.limit, 20.0, small.rate_hz, seed), seed)
+        imu = run.sensors["imu"]
+        turned = replace(run, sensors={"imu": imu._replace(z=imu.z * [1.0, -1.0, -1.0])})
+        write_run(turned, tmp_path / f"{seed}.mcap")
+    before = (tmp_path / "my.toml").read_text()
+    end = baqueano(
+        "identify",
+        "1.mcap",
+        "--vehicle",
+        "my.toml",
+        "--held-out",
+        "2.mcap",
+        "--no-noise",
+        "--update",
+        "--json",
+    )
+    assert (end.code, end.reason.code) == (1, "cli.fit-mirrored")
+    verdict = end.reply["rows"][-1]
+    assert verdict["verdict"] == "WARN"
+    assert "validation.shared-fault" in [reason["code"] for reason in verdict["reasons"]]
     assert (tmp_path / "my.toml").read_text() == before
 
 

@@ -104,13 +104,13 @@ def test_an_inverted_accelerometer_contradicts_the_model(turned_run, small):
 def test_an_inverted_gyro_is_reported_by_gain_sign_or_accelerometer(turned_run, small):
     fit = identify(with_imu(turned_run, lambda z: z * [1.0, 1.0, -1.0]), small)
     assert fit.verdict != "USABLE"
-    assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
+    assert {"axes.inverted", "file.mirrored", "mount.third-inverted"} & reasons(fit).keys()
 
 
 def test_an_inverted_gain_without_other_evidence_gives_a_warning(case):
     blocks, names = FittedBlocks(case.vehicle, case.sensors), ["model.actuator_matrix[2,2]"]
     findings = gain_findings(blocks, names, np.array([-29.9]), np.array([0.1]))
-    assert (findings[0].code, findings[0].severity) == ("file.inverted", Severity.WARNING)
+    assert (findings[0].code, findings[0].severity) == ("file.mirrored", Severity.WARNING)
     assert findings[0].subject == "model.actuator_matrix[2,2]"
     assert (findings[0].figures["now"], findings[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
 

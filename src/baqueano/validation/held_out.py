@@ -9,8 +9,8 @@
 
 Biases, clocks, the mount of a truth, and a start in motion are estimated on each run. (2) contains the residual on the
 fitted runs, and the excess of this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly
-larger (3), or one block fulfils (4). REFUSED: explained is significantly below 0 (5). CANNOT TELL: too few pieces of
-motion of a command that moved in the fit; then segments of the fitted runs decide the cost (objective_choice.py).
+larger (3), one block fulfils (4), or the fit warns of signs, axes or timestamps. REFUSED: explained is significantly
+below 0 (5). CANNOT TELL: too few pieces of motion of a command that moved in the fit (objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -25,6 +25,7 @@ from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import HAND_SENSORS, MOUNT_PREFIX
+from baqueano.identify.diagnostics.file_consistency import GAIN_CODES
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.theta import POSE_SEGMENT_S
@@ -48,6 +49,8 @@ MIN_BLOCK_READINGS = 10  # least number of readings in a block that is used
 # Of 30 drives of SHORT_BLOCK_S * MIN_INDEPENDENT_MOTIONS, 7 had too few independent motions. Drives of this duration
 # had enough.
 ADVISED_S = 1.5 * SHORT_BLOCK_S * MIN_INDEPENDENT_MOTIONS
+# codes, and beginnings of codes, of warnings on the data that a fit and its held-out runs share
+DATA_FAULTS = (*GAIN_CODES, "axes.", "mount.", "time.", "gravity.", "gyro.", "accelerometer.")
 MIN_BLOCKS = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_BLOCK_S
 
 
@@ -197,7 +200,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     for run, is_at_rest in zip(runs, at_rest, strict=True):
         of_run = identify(run, vehicle_file, (), use=use, options=replace(options, at_rest=is_at_rest))
         channels += of_run.channels
-    metrics, messages = [], _too_few_reasons(fit, runs)
+    metrics, messages = [], [*_shared_faults(fit), *_too_few_reasons(fit, runs)]
     for c in channels:
         if np.isfinite(c.residuals).any() and np.isfinite(c.explained_fraction):
             own_channels = [own for own in fit.channels if (own.sensor, own.entry) == (c.sensor, c.entry)]
@@ -207,6 +210,15 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
             messages += channel_findings
     flags = tuple(flag for run in runs for flag in fit.envelope.range_warnings(run))
     return Validation(tuple(metrics), tuple(channels), tuple(messages), flags, _basis(fit, runs, at_rest))
+
+
+def _shared_faults(fit: Fit) -> list[Diagnostic]:
+    """Return the warnings of the fit about signs, axes and timestamps, which runs of the same log cannot refute."""
+    return [
+        note("validation.shared-fault", Severity.WARNING, subject=reason.subject)
+        for reason in fit.reasons
+        if reason.severity == Severity.WARNING and reason.code.startswith(DATA_FAULTS)
+    ]
 
 
 def _too_few_reasons(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:

@@ -1,6 +1,6 @@
 """Define `baqueano identify`: fit the model and the noise to runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,6 +122,7 @@ def command(
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused_sensors
+    from baqueano.identify.diagnostics.file_consistency import GAIN_CODES
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
     _check_table(table)
@@ -172,10 +173,11 @@ def command(
         report.write(lambda: page_of_fit(fit, held_out=validation, ahead=drive_forecast), reproducible=True)
     if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
-    if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refusal(fit.reasons, report.page))
-    if validation is not None and validation.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refusal(validation.reasons, report.page, held_out=True))
+    for code, outcome in (("cli.fit-refused", fit), ("cli.fit-refused-held-out", validation)):
+        if outcome is not None and outcome.verdict == Verdict.REFUSED:
+            raise AnswerNo(_refusal(code, outcome.reasons, report.page))
+    if update and (contradictions := [reason for reason in fit.reasons if reason.code in GAIN_CODES]):
+        raise AnswerNo(_refusal("cli.fit-mirrored", contradictions, report.page))
     output = fit.vehicle_file
     if not no_noise:
         noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)
@@ -192,12 +194,11 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
         raise UsageError(fault("cli.options-conflict", other=conflict))
 
 
-def _refusal(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
+def _refusal(code: str, reasons: Sequence[Diagnostic], page: Path | None) -> Diagnostic:
     """Return the reason why a fit is refused, with a hint to the report on `page` or to the option for a report."""
     from baqueano.messages import group_sentences
 
     data = note("cli.data-unseen", fix="--report fit.html") if page is None else note("cli.data-in-report")
-    code = "cli.fit-refused-held-out" if held_out else "cli.fit-refused"
     return fault(code, reasons="; ".join(group_sentences(reasons)[:2]), data=data)
 
 
@@ -237,7 +238,6 @@ def _extra_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
     per_run_rows = [row for row in fit.run_by_run() if is_requested(row["name"])]
     if validation is None:
         return per_run_rows
-
     reasons, outside_rows = (list(map(json_row, table)) for table in (validation.reasons, validation.outside))
     summary = {
         "verdict": validation.verdict, "sentence": validation.sentence, "reasons": reasons, "outside": outside_rows,

@@ -200,7 +200,7 @@ def _draft_map(path: Path, *recordings: Path | str) -> None:
         raise FileError(fault("cli.file-exists", "--draft FILE.toml", out=path))
     map_text = draft(*recordings)
     path.write_text(map_text, encoding="utf-8", newline="\n")
-    code = "cli.drafted" if UNKNOWN in map_text else "cli.drafted-complete"
+    code = "cli.drafted" if f'"{UNKNOWN}"' in map_text else "cli.drafted-complete"
     print_result(note(code, fix=baqueano_command("runs", "import", path, *recordings), path=path))
 
 

@@ -14,6 +14,7 @@ backward, sideways or five times as hard, a wrong log is more probable.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -46,7 +47,8 @@ MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
 DIVERGED_PREDICTION = 1e6  # SI units: a model with a larger prediction is treated as diverged
 MAX_ROWS = 3000  # rows of each run
 SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts whose gain is above it
-CHANNEL_CODES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
+GAIN_CODES = ("file.swapped", "file.inverted", "file.mirrored")
+CHANNEL_CODES = ("axes.swapped", "axes.inverted", *GAIN_CODES)
 # times the value in the file: tolerances of data sheet and scale, or a guess of half or double
 MAX_GAIN_RATIO = 2.0
 MODEL_TOLERANCE = 0.1  # relative change of a gain by an imperfect model, in addition to its standard error
@@ -334,8 +336,21 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
             findings.append(
                 note("file.lever-arm", Severity.WARNING, f"--free +{offset}", f"u[{j}]", axis=axis)
             )
-        findings += _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
+        of_gain = _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
+        if main_axis == TURNING_AXIS and (imu := _name_of_imu(blocks)):
+            of_gain = [
+                replace(finding, code="file.mirrored", figures={**finding.figures, "imu": imu})
+                if finding.code == "file.inverted"
+                else finding
+                for finding in of_gain
+            ]
+        findings += of_gain
     return findings
+
+
+def _name_of_imu(blocks: FittedBlocks) -> str:
+    """Return the name of the first IMU of a fit, "" without one."""
+    return next((n for n, block in blocks.sensors._asdict().items() if has_field(block, "gyro_scale")), "")
 
 
 def _offset_path(blocks: FittedBlocks) -> str:

@@ -86,6 +86,7 @@ TEMPLATES: dict[str, str] = {
     "cli.calibration-refused": (
         "the calibration is refused, and the vehicle file and the map stay as they are: {reasons}"
     ),
+    "cli.fit-mirrored": "the vehicle file stays as it is, because it contradicts the fit: {reasons}. {data}",
     "cli.fit-refused-held-out": (
         "the fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}"
     ),

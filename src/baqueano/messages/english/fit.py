@@ -179,6 +179,7 @@ TEMPLATES: dict[str, str] = {
     "validation.from-standstill": "from standstill",
     "validation.from-velocity": "from a fitted velocity",
     "validation.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
+    "validation.shared-fault": "held-out runs of the same log cannot refute the warning of the fit about {subject}",
     "validation.still": (
         "{subject} does not vary in the held-out runs. Hold out {needed_s:.0f} s or more in which it "
         "rises and falls"

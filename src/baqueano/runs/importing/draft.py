@@ -2,7 +2,6 @@
 
 import json
 import re
-import unicodedata
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
+from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns, plain_name
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 
@@ -23,9 +23,6 @@ UNIT_OF_ENDING = {  # ends of names → unit
     "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
     "mm_s": "mm/s", "cm_s": "cm/s", "km_h": "km/h", "kmh": "km/h", "percent": "%", "v": "V", "mv": "mV",
 }  # fmt: skip
-SIGNS = str.maketrans(
-    {"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent"}
-)  # letters that a name keeps
 TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros|fecha|hora)(_|$)"
 LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l)(_|$)", r"(^|_)(right|der(ech[ao])?|r)(_|$)"
 COMMAND_PATTERN, SPEED_PATTERN = (
@@ -42,11 +39,6 @@ BARE_SIDES = tuple(  # two columns that are named only by their side
     for side in (r"(left|izq(uierd[ao])?)", r"(right|der(ech[ao])?)")
 )
 FORWARD_PATTERN = r"(^|_)(speed|vel(ocity|ocidad)?(_x)?)(_|$)"
-IMU_PATTERNS = (
-    r"(^|_)a(c+(el[a-z]*)?)?_?x(_|$)",
-    r"(^|_)a(c+(el[a-z]*)?)?_?y(_|$)",
-    r"(gyro|giro)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)|(^|_)(gz|wz|omega(_z)?|yaw_rate)(_|$)",
-)
 ENCODER_NAMES = r"enc|encoder|hall|pulses?|pulsos?"
 ENCODER_PATTERN = rf"(^|_)({ENCODER_NAMES})(_|$)"
 COUNT_PATTERN = rf"{ENCODER_PATTERN}|(^|_)(counts?|cnt|ticks?)(_|$)"
@@ -106,14 +98,14 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         yield f'time = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    is_named = any(re.search(COMMAND_PATTERN, _plain_name(column)) for column in free_columns)
+    is_named = any(re.search(COMMAND_PATTERN, plain_name(column)) for column in free_columns)
     commands = _take_pair(free_columns, COMMAND_PATTERN) or _take_pair(free_columns, SETPOINT_PATTERN)
     bare_pair = [] if commands or is_named else _take_all(free_columns, BARE_SIDES)
     commands = commands or bare_pair
     single_column = (
         []
         if commands
-        else [column for column in list(free_columns) if re.search(COMMAND_PATTERN, _plain_name(column))]
+        else [column for column in list(free_columns) if re.search(COMMAND_PATTERN, plain_name(column))]
     )
     if commands:
         largest = max(
@@ -131,7 +123,7 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         yield f"wheels = [\n{_list_lines(entries)}\n]"
     elif single_column:
         free_columns[:] = [column for column in free_columns if column not in single_column]
-        single_column.sort(key=lambda column: bool(re.search(STEERING_PATTERN, _plain_name(column))))
+        single_column.sort(key=lambda column: bool(re.search(STEERING_PATTERN, plain_name(column))))
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(map(_quoted, single_column))}]'
         entries = _list_lines(_command(column, _largest_magnitude(table, column)) for column in single_column)
         yield f"u = [\n{entries}\n]"
@@ -163,30 +155,38 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         yield f"\n[sensors.odometer]\nz = [\n  {_entry(speed, 'speed')},\n]"
     elif encoder := _take_column(free_columns, ENCODER_PATTERN):
         yield f"\n[sensors.odometer]\nz = [\n{_list_lines(iter([_wheel(table, encoder)]))}\n]"
-    for title, key, names in (("sensors.imu", "z", IMU_PATTERNS), ("truth", "eta", POSE_PATTERNS)):
-        columns = [_take_column(free_columns, name) for name in names]
-        if any(columns):
+    imu = imu_columns(table, free_columns)
+    free_columns[:] = [name for name in free_columns if name not in {column.name for column in imu.entries}]
+    poses = [SignedColumn(_take_column(free_columns, name), 1) for name in POSE_PATTERNS]
+    remark = "" if imu.is_level else _level_remark(imu)
+    for title, key, columns in ((f"[sensors.imu]{remark}", "z", imu.entries), ("[truth]", "eta", poses)):
+        if any(column.name for column in columns):
             kinds = KINDS["imu" if key == "z" else key]
             entries = _list_lines(
-                _entry(column, measures) for column, measures in zip(columns, kinds, strict=True)
+                _signed_entry(column, measures) for column, measures in zip(columns, kinds, strict=True)
             )
-            yield f"\n[{title}]\n{key} = [\n{entries}\n]"
+            yield f"\n{title}\n{key} = [\n{entries}\n]"
+
+
+def _level_remark(imu: ImuColumns) -> str:
+    axes = ", ".join(map(str, imu.entries))
+    figures = {"column": imu.vertical, "mean": imu.mean, "axes": axes}
+    remark = _("{column} is {mean:.3g} on average: forward, left and turning left are {axes}", **figures)
+    return f"{'':24}# {remark}"
+
+
+def _signed_entry(column: SignedColumn, measures: str) -> str:
+    entry = _entry(column.name, measures)
+    return entry.replace(" }", ", scale = -1.0 }") if column.name and column.sign < 0 else entry
 
 
 def _remaining_lines(free_columns: Sequence[str]) -> list[str]:
     return [f"\n# {_('columns that are not used:')} {', '.join(free_columns)}"] if free_columns else []
 
 
-def _plain_name(name: str) -> str:
-    """Return a column's name in lower case and without accents, with its words separated by _."""
-    words = unicodedata.normalize("NFKD", name.translate(SIGNS))
-    letters = "".join(c for c in words if not unicodedata.combining(c))
-    return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")
-
-
 def _take_column(free_columns: list[str], pattern: str) -> str:
     """Return the first column whose name matches, and remove it from `free_columns`. Return "" if none matches."""
-    column = next((name for name in free_columns if re.search(pattern, _plain_name(name))), "")
+    column = next((name for name in free_columns if re.search(pattern, plain_name(name))), "")
     if column:
         free_columns.remove(column)
     return column
@@ -210,7 +210,7 @@ def _take_pair(free_columns: list[str], pattern: str) -> list[str]:
 
 def _unit(name: str, measures: str) -> str:
     """Return the unit at the end of a column's name; UNKNOWN if the name does not end with a unit of this quantity."""
-    parts = _plain_name(name).split("_")
+    parts = plain_name(name).split("_")
     for ending in ("_".join(parts[-2:]), parts[-1]):
         unit_ = unit(UNIT_OF_ENDING.get(ending, UNKNOWN))
         if len(parts) > 1 and unit_ is not None and unit_.measures == measures:
@@ -250,7 +250,7 @@ def _command(column: str, largest: float) -> str:
 
 def _wheel_command(table: LogTable, column: str, largest: float) -> str:
     """Return the entry of a command of a wheel: a voltage, a speed with its unit, or a duty."""
-    if re.search(VOLTAGE_PATTERN, _plain_name(column)):
+    if re.search(VOLTAGE_PATTERN, plain_name(column)):
         return _entry(column, "voltage", "V")
     has_unit = any(_unit(column, measures) != UNKNOWN for measures in ("angular rate", "speed"))
     return _wheel(table, column) if has_unit else _command(column, largest)
@@ -271,7 +271,7 @@ def _with_pin(entry: str, table: LogTable, column: str, pin: str) -> str:
 
 def _wheel(table: LogTable, column: str) -> str:
     unit_name = _unit(column, "angular rate")
-    if re.search(COUNT_PATTERN, _plain_name(column)) and _unit(column, "speed") == unit_name == UNKNOWN:
+    if re.search(COUNT_PATTERN, plain_name(column)) and _unit(column, "speed") == unit_name == UNKNOWN:
         counts = table.numbers(column)
         if np.array_equal(counts, np.round(counts)):
             remark = _("counts in a turn of the wheel, and its radius")

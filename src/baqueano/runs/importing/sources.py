@@ -20,6 +20,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.importing.imu_axes import axis_names
 from baqueano.runs.importing.timing import increasing_rows, row_times
 from baqueano.runs.maps.column_map import data_folders, maps_folder
 from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
@@ -323,7 +324,8 @@ def _read_rows(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFi
     selection = _select(table, spec)
     if not len(selection.lines):
         raise FileError(fault("import.where-empty", table=label, where=str(spec.where)))
-    return selection._replace(columns={name: selection.columns[name] for name in column_names})
+    names = column_names | axis_names(selection.columns)
+    return selection._replace(columns={name: selection.columns[name] for name in names})
 
 
 def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[ImportFinding]) -> Source:

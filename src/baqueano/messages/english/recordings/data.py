@@ -110,6 +110,11 @@ TEMPLATES: dict[str, str] = {
         "unit{guess}, or smoothed?"
     ),
     "file.inverted": "{subject} is {now:.3g}, and {was:.3g} in the file. A command, a sensor or the file is inverted",
+    "file.mirrored": (
+        "{subject} is {now:.3g}, and {was:.3g} in the file, so the motion or the file is mirrored. If z of {imu} "
+        "points down, write in the map scale = -1.0 for the second and third entry of z. If left and right are "
+        "swapped, swap the columns of the commands. If the vehicle turns so, write the sign of this fit in the file"
+    ),
     "file.far-gain": (
         "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors"
     ),

@@ -141,6 +141,13 @@ TEMPLATES = {
         "became gaps; {at_end} are at full scale"
     ),
     "recording.larger-range": "choose a larger range of this sensor, or drive more gently",
+    "recording.not-level": (
+        "{column} is {mean:.3g} on average. By gravity, {gyro} measures turns to the left, but {key} differs"
+    ),
+    "recording.write-axes": (
+        "write the entries of z as {axes}, with scale = -1.0 for each minus; keep the map only if {column} contains "
+        "gravity itself"
+    ),
     "recording.no-time": "{table}: {count} rows without a time were excluded",
     "recording.cut-line": "{table}: line {line} is incomplete and was excluded",
     "recording.not-in-all": "{map}: {values} of [files.{file}] is not in [files.{lacking}] and was excluded",

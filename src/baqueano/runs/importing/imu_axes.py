@@ -1,0 +1,134 @@
+"""Find the axes of an IMU from gravity in the columns of a recording.
+
+Over a drive the mean of a horizontal accelerometer is small, and that of the vertical one is ±g: above twice the
+others and three times its own deviation. With the axis v upward (s = 1) or downward (s = −1) a right-handed IMU has
+
+    forward = n(v),   left = s n(n(v)),   turning left = s ω_v,      n: x → y → z → x                     (1)
+
+The direction of `forward` in the plane is a guess. A log of gravity itself, in place of the reading at rest, has the
+opposite sign on all three axes.
+"""
+
+import re
+import unicodedata
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import note
+from baqueano.errors import FileError
+from baqueano.numerics.statistics import MAD
+from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.maps.columns import ColumnSignal
+from baqueano.runs.tables.table import LogTable
+
+SIGNS = str.maketrans(
+    {"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent"}
+)  # letters that a name keeps
+NEXT_AXIS = {"x": "y", "y": "z", "z": "x"}
+YAW_PATTERN = (  # also of a gyro with one axis
+    r"(gyro|giro)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)"
+    r"|(^|_)(gz|wz|omega(_z)?|yaw_rate|angular_velocity_z)(_|$)"
+)
+MIN_AXIS_RATIO, MIN_DEVIATIONS, MIN_ROWS = 2.0, 3.0, 20
+
+
+class SignedColumn(NamedTuple):
+    """A column, "" if it is missing, and the sign with which it measures an entry."""
+
+    name: str
+    sign: int
+
+    def __str__(self) -> str:
+        return "-" * (self.sign < 0) + self.name
+
+
+class ImuColumns(NamedTuple):
+    """The columns of an IMU by (1), and the vertical accelerometer; "" without one."""
+
+    entries: tuple[SignedColumn, SignedColumn, SignedColumn]
+    vertical: str
+    mean: float  # of the vertical accelerometer
+
+    @property
+    def is_level(self) -> bool:
+        """Return True if z points up, or if the vertical axis is unknown."""
+        return self.vertical == "" or (self.mean > 0.0 and _is_axis(self.vertical, "z"))
+
+
+def imu_columns(table: LogTable, names: Collection[str]) -> ImuColumns:
+    """Return the columns of an IMU among `names`. Without gravity in three accelerometers z points up."""
+    accels = {axis: _first(names, _accel_pattern(axis)) for axis in NEXT_AXIS}
+    axis, mean = _vertical_axis({axis: _numbers(table, name) for axis, name in accels.items()})
+    sign, ahead = 1 if mean >= 0.0 else -1, NEXT_AXIS[axis]
+    gyro = _first(names, YAW_PATTERN if axis == "z" else _gyro_pattern(axis))
+    entries = ((accels[ahead], 1), (accels[NEXT_AXIS[ahead]], sign), (gyro, sign))
+    x, y, z = (SignedColumn(*entry) for entry in entries)
+    return ImuColumns((x, y, z), accels[axis] if mean else "", mean)
+
+
+def axis_names(names: Collection[str]) -> set[str]:
+    """Return the columns among `names` that the axes of an IMU need."""
+    patterns = [
+        YAW_PATTERN,
+        *(pattern(axis) for pattern in (_accel_pattern, _gyro_pattern) for axis in NEXT_AXIS),
+    ]
+    return {_first(names, pattern) for pattern in patterns} - {""}
+
+
+def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
+    """Return a finding if the map reads the gyro of an IMU along another axis than gravity shows, at most one."""
+    if signal.kind != "imu" or signal.entries[2].column is None:
+        return []
+    columns, gyro = imu_columns(table, table.columns), signal.entries[2]
+    as_read = SignedColumn(gyro.column or "", -1 if gyro.scale < 0.0 else 1)
+    if not columns.vertical or not columns.entries[2].name or as_read == columns.entries[2]:
+        return []
+    figures = {"key": gyro.key, "column": columns.vertical, "mean": columns.mean}
+    reason = note("recording.not-level", **figures, gyro=str(columns.entries[2]))
+    line = note("recording.write-axes", axes=", ".join(map(str, columns.entries)), column=columns.vertical)
+    return [ImportFinding("axes", "warning", None, reason, line)]
+
+
+def plain_name(name: str) -> str:
+    """Return a column's name in lower case and without accents, with its words separated by _."""
+    words = unicodedata.normalize("NFKD", name.translate(SIGNS))
+    letters = "".join(c for c in words if not unicodedata.combining(c))
+    return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")
+
+
+def _first(names: Collection[str], pattern: str) -> str:
+    return next((name for name in names if re.search(pattern, plain_name(name))), "")
+
+
+def _is_axis(name: str, axis: str) -> bool:
+    return re.search(_accel_pattern(axis), plain_name(name)) is not None
+
+
+def _accel_pattern(axis: str) -> str:
+    return rf"(^|_)a(c+(el[a-z]*)?)?_?{axis}(_|$)"
+
+
+def _gyro_pattern(axis: str) -> str:
+    return rf"(gyro|giro)(scop[a-z]*)?_?{axis}(_|$)|(^|_)([gw]|omega_|angular_velocity_){axis}(_|$)"
+
+
+def _numbers(table: LogTable, name: str) -> np.ndarray:
+    """Return the finite numbers of a column; none for a missing column or one of text."""
+    try:
+        x = table.numbers(name) if name else np.zeros(0)
+    except FileError:
+        x = np.zeros(0)
+    return x[np.isfinite(x)]
+
+
+def _vertical_axis(accels: dict[str, np.ndarray]) -> tuple[str, float]:
+    """Return the axis along gravity and the median of its accelerometer; ("z", 0) if gravity is not measured."""
+    if min(map(len, accels.values())) < MIN_ROWS:
+        return "z", 0.0
+    medians = {axis: float(np.median(x)) for axis, x in accels.items()}
+    *others, vertical = sorted(medians, key=lambda axis: abs(medians[axis]))
+    deviation = MAD * float(np.median(np.abs(accels[vertical] - medians[vertical])))
+    least = max(MIN_AXIS_RATIO * abs(medians[others[-1]]), MIN_DEVIATIONS * deviation)
+    return (vertical, medians[vertical]) if abs(medians[vertical]) > least else ("z", 0.0)
