@@ -5,7 +5,6 @@ import shlex
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from baqueano.cli.modelling.runs import MAP_EXAMPLE
@@ -253,40 +252,6 @@ def test_a_draft_finds_the_axes_of_an_imu(tmp_path, columns):
     tables = tomllib.loads(draft(tmp_path / "log.csv"))
     assert tuple(entry["column"] for entry in tables["sensors"]["imu"]["z"]) == columns
     assert "truth" not in tables
-
-
-@pytest.mark.parametrize(
-    ("gravity", "columns", "signs"),
-    [
-        ((0.0, 0.1, 9.8), ("ax", "ay", "gz"), (1, 1, 1)),
-        ((0.3, 0.1, -1.0), ("ax", "ay", "gz"), (1, -1, -1)),
-        ((16384, 300, -200), ("ay", "az", "gx"), (1, 1, 1)),
-        ((0.1, -9.8, 0.2), ("az", "ax", "gy"), (1, -1, -1)),
-        ((0.01, 0.02, 0.05), ("ax", "ay", "gz"), (1, 1, 1)),  # gravity was removed
-        ((512, 512, 700), ("ax", "ay", "gz"), (1, 1, 1)),  # words with an offset
-    ],
-)
-def test_a_draft_reads_the_axes_of_an_imu_from_gravity(baqueano, tmp_path, gravity, columns, signs):
-    rng = np.random.default_rng(0)
-    accel = np.array(gravity) + 0.05 * np.max(np.abs(gravity)) * rng.standard_normal((300, 3))
-    rows = [
-        f"{0.01 * k},{k % 7 / 10},{a[0]},{a[1]},{a[2]},{0.1 * np.sin(k)},{0.1 * np.cos(k)},{0.1 * np.sin(2 * k)}"
-        for k, a in enumerate(accel)
-    ]
-    (tmp_path / "log.csv").write_text("t_s,duty,ax,ay,az,gx,gy,gz\n" + "\n".join(rows), encoding="utf-8")
-    text = draft(tmp_path / "log.csv")
-    z = tomllib.loads(text)["sensors"]["imu"]["z"]
-    assert tuple(entry["column"] for entry in z) == columns
-    assert tuple(int(entry.get("scale", 1)) for entry in z) == signs
-    as_usual = re.sub(
-        r"\[\s+\{ column = \"a[^]]*\]",
-        """[
-      { column = "ax", unit = "m/s^2" }, { column = "ay", unit = "m/s^2" }, { column = "gz", unit = "rad/s" } ]""",
-        text,
-    )
-    (tmp_path / "log.toml").write_text('accept = ["unit"]\n' + as_usual, encoding="utf-8")
-    is_found = "axes" in {d.code for d in import_run(tmp_path / "log.toml", [tmp_path / "log.csv"]).findings}
-    assert is_found == (columns[2] != "gz" or signs[2] < 0)
 
 
 @pytest.mark.parametrize("name", ["a\\b left", 'the "left"', "left #1", "it's left"])

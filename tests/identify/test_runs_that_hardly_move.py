@@ -61,6 +61,18 @@ def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
     assert message.figures == {"count": 1, "of": 7, "runs": "step 6"}
 
 
+@pytest.mark.parametrize(
+    ("autocorrelation", "cause"), [(0.1, "fit.little-motion"), (0.9, "fit.incomplete-model")]
+)
+def test_a_fit_with_wide_errors_names_motion_or_model_as_the_cause(autocorrelation, cause):
+    e = evidence([step(k, 0.5, 0.4) for k in range(3)])
+    e = e._replace(poorly_identified=np.ones(1), autocorrelation=np.full(1, autocorrelation))
+    verdict, reasons = verdict_of(e)
+    assert verdict == "REFUSED"
+    (weak,) = [reason for reason in reasons if reason.code == "fit.most-weak"]
+    assert weak.figures["why"].code == cause
+
+
 def test_verdict_and_remarks_use_the_sums_of_the_evidence(monkeypatch):
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
     expected = verdict_of(e), remarks(e)

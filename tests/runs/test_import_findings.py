@@ -373,3 +373,22 @@ def test_a_gyro_that_only_comes_near_its_rail_keeps_all_readings(lab):
     run, findings = lab.run()
     assert np.isfinite(run.sensors["imu"].z).all()
     assert "full scale" not in {d.code for d in findings}
+
+
+COMPASS = """[sensors.compass]
+file = "board"
+z = [{ column = "bearing", unit = "deg" }]
+[truth]"""
+
+
+def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
+    heading = np.cumsum(lab.board["wz"]) * 0.02
+    lab.board["bearing"] = np.mod(90.0 - np.degrees(heading), 360.0)
+    lab.edit("[truth]", COMPASS)
+    reason = lab.refused("recording.turns-against", wheels="sensors.compass.z[0]", by=IMU[2])
+    assert includes(reason, "recording.write-compass", scale="-1", compass="sensors.compass.z[0]")
+    lab.edit('"bearing", unit = "deg"', '"bearing", unit = "deg", scale = -1.0, offset = 1.5707963')
+    run, findings = lab.run()
+    assert "inverted" not in {d.code for d in findings}
+    error = np.angle(np.exp(1j * (run.sensors["compass"].z[:, 0] - heading)))
+    assert np.abs(error).max() < 0.05

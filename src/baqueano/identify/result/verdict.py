@@ -149,8 +149,29 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
         return [note("fit.most-unseen", ERROR, unidentified=missing_count, requested=free_count)]
     if missing_count + weak_count > MAX_UNOBSERVABLE_SHARE * free_count:
         code = "fit.most-unseen-or-weak" if missing_count else "fit.most-weak"
-        return [note(code, ERROR, requested=free_count, unidentified=missing_count, weak=weak_count)]
+        counts: JsonObject = {"requested": free_count, "unidentified": missing_count, "weak": weak_count}
+        return [note(code, ERROR, **counts, why=_cause_of_wide_errors(e))]
     return []
+
+
+def _cause_of_wide_errors(e: Evidence) -> Diagnostic:
+    """Return the model as the cause if large residuals are autocorrelated, else too little motion."""
+    lacking = _lacking_channels(e)
+    return (
+        note("fit.incomplete-model", ERROR, "--choose", ", ".join(lacking))
+        if lacking
+        else note("fit.little-motion")
+    )
+
+
+def _lacking_channels(e: Evidence) -> list[str]:
+    """Return the channels with autocorrelated residuals that are a large part of their motion."""
+    parts = zip(_labels(e), e.autocorrelation, e.channels, strict=False)
+    return [
+        label
+        for label, c, channel in parts
+        if abs(c) > WHITE_LIMIT and channel.explained_fraction < 1.0 - MAX_RESIDUAL_SHARE**2
+    ]
 
 
 def _warnings(e: Evidence) -> list[Diagnostic]:
@@ -164,13 +185,11 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
     if e.unobservable:
         warnings.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
-    for label, c, channel in zip(_labels(e), e.autocorrelation, e.channels, strict=False):
-        if (
-            abs(c) > WHITE_LIMIT
-            and channel.explained_fraction < 1.0 - MAX_RESIDUAL_SHARE**2
-            and label not in subjects
-        ):
-            warnings.append(note("residual.lacking", WARNING, subject=label))
+    warnings += [
+        note("residual.lacking", WARNING, subject=label)
+        for label in _lacking_channels(e)
+        if label not in subjects
+    ]
     return warnings + _noise_warnings(e)
 
 

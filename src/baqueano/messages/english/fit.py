@@ -29,13 +29,17 @@ TEMPLATES: dict[str, str] = {
         "the data determine none of the {requested} parameters. Do axes, signs and units agree with the file?"
     ),
     "fit.most-unseen": "the data do not determine {unidentified} of {requested} parameters",
-    "fit.most-weak": (
-        "of {requested} parameters {weak} are poorly identified. The runs are too short, or the "
-        "motion is too small: drive longer, with larger commands"
-    ),
+    "fit.most-weak": "of {requested} parameters {weak} are poorly identified. {why}",
     "fit.most-unseen-or-weak": (
-        "of {requested} parameters {unidentified} are not identifiable and {weak} are poorly identified. "
+        "of {requested} parameters {unidentified} are not identifiable and {weak} are poorly identified. {why}"
+    ),
+    "fit.little-motion": (
         "The runs are too short, or the motion is too small: drive longer, with larger commands"
+    ),
+    "fit.incomplete-model": (
+        "The residuals of {subject} are autocorrelated and large, so the model lacks a part of this motion, and all "
+        "error bars are wide. Longer drives do not help. Test further terms: type {fix}; or begin with better "
+        "guesses of friction and lag"
     ),
     "fit.weak": "the data hardly determine {names}",
     "fit.unseen": "parameters that are not identifiable: {count}; they are listed below",

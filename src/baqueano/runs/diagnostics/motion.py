@@ -61,6 +61,12 @@ class LoggedMotion:
             return np.full(len(self._t), np.nan)
         return self._rate_of_change(self._seconds(truth.t_ns) + time_shift_s, np.unwrap(truth.eta[:, 2]))
 
+    def heading_rate(self, name: str) -> np.ndarray:
+        """Return the mean rate of change (W,) [rad/s] of the heading of a compass."""
+        channel = self.run.sensors[name]
+        is_known = np.isfinite(channel.z[:, 0])
+        return self._rate_of_change(self._seconds(channel.t_ns[is_known]), np.unwrap(channel.z[is_known, 0]))
+
     def true_speed(self, time_shift_s: float = 0.0) -> np.ndarray:
         """Return ν_x (W,) [m/s] of the truth, with `time_shift_s` added to its timestamps."""
         if (truth := self.run.truth) is None:

@@ -10,7 +10,7 @@
 then also contradicts the gyro, the gyro is inverted. Otherwise swapped wheels and an IMU upside down look the same.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,6 +66,10 @@ def motion_findings(run: Run, m: "ColumnMap") -> list[ImportFinding]:
     )
     findings += _truth_findings(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
     findings += _accelerometer_findings(motion, imu, speed, is_opposed) if imu else []
+    compasses = [(name, s[0]) for name, s in entries.items() if m.sensors[name].kind == "compass"]
+    findings += [
+        f for name, entry in compasses if imu for f in _compass_findings(motion, name, entry, imu[2])
+    ]
     return findings + _steering_findings(motion)
 
 
@@ -176,6 +180,20 @@ def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
     if r.gain < MIN_GAIN and np.std(difference) > 0.0:
         return [ImportFinding("unrelated", "warning", None, note("recording.turns-otherwise", **figures))]
     return []
+
+
+def _compass_findings(
+    motion: LoggedMotion, name: str, compass: "Entry", gyro: "Entry"
+) -> Iterator[ImportFinding]:
+    """Yield a finding if compass and gyro turn in opposite directions."""
+    h, z = motion.imu[:, 2], motion.heading_rate(name)
+    (hypothesis,) = signal_map(z[:, None], h[:, None], [MappedChannel()])
+    if hypothesis.code == "inverted" and np.nanstd(h) > MIN_TURN_STD_RAD_S:
+        figures: JsonObject = {"wheels": compass.key, "by": gyro.key}
+        reason = note("recording.turns-against", **figures, correlation=hypothesis.regression.correlation)
+        scales: JsonObject = {"scale": f"{-compass.scale:g}", "gyro": gyro.key, "also": f"{-gyro.scale:g}"}
+        line = note("recording.write-compass", compass=compass.key, **scales)
+        yield ImportFinding("inverted", "error", None, reason, line)
 
 
 def _opposite_sign_finding(

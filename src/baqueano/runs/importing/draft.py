@@ -11,6 +11,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
+from baqueano.runs.diagnostics.physical_limits import FULL_COMMANDS, PULSE_RANGE_US
 from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns, plain_name
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
@@ -24,9 +25,11 @@ UNIT_OF_ENDING = {  # ends of names → unit
     "mm_s": "mm/s", "cm_s": "cm/s", "km_h": "km/h", "kmh": "km/h", "percent": "%", "v": "V", "mv": "mV",
 }  # fmt: skip
 TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros|fecha|hora)(_|$)"
-LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l)(_|$)", r"(^|_)(right|der(ech[ao])?|r)(_|$)"
+LEFT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l|port|babor)(_|$)"
+RIGHT_PATTERN = r"(^|_)(right|der(ech[ao])?|r|stbd|starboard|estribor)(_|$)"
 COMMAND_PATTERN, SPEED_PATTERN = (
-    r"pwm|duty|ciclo|cmd|command|comando|throttle|acelerador|traccion|potencia|steer|servo|volante|direccion|^u_",
+    r"pwm|duty|ciclo|cmd|command|comando|throttle|acelerador|traccion|potencia|steer|servo|volante|direccion|^u_"
+    r"|thrust|empuje|(^|_)(thr|esc|propeller|helice)(_|$)",
     r"rpm|speed|vel|encoder|wheel|rps",
 )
 # commands of a left and a right wheel; a single voltage is that of the battery
@@ -49,8 +52,8 @@ POSE_PATTERNS = (
     rf"{POSITION_PATTERN}y(_|$)",
     r"(^|_)(yaw|psi|theta|heading|rumbo|guinada|orientacion)(_|$)",
 )
+COMPASS_PATTERN = r"(^|_)(compass|brujula)(_|$)"
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
-FULL_DUTY_COUNTS = 255.0  # counts of a duty of 8 bits
 
 
 def draft(path: Path | str, *others: Path | str) -> str:
@@ -108,24 +111,24 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         else [column for column in list(free_columns) if re.search(COMMAND_PATTERN, plain_name(column))]
     )
     if commands:
-        largest = max(
-            _largest_magnitude(table, column) for column in commands
-        )  # both wheels share a full duty
+        span = _span(table, *commands)  # both wheels share a full duty
         until_text = _('"until": the command of a row held up to its time')
         measured_text = _("if these are measured, not commands: write them as z of [sensors.wheels]")
         remark = f"{'':28}# {measured_text}" if bare_pair else ""
         yield f'\n[command]{remark}\nin_force = "from"                    # {until_text}'
         pins = _take_pair(free_columns, PIN_PATTERN) or ["", ""]
         entries = (
-            _with_pin(_wheel_command(table, column, largest), table, column, pin)
+            _with_pin(_wheel_command(table, column, span), table, column, pin)
             for column, pin in zip(commands, pins, strict=True)
         )
         yield f"wheels = [\n{_list_lines(entries)}\n]"
     elif single_column:
+        is_steering = [bool(re.search(STEERING_PATTERN, plain_name(column))) for column in single_column]
+        if 0 < sum(is_steering) < len(is_steering):  # a car; a further angle is measured
+            single_column = [single_column[is_steering.index(kind)] for kind in (False, True)]
         free_columns[:] = [column for column in free_columns if column not in single_column]
-        single_column.sort(key=lambda column: bool(re.search(STEERING_PATTERN, plain_name(column))))
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(map(_quoted, single_column))}]'
-        entries = _list_lines(_command(column, _largest_magnitude(table, column)) for column in single_column)
+        entries = _list_lines(_command(column, _span(table, column)) for column in single_column)
         yield f"u = [\n{entries}\n]"
     twist = [] if commands or single_column else _take_all(free_columns, TWIST_PATTERNS)
     if twist:
@@ -157,13 +160,20 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         yield f"\n[sensors.odometer]\nz = [\n{_list_lines(iter([_wheel(table, encoder)]))}\n]"
     imu = imu_columns(table, free_columns)
     free_columns[:] = [name for name in free_columns if name not in {column.name for column in imu.entries}]
+    compass = _take_column(free_columns, COMPASS_PATTERN)
     poses = [SignedColumn(_take_column(free_columns, name), 1) for name in POSE_PATTERNS]
+    if not compass and not poses[0].name and not poses[1].name:
+        compass, poses = poses[2].name, []
+    if compass:
+        remark = _("left is positive: a compass that counts clockwise needs scale = -1.0")
+        yield f"\n[sensors.compass]                    # {remark}\nz = [\n  {_entry(compass, 'angle')},\n]"
     remark = "" if imu.is_level else _level_remark(imu)
     for title, key, columns in ((f"[sensors.imu]{remark}", "z", imu.entries), ("[truth]", "eta", poses)):
         if any(column.name for column in columns):
             kinds = KINDS["imu" if key == "z" else key]
             entries = _list_lines(
-                _signed_entry(column, measures) for column, measures in zip(columns, kinds, strict=True)
+                _signed_entry(column, measures, imu.accel_unit)
+                for column, measures in zip(columns, kinds, strict=True)
             )
             yield f"\n{title}\n{key} = [\n{entries}\n]"
 
@@ -175,9 +185,12 @@ def _level_remark(imu: ImuColumns) -> str:
     return f"{'':24}# {remark}"
 
 
-def _signed_entry(column: SignedColumn, measures: str) -> str:
-    entry = _entry(column.name, measures)
-    return entry.replace(" }", ", scale = -1.0 }") if column.name and column.sign < 0 else entry
+def _signed_entry(column: SignedColumn, measures: str, accel_unit: tuple[str, float]) -> str:
+    """Return an entry with its sign. `accel_unit`: unit and scale of an accelerometer whose name does not state it."""
+    entry, scale = _entry(column.name, measures), float(column.sign)
+    if measures == "acceleration" and accel_unit[0] and f'"{UNKNOWN}"' in entry:
+        entry, scale = entry.replace(UNKNOWN, accel_unit[0]), scale * accel_unit[1]
+    return entry.replace(" }", f", scale = {scale:#.6g} }}") if column.name and scale != 1.0 else entry
 
 
 def _remaining_lines(free_columns: Sequence[str]) -> list[str]:
@@ -234,26 +247,36 @@ def _time_unit(table: LogTable, column: str) -> str:
     return "s" if step < 1.0 else "ms" if step < 1e3 else "us" if step < 1e6 else "ns"
 
 
-def _largest_magnitude(table: LogTable, column: str) -> float:
-    return float(np.nanmax(np.abs(table.numbers(column)), initial=0.0))
+def _span(table: LogTable, *columns: str) -> tuple[float, float]:
+    """Return the least value and the largest magnitude of columns."""
+    numbers = np.concatenate([table.numbers(column) for column in columns])
+    return float(np.nanmin(numbers, initial=np.inf)), float(np.nanmax(np.abs(numbers), initial=0.0))
 
 
-def _command(column: str, largest: float) -> str:
-    if (unit_name := _unit(column, "ratio")) != UNKNOWN:
-        return f'{{ column = {_quoted(column)}, unit = "{unit_name}" }}'
+def _command(column: str, span: tuple[float, float]) -> str:
+    least, largest = span
+    for measures in ("ratio", "angle"):
+        if (unit_name := _unit(column, measures)) != UNKNOWN:
+            return f'{{ column = {_quoted(column)}, unit = "{unit_name}" }}'
     if largest <= 1.0:
         return f'{{ column = {_quoted(column)}, unit = "1" }}'
-    full_count = FULL_DUTY_COUNTS if largest <= FULL_DUTY_COUNTS else largest
-    full_text = _("1 at {of:g}: is this full duty?", of=full_count)
-    return f'{{ column = {_quoted(column)}, unit = "raw", scale = {1.0 / full_count:.6g} }},   # {full_text}'
+    if PULSE_RANGE_US[0] <= least and largest <= PULSE_RANGE_US[1]:
+        keys, remark = (
+            "scale = 0.002, offset = -3.0",
+            _("pulses of 1000 to 2000 µs, with 1500 in the middle?"),
+        )
+    else:
+        full_count = next((full for full in FULL_COMMANDS[1:] if largest <= full), largest)
+        keys, remark = f"scale = {1.0 / full_count:.6g}", _("1 at {of:g}: is this full duty?", of=full_count)
+    return f'{{ column = {_quoted(column)}, unit = "raw", {keys} }},   # {remark}'
 
 
-def _wheel_command(table: LogTable, column: str, largest: float) -> str:
+def _wheel_command(table: LogTable, column: str, span: tuple[float, float]) -> str:
     """Return the entry of a command of a wheel: a voltage, a speed with its unit, or a duty."""
     if re.search(VOLTAGE_PATTERN, plain_name(column)):
         return _entry(column, "voltage", "V")
     has_unit = any(_unit(column, measures) != UNKNOWN for measures in ("angular rate", "speed"))
-    return _wheel(table, column) if has_unit else _command(column, largest)
+    return _wheel(table, column) if has_unit else _command(column, span)
 
 
 def _with_pin(entry: str, table: LogTable, column: str, pin: str) -> str:

@@ -6,7 +6,7 @@ others and three times its own deviation. With the axis v upward (s = 1) or down
     forward = n(v),   left = s n(n(v)),   turning left = s ω_v,      n: x → y → z → x                     (1)
 
 The direction of `forward` in the plane is a guess. A log of gravity itself, in place of the reading at rest, has the
-opposite sign on all three axes.
+opposite sign on all three axes. The size of the mean shows the unit.
 """
 
 import re
@@ -21,7 +21,9 @@ from baqueano.errors import FileError
 from baqueano.numerics.statistics import MAD
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.maps.columns import ColumnSignal
+from baqueano.runs.maps.units import UNITS
 from baqueano.runs.tables.table import LogTable
+from baqueano.signals import STANDARD_GRAVITY
 
 SIGNS = str.maketrans(
     {"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent"}
@@ -31,6 +33,8 @@ YAW_PATTERN = (  # also of a gyro with one axis
     r"(gyro|giro)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)"
     r"|(^|_)(gz|wz|omega(_z)?|yaw_rate|angular_velocity_z)(_|$)"
 )
+GRAVITY_TOLERANCE = 0.08  # bias and scale of small accelerometers
+WORDS_PER_G = (16384, 8192, 4096, 2048, 1024, 256)
 MIN_AXIS_RATIO, MIN_DEVIATIONS, MIN_ROWS = 2.0, 3.0, 20
 
 
@@ -50,6 +54,16 @@ class ImuColumns(NamedTuple):
     entries: tuple[SignedColumn, SignedColumn, SignedColumn]
     vertical: str
     mean: float  # of the vertical accelerometer
+
+    @property
+    def accel_unit(self) -> tuple[str, float]:
+        """Return the unit in which the vertical accelerometer is ± g, and the scale of "raw"; ("", 1) if unknown."""
+        size = abs(self.mean)
+        for name in ("m/s^2", "g", "mg", "cm/s^2"):
+            if abs(size * UNITS[name].si_factor / STANDARD_GRAVITY - 1.0) < GRAVITY_TOLERANCE:
+                return name, 1.0
+        word = next((w for w in WORDS_PER_G if abs(size / w - 1.0) < GRAVITY_TOLERANCE), 0)
+        return ("raw", STANDARD_GRAVITY / word) if word else ("", 1.0)
 
     @property
     def is_level(self) -> bool:

@@ -35,6 +35,10 @@ TEMPLATES = {
     "recording.write-mirrored": "x and y are swapped, or one of y and yaw needs scale = -1.0",
     "recording.write-offset": "write offset = {off} for the yaw, or {back} if it drove backward",
     "recording.write-gyro": "write scale = {scale} for {gyro}",
+    "recording.write-compass": (
+        "write scale = {scale} for {compass} if the compass counts clockwise, or scale = {also} for {gyro} if the gyro "
+        "does"
+    ),
     "recording.swap-wheels": "swap left and right of {wheels}",
     "recording.swap-or-gyro": (
         "swap left and right of {wheels}; or, if the gyro is negative when the vehicle turns left, write "

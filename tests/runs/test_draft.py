@@ -1,0 +1,80 @@
+"""A draft of a map reads axes and units from gravity, and the names of boats, cars and compasses."""
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+from baqueano.runs import import_run
+from baqueano.runs.importing.draft import draft
+
+
+@pytest.mark.parametrize(
+    ("gravity", "columns", "signs"),
+    [
+        ((0.0, 0.1, 9.8), ("ax", "ay", "gz"), (1, 1, 1)),
+        ((0.3, 0.1, -1.0), ("ax", "ay", "gz"), (1, -1, -1)),
+        ((16384, 300, -200), ("ay", "az", "gx"), (1, 1, 1)),
+        ((0.1, -9.8, 0.2), ("az", "ax", "gy"), (1, -1, -1)),
+        ((0.01, 0.02, 0.05), ("ax", "ay", "gz"), (1, 1, 1)),  # gravity was removed
+        ((512, 512, 700), ("ax", "ay", "gz"), (1, 1, 1)),  # words with an offset
+    ],
+)
+def test_a_draft_reads_the_axes_of_an_imu_from_gravity(tmp_path, gravity, columns, signs):
+    rng = np.random.default_rng(0)
+    accel = np.array(gravity) + 0.05 * np.max(np.abs(gravity)) * rng.standard_normal((300, 3))
+    rows = [
+        f"{0.01 * k},{k % 7 / 10},{a[0]},{a[1]},{a[2]},{0.1 * np.sin(k)},{0.1 * np.cos(k)},{0.1 * np.sin(2 * k)}"
+        for k, a in enumerate(accel)
+    ]
+    (tmp_path / "log.csv").write_text("t_s,duty,ax,ay,az,gx,gy,gz\n" + "\n".join(rows), encoding="utf-8")
+    text = draft(tmp_path / "log.csv")
+    z = tomllib.loads(text)["sensors"]["imu"]["z"]
+    assert tuple(entry["column"] for entry in z) == columns
+    assert tuple(-1 if entry.get("scale", 1.0) < 0.0 else 1 for entry in z) == signs
+    as_usual = re.sub(
+        r"\[\s+\{ column = \"a[^]]*\]",
+        """[
+      { column = "ax", unit = "m/s^2" }, { column = "ay", unit = "m/s^2" }, { column = "gz", unit = "rad/s" } ]""",
+        text,
+    )
+    (tmp_path / "log.toml").write_text('accept = ["unit"]\n' + as_usual, encoding="utf-8")
+    is_found = "axes" in {d.code for d in import_run(tmp_path / "log.toml", [tmp_path / "log.csv"]).findings}
+    assert is_found == (columns[2] != "gz" or signs[2] < 0)
+
+
+def test_a_draft_reads_the_names_of_a_boat(tmp_path):
+    rows = [f"{20 * k},{1500 + 9 * (k % 40)},{1500 - 9 * (k % 40)},{k % 90}" for k in range(100)]
+    (tmp_path / "log.csv").write_text(
+        "millis,thr_port,thr_stbd,heading_deg\n" + "\n".join(rows), encoding="utf-8"
+    )
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    pulses = [(entry["column"], entry["scale"], entry["offset"]) for entry in tables["command"]["wheels"]]
+    assert pulses == [("thr_port", 0.002, -3.0), ("thr_stbd", 0.002, -3.0)]
+    assert tables["sensors"]["compass"]["z"] == [{"column": "heading_deg", "unit": "deg"}]
+    assert "truth" not in tables
+
+
+def test_a_draft_of_a_car_has_two_commands_and_a_measured_angle_is_not_one(tmp_path):
+    rows = [f"{0.02 * k},{k},{k % 30},{k % 31},{0.1 * k},{k % 5},{k % 7}" for k in range(100)]
+    header = "t_s,drive_pwm,steer_deg,steer_angle_deg,compass_deg,x_m,y_m\n"
+    (tmp_path / "log.csv").write_text(header + "\n".join(rows), encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert tables["command"]["names"] == ["drive_pwm", "steer_deg"]
+    assert tables["command"]["u"][1]["unit"] == "deg"
+    assert tables["sensors"]["compass"]["z"][0]["column"] == "compass_deg"
+    assert [entry.get("column") for entry in tables["truth"]["eta"]] == ["x_m", "y_m", None]
+
+
+@pytest.mark.parametrize(
+    ("g", "keys"), [(9.7, {"unit": "m/s^2"}), (1.01, {"unit": "g"}), (1004.0, {"unit": "mg"}),
+                    (-16200.0, {"unit": "raw", "scale": 0.00059855}), (5000.0, {"unit": "?"})],
+)  # fmt: skip
+def test_a_draft_reads_the_unit_of_an_accelerometer_from_gravity(tmp_path, g, keys):
+    rows = [
+        f"{0.02 * k},{g / 50 * (k % 3 - 1)},{g / 60 * (k % 5 - 2)},{g + g / 99 * (k % 4)}" for k in range(100)
+    ]
+    (tmp_path / "log.csv").write_text("t_s,ax,ay,az\n" + "\n".join(rows), encoding="utf-8")
+    x = tomllib.loads(draft(tmp_path / "log.csv"))["sensors"]["imu"]["z"][0]
+    assert x == {"column": "ax"} | keys
