@@ -8,6 +8,14 @@ from baqueano import new
 from baqueano.runs import read_run
 
 pytestmark = pytest.mark.filterwarnings("ignore:Proactor event loop:RuntimeWarning")  # of zmq, on Windows
+BROKEN = """
+class Broken:
+    def init(self):
+        return None
+    def step(self, state, tick):
+        return state, tick.imu
+
+bq.check(Broken)"""
 SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path="mine.mcap")\n'
 
 
@@ -17,7 +25,7 @@ def executed_notebooks(tmp_path_factory):
     folder = new(tmp_path_factory.mktemp("notebook") / "mi lab")
     notebook = nbformat.read(folder / "first_evening.ipynb", as_version=4)
     nbformat.validate(notebook)
-    notebook.cells.append(nbformat.v4.new_code_cell(SAVED))
+    notebook.cells += map(nbformat.v4.new_code_cell, [SAVED, BROKEN])
     client = NotebookClient(
         notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
     )
@@ -58,3 +66,11 @@ def test_a_run_stores_the_source_of_a_block_from_a_cell(executed_notebooks):
     metadata = read_run(folder / "mine.mcap").metadata
     assert "class Mine:" in metadata["controller.text"]
     assert metadata["controller"].startswith("Mine(k_x=")
+
+
+def test_a_fault_of_a_block_names_its_cell_and_the_fields_of_the_signal(executed_notebooks):
+    _, notebook = executed_notebooks
+    words = " ".join(outputs_of(notebook, "text/plain")[-1].split())
+    cell = f"In[{notebook.cells[-1].execution_count}]"
+    assert f"{cell} line 4: Broken.step() raises AttributeError" in words
+    assert "(it has t_ns, u, sensors) on line 5" in words

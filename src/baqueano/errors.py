@@ -4,6 +4,7 @@ Each error has an exit code of the command line: 1 the answer is no, 2 usage, 3 
 stop, 130 Ctrl-C.
 """
 
+import sys
 import traceback
 from opcode import opmap
 from pathlib import Path
@@ -114,12 +115,25 @@ def cause_of(error: BaseException) -> Diagnostic | str:
 
 
 def error_text(error: BaseException) -> str:
-    """Return the kind of an error and its text: "ZeroDivisionError: division by zero", "SystemExit"."""
+    """Return the kind of an error and its text: "ZeroDivisionError: division by zero", "SystemExit".
+
+    The text of an attribute that a signal lacks also contains the attributes that it has.
+    """
     try:
-        text = str(error)
+        words = str(error)
     except Exception:  # `__str__` can be code of the user
-        text = ""
-    return f"{type(error).__name__}: {text}".removesuffix(": ")
+        words = ""
+    fields = getattr(getattr(error, "obj", None), "_fields", ())
+    if fields and isinstance(error, AttributeError):
+        words = _("{error} (it has {names})", error=words, names=", ".join(fields))
+    return f"{type(error).__name__}: {words}".removesuffix(": ")
+
+
+def cell_name(file: str) -> str:
+    """Return the name of the notebook's cell whose code has this file name, such as "In[3]"; "" for any other file."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    name_of = getattr(getattr(shell, "compile", None), "format_code_name", lambda name: None)
+    return (name_of(file) or ("", ""))[1]
 
 
 def user_code_place(error: BaseException) -> str:

@@ -170,7 +170,7 @@ def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
     Parameters
     ----------
     block : object or type
-        A dataclass whose fields were made by `parameter`.
+        A dataclass whose fields were made by `parameter`; any other object lacks parameters.
 
     Yields
     ------
@@ -184,7 +184,7 @@ def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
     >>> [name for name, _ in parameters(bq.controllers.Pd)]
     ['alpha', 'beta', 'gamma', 'limit']
     """
-    for field in dataclasses.fields(block):
+    for field in dataclasses.fields(block) if dataclasses.is_dataclass(block) else ():
         if "parameter" in field.metadata:
             yield field.name, field.metadata["parameter"]
 

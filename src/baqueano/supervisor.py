@@ -19,7 +19,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value, array_text
 from baqueano.diagnostics import Diagnostic, StopReason, note, stop
-from baqueano.errors import error_text, from_outside
+from baqueano.errors import cell_name, error_text, from_outside
 from baqueano.messages.language import translate as _
 from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
@@ -297,7 +297,8 @@ def _block_place(guard: GuardedBlock, error: BaseException | None = None) -> str
     line_numbers = [
         frame.lineno for frame in frames if frame.filename == file_name and frame.lineno is not None
     ]
-    return f"{block_name} ({file_name}:{line_numbers[-1] if line_numbers else line})"
+    shown_name = cell_name(file_name) or file_name
+    return f"{block_name} ({shown_name}:{line_numbers[-1] if line_numbers else line})"
 
 
 def _as_written(block: Tree) -> Tree:

@@ -105,10 +105,11 @@ def own_controller(folder, k):
     return path
 
 
-def test_gains_declared_in_controller_code_are_tuned_and_written(project, tmp_path):
-    own_file = own_controller(
-        tmp_path, 'parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)'
-    )
+@pytest.mark.parametrize(
+    "k", ['parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)', "0.5"]
+)
+def test_gains_declared_in_controller_code_are_tuned_and_written(project, tmp_path, k):
+    own_file = own_controller(tmp_path, k)
     end = project("tune", "--vehicle", str(own_file), "--route", "lab", "--update", "--json")
     assert end.code in (0, 1), end.err
     (row,) = end.reply["rows"]
@@ -128,12 +129,12 @@ def test_a_tuned_file_is_readable_without_the_controller_code(project, tmp_path)
     assert parse(tuned_file.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
 
 
-def test_a_controller_without_declared_gains_is_refused_before_tuning(project, tmp_path):
-    own_file = own_controller(tmp_path, "0.5")
+def test_a_controller_without_a_number_is_refused_before_tuning(project, tmp_path):
+    own_file = own_controller(tmp_path, "None")
     end = project("tune", "--vehicle", str(own_file), "--route", "lab")
     assert end.code == 2
     assert (end.reason.code, end.reason.figures["kind"]) == ("tune.no-gains", "Mine")
-    assert "k: float = parameter(" in end.paragraph
+    assert "k: float = 3.0" in end.paragraph
 
 
 def test_an_error_about_a_block_path_without_a_class_lists_the_classes(project, tmp_path):
@@ -268,6 +269,10 @@ def test_the_block_check_reports_each_fault_with_a_code(project, tmp_path):
     assert end.reply["verdict"] == "REFUSED"
     assert [row["code"] for row in end.reply["rows"]] == ["check.not-frozen", "check.shape"]
     assert end.reason.code == "cli.block-breaks"
+    (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"), encoding="utf-8")
+    end = project("blocks", "check", "mine.py:Mine", "--json")
+    assert (end.code, end.reply["verdict"]) == (0, "WARN")
+    assert [row["code"] for row in end.reply["rows"]] == ["check.not-frozen"]
 
 
 @pytest.mark.parametrize("line", ["sys.exit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])

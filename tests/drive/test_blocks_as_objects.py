@@ -78,6 +78,22 @@ class Ahead:
         return state, Reference(estimate.t_ns, self.eta[-1], np.zeros(3), 0.0)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FromStart:
+    """A guide that drives straight ahead for a second."""
+
+    speed_m_s: float = 0.2
+
+    def init(self):
+        return 0
+
+    def step(self, state, estimate):
+        t_s = state / 100.0
+        eta = np.array([self.speed_m_s * t_s, 0.0, 0.0])
+        nu = np.array([self.speed_m_s, 0.0, 0.0])
+        return state + 1, Reference(estimate.t_ns, eta, nu, np.where(t_s > 1.0, 1.0, 0.0))
+
+
 def drive_with(**blocks):
     return repeat(SMALL, ROUTE, duration_s=0.3, rest_s=0.0, **blocks)
 
@@ -110,6 +126,7 @@ def test_each_drive_function_accepts_classes_and_objects():
         SMALL, ROUTE, estimator=DeadReckoning, controller=Push(4.0), duration_s=2.0, rest_s=0.0
     ).run
     assert lesson.metadata["controller"] == "Push(gain=4.0)"
+    assert teach(SMALL, FromStart, rest_s=0.0).route.eta[-1, 0] == pytest.approx(0.17, abs=0.02)
     run = drive_with(guide=Ahead, estimator="dead_reckoning", controller=Push)
     assert np.array_equal(run.reference.eta[0], ROUTE.eta[-1])
     replayed_run = replay(run, estimator="dead_reckoning", controller=Push())

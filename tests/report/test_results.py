@@ -59,7 +59,7 @@ def results():
         "many": simulate_many(fit.vehicle_file, u, 5, every_s=5.0),
         "check": bq.check(bq.controllers.PdFeedforward),
         "noise": bq.measure_noise(fit, run),
-        "lesson": bq.teach(small, [(1.0, [0.6, 0.0, 0.0]), (1.0, [0.0, 0.0, 0.3])]),
+        "lesson": bq.teach(small, circle(0.3, 0.2)),
         "route": circle(0.3, 0.2),
         "vehicle": small,
         "import": ImportedRun(run, ()),
@@ -97,11 +97,23 @@ REPORTS = ("fit", "comparison", "corridor", "history", "at rest", "lesson")
 CARDS = (*NAMES, "lesson", "route", "import", "vehicle")
 
 
+@pytest.mark.parametrize("name", CARDS)
+def test_a_result_prints_in_few_lines(results, name):
+    assert len(repr(results[name]).splitlines()) <= MAX_LINES
+
+
+def test_the_logs_of_a_run_print_the_shapes_of_their_arrays(results):
+    run = results["run"]
+    for log in (run.truth, run.estimate, run.reference, run.sensors["imu"]):
+        assert len(repr(log).splitlines()) == 1
+    assert f"eta=array ({len(run.t_ns)}, 3), nu=" in repr(run.estimate)
+    assert "start 0 0 0;" in str(run), "a pose of some micrometres"
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_a_result_prints_in_few_lines_and_has_a_full_table(results, name):
+def test_a_result_has_a_full_table(results, name):
     result = results[name]
     assert isinstance(result, Result)
-    assert len(str(result).splitlines()) <= MAX_LINES
     assert str(result) == repr(result)
     assert len(result.table()) >= len(str(result)) / 2
 

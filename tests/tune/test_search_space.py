@@ -5,8 +5,10 @@ import pytest
 
 from baqueano.controllers import ModelFollower
 from baqueano.errors import UsageError
+from baqueano.geometry import pose_error
 from baqueano.guides.shapes import circle
 from baqueano.parameter import parameter
+from baqueano.signals import Command
 from baqueano.tune import tune
 from baqueano.tune.objective import tuning_objective
 from baqueano.tune.search import at_limit
@@ -112,6 +114,31 @@ def test_a_controller_class_of_a_notebook_cell_is_tuned():
     assert tuning.controller.k == tuning.values["k"] != 1.0
     with refused("tune.of-a-cell", UsageError, controller="Steady"):
         tuning.updated_file()
+
+
+class Plain:
+    """A class without metadata, as a first attempt in a notebook."""
+
+    def __init__(self, k_x=1.0, k_y=-4.0, limit=1.0):
+        self.k_x, self.k_y, self.limit = k_x, k_y, limit
+
+    def init(self):
+        return None
+
+    def step(self, state, reference, estimate):
+        e = pose_error(reference.eta, estimate.eta)
+        u_psi = (reference.nu[2] - self.k_y * e[1] + 2.0 * np.sin(e[2])) / 8.0
+        return state, Command(estimate.t_ns, np.array([2.0 * reference.nu[0] + self.k_x * e[0], 0.0, u_psi]))
+
+
+def test_each_number_of_a_plain_class_is_a_gain_and_keeps_its_sign():
+    tuning = tune(load("small"), ROUTE, controller=Plain, **QUICK)
+    assert [(gain.name, gain.unit) for gain in tuning.gains] == [("k_x", ""), ("k_y", "")]
+    assert tuning.cost < tuning.cost_before
+    assert tuning.controller.k_y == tuning.values["k_y"] < 0.0
+    assert "NaN" not in tuning.table()
+    fixed = tune(load("small"), ROUTE, controller=Plain(k_y=-6.0), gains=["k_x"], **QUICK)
+    assert (list(fixed.values), fixed.controller.k_y) == (["k_x"], -6.0)
 
 
 def test_a_soft_bound_is_widened_and_a_hard_bound_is_not():

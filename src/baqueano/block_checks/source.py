@@ -5,7 +5,9 @@ import inspect
 from pathlib import Path
 from typing import Any
 
+from baqueano.block_checks.source_text import code_of
 from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.errors import cell_name
 from baqueano.messages.language import translate as _
 
 OUTSIDE_MODULES = {  # forbidden module → replacement
@@ -22,16 +24,19 @@ OUTSIDE_CALLS = {
 
 
 def place(code_object: Any) -> str:
-    """Return the file and the line of a class or function, as "my_controller.py line 12"."""
+    """Return the file or the cell and the line of a class or function, as "my_controller.py line 12"."""
     try:
-        return line_of(Path(inspect.getfile(code_object)), inspect.getsourcelines(code_object)[1])
+        return line_of(inspect.getfile(code_object), inspect.getsourcelines(code_object)[1])
     except (OSError, TypeError):
+        code = code_of(code_object)
+        if code is not None and cell_name(code.co_filename):
+            return line_of(code.co_filename, code.co_firstlineno)
         return getattr(code_object, "__name__", str(code_object))
 
 
-def line_of(file: Path, line: int) -> str:
-    """Return a line of a file as text in the current language."""
-    return _("{file} line {line}", file=file.name, line=str(line))
+def line_of(file: Path | str, line: int) -> str:
+    """Return a line of a file, or of a cell of a notebook, as text in the current language."""
+    return _("{file} line {line}", file=cell_name(str(file)) or Path(file).name, line=str(line))
 
 
 def outside_accesses(block_class: type) -> list[Diagnostic]:

@@ -2,7 +2,7 @@
 
 import inspect
 import linecache
-from types import FunctionType
+from types import CodeType, FunctionType
 
 
 def is_ours(block_class: type) -> bool:
@@ -25,9 +25,16 @@ def _file_of(block_class: type) -> str:
 
     This is the file name of a method of the class, because a cell of a notebook is not in a file.
     """
-    methods = [method for method in vars(block_class).values() if isinstance(method, FunctionType)]
-    files = [method.__code__.co_filename for method in methods if method.__module__ == block_class.__module__]
+    code = code_of(block_class)
     try:
-        return next((f for f in files if f != "<string>"), "") or inspect.getsourcefile(block_class) or ""
+        return code.co_filename if code else inspect.getsourcefile(block_class) or ""
     except (OSError, TypeError):
         return ""
+
+
+def code_of(block_class: object) -> CodeType | None:
+    """Return the code of the first method that is written in a class, or None; a dataclass also has generated ones."""
+    methods = [m for m in getattr(block_class, "__dict__", {}).values() if isinstance(m, FunctionType)]
+    module = getattr(block_class, "__module__", "")
+    codes = [method.__code__ for method in methods if method.__module__ == module]
+    return next((code for code in codes if code.co_filename != "<string>"), None)

@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.block_checks.source import outside_accesses, place
 from baqueano.contracts.values import array_text
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import error_text, from_outside
 
 MAX_REPORTED = 12  # diagnostics that are reported at most
@@ -39,7 +39,7 @@ class Trial:
         self._frozen_fields = _freeze(_fields(block))
         self._calls_of: dict[tuple[str, Diagnostic], int] = {}
         if not _is_frozen_dataclass(self.block_class):
-            self.add_fault("check.not-frozen")
+            self.add_fault("check.not-frozen", severity=Severity.WARNING)
         for method_name in method_names:
             if not callable(getattr(block, method_name, None)):
                 self.add_fault("check.no-method", name=method_name)
@@ -49,7 +49,9 @@ class Trial:
         """Return True if the block lacks a method or an attribute that the check needs."""
         return any(fault_.code in INCOMPLETE_CODES for fault_ in self.faults)
 
-    def add_fault(self, code: str, method_name: str = "", **figures: Any) -> None:
+    def add_fault(
+        self, code: str, method_name: str = "", severity: Severity = Severity.ERROR, **figures: Any
+    ) -> None:
         """Store a diagnostic for the author, with its place in the code; the same fault at a later tick only once."""
         key = code, method_name, *(str(figures.get(name, "")) for name in ("what", "of", "name"))
         if key in self._fault_keys:
@@ -61,7 +63,7 @@ class Trial:
             else place(self.block_class)
         )
         name = f"{self.block_class.__name__}.{method_name}()" if method_name else self.block_class.__name__
-        self.faults[fault(code, subject=name, place=place_text, **figures)] = None
+        self.faults[note(code, severity, subject=name, place=place_text, **figures)] = None
 
     def checked_call(self, method_name: str, context: Diagnostic, *arguments: object) -> Any:
         """Return the result of a call. Repeat some calls, and store faults if results, arguments or the block change.

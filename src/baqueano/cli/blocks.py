@@ -84,9 +84,10 @@ def check(
 
     report = check(block, options.load_vehicle(vehicle or "small", settings), role)
     print_answer(report, as_json)
-    if report.findings:
+    if report.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
-    print_message(note("cli.block-sound", block=block))
+    if not report.findings:
+        print_message(note("cli.block-sound", block=block))
 
 
 TEXT_COLUMNS = {  # columns that are words; the others are typed

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -146,8 +146,7 @@ def user_block_metadata(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict
 
 def parameters_text(block: object) -> str:
     """Return the class of a block and its numeric parameters as text: "MyController(k_x=3.0)"."""
-    names = [f.name for f in fields(block)] if is_dataclass(block) else []
-    values = {name: getattr(block, name) for name in names}
+    values = {name: getattr(block, name, None) for name in inspect.signature(type(block)).parameters}
     parameters = ", ".join(
         f"{name}={value!r}" for name, value in values.items() if isinstance(value, int | float)
     )

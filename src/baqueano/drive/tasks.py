@@ -82,7 +82,7 @@ def experiment(
     return drive(blocks, vehicle_file, "experiment", notes=clipping_notes(vehicle_file, u), **options)
 
 
-Driver: TypeAlias = Route | Guide | Sequence[tuple[float, Sequence[float]]] | Callable[[], np.ndarray]
+Driver: TypeAlias = Route | Guide | type | Sequence[tuple[float, Sequence[float]]] | Callable[[], np.ndarray]
 
 
 class TeachResult(NamedTuple):
@@ -105,7 +105,7 @@ class TeachResult(NamedTuple):
     route: Route
 
     def __repr__(self) -> str:
-        return f"{self.route!r}\n{self.run!r}"
+        return self.run.short_text(repr(self.route))
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per topic of the run."""
@@ -146,8 +146,8 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     vehicle_file : VehicleFile
         The vehicle; it is simulated unless a `world` is given.
     driver : Route, guide, list or callable
-        A route or a guide, which the vehicle's controller follows; a list of (seconds, command (n,)); or a function
-        without arguments that returns the present command (n,).
+        A route, a guide or the class of a guide, which the vehicle's controller follows; a list of
+        (seconds, command (n,)); or a function without arguments that returns the present command (n,).
     closed : bool
         True if the drive returns to its start. Then `TeachResult.closure` gives the scale of the gyro.
     **options : object
@@ -182,10 +182,10 @@ def drive_with_driver(
 ) -> Run:  # fmt: skip
     """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
-    if isinstance(driver, Route):
-        driver = Repeat.along(driver)
     hand = None
-    if callable(driver):
+    if isinstance(driver, Route | type):
+        guide = Repeat.along(driver) if isinstance(driver, Route) else vehicle_file.guide(kind=driver)
+    elif callable(driver):
         guide, hand = Idle(float("inf")), ManualController(driver)
         hand = with_heading_hold(hand, vehicle_file) if hold else hand
     elif isinstance(driver, list | tuple):

@@ -15,6 +15,15 @@ if TYPE_CHECKING:
 LEVELS = ("debug", "info", "warning", "error", "fatal")
 
 
+def _short_repr(self: Any) -> str:
+    """Return the class and the fields of a log, with the shape in place of the content of an array."""
+    fields = [
+        f"{name}=array {value.shape}" if isinstance(value, np.ndarray) else f"{name}={value!r}"
+        for name, value in self._asdict().items()
+    ]
+    return f"{type(self).__name__}({', '.join(fields)})"
+
+
 class Channel(NamedTuple):
     """The measurements of a sensor, in order of arrival.
 
@@ -36,6 +45,8 @@ class Channel(NamedTuple):
     t_ns: np.ndarray
     arrival_ns: np.ndarray
     z: np.ndarray
+
+    __repr__ = _short_repr
 
 
 class EstimateLog(NamedTuple):
@@ -69,6 +80,8 @@ class EstimateLog(NamedTuple):
     innovation: np.ndarray | None = None
     innovation_cov: np.ndarray | None = None
 
+    __repr__ = _short_repr
+
 
 class ReferenceLog(NamedTuple):
     """The reference poses and velocities of a run.
@@ -95,6 +108,8 @@ class ReferenceLog(NamedTuple):
     nu: np.ndarray
     done: np.ndarray
 
+    __repr__ = _short_repr
+
 
 class TruthLog(NamedTuple):
     """The true motion, from a simulation or a camera. With a camera ν and ν̇ can be NaN.
@@ -120,6 +135,8 @@ class TruthLog(NamedTuple):
     eta: np.ndarray
     nu: np.ndarray
     nu_dot: np.ndarray
+
+    __repr__ = _short_repr
 
 
 class Event(NamedTuple):

@@ -134,6 +134,10 @@ class Run(Result):
         ) and list(self.sensors) == list(other.sensors)
 
     def __repr__(self) -> str:
+        return self.short_text()
+
+    def short_text(self, *head: str) -> str:
+        """Return the text that `print` shows: `head`, the topics, and the events, errors first."""
         from baqueano.runs.show import show
 
         lines = show(self).table(is_by_severity=True).splitlines()
@@ -142,7 +146,7 @@ class Run(Result):
         if any(event.level == "error" for event in self.events):
             is_further = [line[:INDENT_OF_EVENT].isspace() for line in events[1:]]
             count = 1 + (is_further.index(False) if False in is_further else len(is_further))
-        return shorten([lines[0], *events[:count]], [*lines[1:topics], *events[count:]], [])
+        return shorten([*head, lines[0], *events[:count]], [*lines[1:topics], *events[count:]], [])
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per topic; an unknown value is None."""

@@ -44,8 +44,10 @@ NUMBERS = ("start", "rest_s")  # of the metadata
 
 
 def _with_few_digits(value: str) -> str:
-    """Return numbers of the metadata with four digits in the current language; the metadata contain all digits."""
-    return re.sub(r"-?\d+\.\d+(e-?\d+)?", lambda digits: f"{number(float(digits[0])):.4g}", value)
+    """Return numbers of the metadata with four decimals in the current language; the metadata contain all digits."""
+    return re.sub(
+        r"-?\d+(\.\d+)?(e-?\d+)?", lambda digits: f"{number(round(float(digits[0]), 4) + 0.0):.6g}", value
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

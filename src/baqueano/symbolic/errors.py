@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
-from baqueano.errors import DiagnosticError
+from baqueano.errors import DiagnosticError, cell_name
 
 _FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, generated code
 FANCY_INDEX_TEXT = "arrays used as ind"  # part of a message of NumPy
@@ -77,4 +77,4 @@ def _is_user_code(code: CodeType) -> bool:
 
 
 def _place_text(path: str, line: int) -> str:
-    return f"{path}:{line}: {linecache.getline(path, line).strip()}"
+    return f"{cell_name(path) or path}:{line}: {linecache.getline(path, line).strip()}"

@@ -1,8 +1,9 @@
 """Read and replace values in a tree by dotted paths.
 
 Examples are `value_at_path(robot, "friction.linear[0]")` and `with_value(robot, "model.T[0,2]", x)`. A name is a field
-of a dataclass or NamedTuple, or a key of a dict; an index is in brackets. `with_value` copies the objects on the path.
-It does not call `__post_init__`, because its checks would be `if`s on values known only at run time.
+of a dataclass or NamedTuple, an attribute of any other object, or a key of a dict; an index is in brackets.
+`with_value` copies the objects on the path. It does not call `__post_init__`, because its checks would be `if`s on
+values known only at run time.
 """
 
 import dataclasses
@@ -63,7 +64,7 @@ def _index(text: str, path: str) -> tuple[int, ...]:
 def _child(tree: Tree, step: Tree, path: str) -> Tree:
     if isinstance(step, tuple):
         return tree[step[0] if len(step) == 1 else step]
-    names = tree if isinstance(tree, dict) else _names(type(tree))
+    names = tree if isinstance(tree, dict) else _names(type(tree)) or getattr(tree, "__dict__", ())
     if step not in names:
         suggestion = nearest(step, map(str, names))
         raise NoSuchName(

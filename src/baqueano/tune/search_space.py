@@ -1,10 +1,12 @@
 """The gains that a search varies: names, units and bounds, from the metadata of the controller's fields.
 
-Each entry of an array is one gain: "e_max[0]". Bounds of the field are hard. A field without an upper bound has a
+Each entry of an array is one gain: "e_max[0]". If a class lacks this metadata, each number that it receives is a gain
+without unit, which keeps its sign. Bounds of the field are hard. A field without an upper bound has a
 soft bound: the gain that requests the full command for the smallest error, or DEFAULT_SPREAD times its present value.
 If a gain ends on a soft bound, the search is repeated with a wider bound.
 """
 
+import inspect
 import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,7 +17,7 @@ from baqueano.blocks import kinds, resolve
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, OwnBlock
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.parameter import Parameter, parameters
 from baqueano.symbolic import value_at_path, with_value
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 PAPER_GAINS = ("alpha", "beta", "gamma")
 # smallest error for which the full command can be requested
 MIN_GAIN_SCALES = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}
+FILLED_ARGUMENTS = {"vehicle", "sensors", "rate_hz", "limit"}  # the vehicle file fills them
 DEFAULT_SPREAD = 20.0  # factor in both directions for a quantity that is not a gain, without bounds
 WIDENING_FACTOR = 4.0  # factor on a soft bound, before a search is repeated
 
@@ -118,7 +121,7 @@ def search_space(
     for name in [*selection, *bounds]:
         if name not in entries and name not in fields:
             kind = type(block).__name__
-            raise UsageError(fault("tune.no-such-gain", kind=kind, value=repr(name), valid=list(entries)))
+            raise UsageError(fault("tune.no-such-gain", kind=kind, value=name, near=nearest(name, entries)))
     names = tuple(dict.fromkeys(e for name in selection for e in _entry_names(name, entries)))
     if not names:
         raise UsageError(fault("tune.no-gains", kind=type(block).__name__))
@@ -156,17 +159,28 @@ def _controller_of(
 def _entries(block: Any) -> dict[str, Parameter]:
     """Return a parameter for each finite number in the fields of a block, by name: "k_x", "e_max[0]"."""
     parameters_by_name = {}
-    for name, p in parameters(block):
-        if p.shape is None:
-            continue
+    described_gains = {name: p for name, p in parameters(block) if p.shape is not None}
+    for name, p in (described_gains or _plain_gains(block)).items():
         units = p.unit.split(", ")
         values = np.asarray(getattr(block, name), dtype=float)
-        for k, index in enumerate(np.ndindex(p.shape)):
+        for k, index in enumerate(np.ndindex(p.shape or ())):
             if np.isfinite(values[index]):
                 unit = units[k] if len(units) == values.size else p.unit
                 mark = f"[{','.join(map(str, index))}]" if index else ""
                 parameters_by_name[name + mark] = p._replace(unit=unit, shape=())
     return parameters_by_name
+
+
+def _plain_gains(block: Any) -> dict[str, Parameter]:
+    """Return a parameter without unit and bounds for each number that a class of the user receives, by name."""
+    values = {name: getattr(block, name, None) for name in inspect.signature(type(block)).parameters}
+    return {
+        name: Parameter("", -np.inf, np.inf, name, np.shape(value))
+        for name, value in values.items()
+        if name not in FILLED_ARGUMENTS
+        and isinstance(value, int | float | np.ndarray)
+        and not isinstance(value, bool)
+    }
 
 
 def _entry_names(name: str, entries: dict[str, Parameter]) -> list[str]:
@@ -180,6 +194,9 @@ def _bounds(
     """Return the first bounds (low, high) and the hard bounds (low, high): from `bounds`, else from the field."""
     if bounds is not None:
         return *bounds, *bounds
+    if not p.unit and file_gain < 0.0:  # its sign is kept
+        low, high = DEFAULT_SPREAD * file_gain, file_gain / DEFAULT_SPREAD
+        return low, high, low, high
     low, high = p.low if np.isfinite(p.low) else 0.0, p.high
     if np.isfinite(high):
         return low, high, low, high

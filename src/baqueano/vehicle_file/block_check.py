@@ -40,7 +40,7 @@ class BlockCheck(Result):
 
     def table(self) -> str:
         """Return a text with one line per finding; without findings, the verdict."""
-        return "\n".join(f"{self.block}  {finding}" for finding in texts(self.findings)) or str(self.verdict)
+        return "\n".join(texts(self.findings)) or str(self.verdict)
 
 
 @checked_call("bq.check(MyController)")

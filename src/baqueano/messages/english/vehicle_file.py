@@ -33,7 +33,7 @@ TEMPLATES: dict[str, str] = {
         "must be those of one type. Estimator: step(state, tick). Guide: step(state, estimate). "
         "Controller: step(state, reference, estimate). Supervisor: step(state, command, tick, estimate)."
     ),
-    "block.no-step": "{place} {block} does not have step(): every block has init() and step(state, …).",
+    "block.no-step": "{place}: {block} does not have step(). Every block has init() and step(state, …).",
     "block.not-class": '{file}: "{value}" is {kind}, expected a class with init() and step(state, …).',
     "block.not-module": "{path}: Python cannot read this file as a module.",
     "block.not-python": "{file} line {line} is not valid Python: {error}: {text}",

@@ -35,11 +35,10 @@ TEMPLATES: dict[str, str] = {
         "in [model]."
     ),
     "tune.no-gains": (
-        "{kind} does not declare a gain to tune. Write each gain as a field with unit and bounds. Use "
-        'baqueano.parameter: k: float = parameter("unit of u per m", "command per along-track error", low=0.0, '
-        "high=20.0, default=3.0)"
+        "{kind} does not have a gain to tune. Each number that its class receives is a gain. Write it as a field, "
+        "such as k: float = 3.0, or as an argument of __init__ that is stored under the same name."
     ),
-    "tune.no-such-gain": "{kind} does not have the gain {value}: it has {valid}.",
+    "tune.no-such-gain": "{kind} does not have the gain {value}. {near}",
     "tune.bounds": (
         'bounds["{name}"] = ({low:g}, {high:g}): expected two finite numbers, the smaller one first.'
     ),
