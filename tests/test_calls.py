@@ -1,5 +1,6 @@
 """A wrong call of a public function raises one paragraph with a call that can be typed."""
 
+import copy
 import inspect
 import re
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 import baqueano as bq
 from baqueano.calibration.at_rest import RestMeasurement
 from baqueano.calibration.result import Calibration
-from baqueano.errors import FileError, Misuse
+from baqueano.errors import FileError, Misuse, NoAttribute
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
@@ -67,6 +68,8 @@ def code_of(call) -> str:
         ("call.positions", lambda: bq.replay(RUN, ROBOT, None, "ekf")),
         ("call.option-of", lambda: bq.identify(RUN, ROBOT, segment_s=3.0)),
         ("call.unknown", lambda: bq.FitOptions(segmet_s=3.0)),
+        ("call.unknown", lambda: ROBOT.with_values(mass_kg=1.0)),
+        ("call.of-other-argument", lambda: bq.identify(RUN, ROBOT, bq.FitOptions())),
     ],
 )
 def test_a_wrong_call_is_a_message(code, call):
@@ -128,6 +131,21 @@ def test_a_class_that_lacks_a_value_is_answered_with_an_object_of_it():
     with pytest.raises(FileError) as error:
         bq.repeat(ROBOT, ROUTE, controller=Mine)
     assert error.value.diagnostic.fix == "controller=Mine(gain=1.0)"
+
+
+def test_the_options_of_a_function_are_part_of_its_signature_and_of_its_errors():
+    assert {"starts", "controller", "draws"} <= inspect.signature(bq.tune).parameters.keys()
+    with pytest.raises(Misuse) as error:
+        bq.tune(ROBOT, ROUTE, start=2)
+    assert error.value.diagnostic.figures["near"].figures["similar"] == "starts"
+
+
+def test_an_unknown_attribute_of_a_result_is_answered_with_its_methods():
+    with pytest.raises(NoAttribute) as error:
+        RUN.save("run.mcap")
+    assert error.value.diagnostic.code == "front.no-attribute"
+    assert "table" in error.value.diagnostic.figures["near"].figures["valid"]
+    assert copy.deepcopy(RUN) == RUN
 
 
 def test_correct_calls_are_not_changed():

@@ -72,6 +72,7 @@ def test_a_wrong_start_of_the_search_causes_no_report_about_the_gyro(small, part
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(run, small, options=FitOptions(start={path: small.value(path) / part}))
     assert fit.value(path) == pytest.approx(small.value(path), rel=0.02)
+    assert fit.value(path.removeprefix("model.")) == fit.value(path), "the name in the table"
     assert fit.verdict == "USABLE", fit.reasons
 
 

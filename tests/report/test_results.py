@@ -102,14 +102,6 @@ def test_a_result_prints_in_few_lines(results, name):
     assert len(repr(results[name]).splitlines()) <= MAX_LINES
 
 
-def test_the_logs_of_a_run_print_the_shapes_of_their_arrays(results):
-    run = results["run"]
-    for log in (run.truth, run.estimate, run.reference, run.sensors["imu"]):
-        assert len(repr(log).splitlines()) == 1
-    assert f"eta=array ({len(run.t_ns)}, 3), nu=" in repr(run.estimate)
-    assert "start 0 0 0;" in str(run), "a pose of some micrometres"
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_result_has_a_full_table(results, name):
     result = results[name]

@@ -154,6 +154,12 @@ def test_show_rounds_the_start_of_a_run(run):
     assert "start 0.0001 0 0" in shown_text
 
 
+def test_the_logs_of_a_run_print_the_shapes_of_their_arrays(run):
+    for log in (run.truth, run.estimate, run.reference, run.sensors["imu"]):
+        assert len(repr(log).splitlines()) == 1
+    assert f"eta=array ({len(run.t_ns)}, 3), nu=" in repr(run.estimate)
+
+
 def test_show_translates_the_names_and_numbers_of_the_metadata(run):
     metadata = {"machine": "Linux x86_64", "rest_s": "2.5"}
     with use_language("es"):

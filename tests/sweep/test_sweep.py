@@ -194,6 +194,14 @@ def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["drive.json"]
 
 
+def test_a_dict_gives_the_names_of_blocks_and_the_routes_need_no_keyword(small):
+    controllers = {"base": "kanayama", "other": bq.controllers.Kanayama}
+    result = bq.sweep(small, ROUTE, controllers=controllers, processes=1)
+    base, other = result.cells()
+    assert (base["cell"], other["cell"]) == ("base", "other")
+    assert base["across_rms_m"] == other["across_rms_m"] > 0.0
+
+
 def test_recorded_runs_are_replayed_only_through_estimators(small):
     run = bq.repeat(small, ROUTE, seed=1)
     result = one_process(

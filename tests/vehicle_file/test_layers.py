@@ -287,6 +287,12 @@ def test_a_missing_attribute_names_the_key_that_begins_so():
     with refused("vehicle.attribute-is-key", AttributeError, key="model.mass_kg") as error_info:
         robot.mass  # noqa: B018
     assert eval(error_info.value.diagnostic.fix) == robot.vehicle.mass_kg
-    with refused("vehicle.no-attribute", AttributeError):
+    with refused("vehicle.attribute-is-key", AttributeError, key="model.mass_kg"):
+        robot.model  # noqa: B018
+    with refused("front.no-attribute", AttributeError, of="small") as error_info:
         robot.nonsense  # noqa: B018
+    assert "with_values" in str(error_info.value)
+    with refused("vehicle.no-change", AttributeError) as error_info:
+        robot.mass_kg = 1.0
+    assert eval(error_info.value.diagnostic.fix.partition(" = ")[2]).vehicle.mass_kg == 1.0
     assert copy.deepcopy(robot).name == pickle.loads(pickle.dumps(robot)).name == "small"

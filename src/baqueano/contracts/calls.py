@@ -82,8 +82,10 @@ ALLOWED = {  # part of an annotation → the kind
 }
 
 
-def checked_call(example: str) -> Callable[[F], F]:
+def checked_call(example: str, options_of: Callable[..., Tree] | None = None) -> Callable[[F], F]:
     """Return a decorator for a public function; `example` is a call of it that a reader can type.
+
+    The keywords of `options_of`, which receives the **options of the function, become part of its signature.
 
     The decorated function raises Misuse for a missing or unknown argument, for an argument of another kind, and for
     arguments in another order.
@@ -101,7 +103,7 @@ def checked_call(example: str) -> Callable[[F], F]:
             owner: Tree = function
             owner.__init__ = decorate(owner.__init__)
             return owner
-        signature = inspect.signature(function)
+        signature = _with_options(inspect.signature(function), options_of)
         kinds = {
             name: kinds_of_argument
             for name, parameter in signature.parameters.items()
@@ -120,9 +122,19 @@ def checked_call(example: str) -> Callable[[F], F]:
                 _refuse_kind(kinds, wrong, values, example)
             return function(*args, **options)
 
+        vars(call)["__signature__"] = signature
         return cast(F, call)
 
     return decorate
+
+
+def _with_options(signature: inspect.Signature, options_of: Callable[..., Tree] | None) -> inspect.Signature:
+    """Return a signature with the keywords of `options_of` in place of **options."""
+    if options_of is None:
+        return signature
+    own_parameters = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
+    options = [p for p in inspect.signature(options_of).parameters.values() if p.kind == p.KEYWORD_ONLY]
+    return signature.replace(parameters=[*own_parameters, *options])
 
 
 def _kinds_of(annotation: object) -> tuple[ArgumentKind, ...]:
@@ -192,6 +204,10 @@ def _refuse_kind(
         kind.accepts(values[other]) for other in wrong[1:] for kind in kinds[name]
     ):
         raise Misuse(fault("call.order", example, call=call))
+    others = [n for n in kinds if n not in values and type(value).__module__.startswith("baqueano")]
+    if others := [n for n in others if _is_accepted(value, kinds[n])]:
+        fix = f"{others[0]}={_short_repr(value)}"
+        raise Misuse(fault("call.of-other-argument", fix, call=call, name=name, other=others[0]))
     label = name
     if type(value) in (list, tuple) and _is_accepted([], kinds[name]):
         wrong_items = (i for i, item in enumerate(value) if not _is_accepted([item], kinds[name]))

@@ -11,8 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault, note
-from baqueano.errors import UsageError
+from baqueano.diagnostics import fault, nearest, note
+from baqueano.errors import NoAttribute, UsageError
 from baqueano.messages import text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.printable import in_lines
@@ -62,6 +62,14 @@ class Result:
     def __repr__(self) -> str:
         return shorten([], self.table().splitlines(), [])
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Raise NoAttribute with the attributes of the result. Also called for a property that fails."""
+            if name.startswith("_") or name in dir(type(self)):
+                return object.__getattribute__(self, name)
+            raise no_attribute(self, name, type(self).__name__)
+
     def _repr_html_(self: Tabular) -> str:
         """Return the HTML summary that a notebook shows."""
         return import_module("baqueano.report.card").html_of(self)
@@ -86,6 +94,13 @@ class Result:
     def to_pandas(self: Tabular) -> Any:
         """Return the rows as a pandas DataFrame. Raise UsageError with the command to type if pandas is missing."""
         return pandas().DataFrame(self.rows())
+
+
+def no_attribute(owner: object, name: str, label: str) -> NoAttribute:
+    """Return the error for a missing attribute of `owner`, whose name is `label`: it lists methods, then values."""
+    names = [attribute for attribute in dir(owner) if not attribute.startswith("_")]
+    names.sort(key=lambda attribute: not callable(getattr(type(owner), attribute, None)))
+    return NoAttribute(fault("front.no-attribute", of=label, value=name, near=nearest(name, names)))
 
 
 def shorten(

@@ -35,11 +35,11 @@ LOOP_ROLES = ("estimator", "controller", "guide")
 @checked_call('bq.sweep(robot, routes=route, controllers=["pd", "lqr"])')
 def sweep(
     over: "VehicleFile | Run | str | Sequence[VehicleFile | Run | str]",
-    *,
     routes: "Route | Sequence[Route] | dict[str, Route]" = (),
-    estimators: "OwnBlock | Sequence[OwnBlock]" = (),
-    controllers: "OwnBlock | Sequence[OwnBlock]" = (),
-    guides: "OwnBlock | Sequence[OwnBlock]" = (),
+    *,
+    estimators: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
+    controllers: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
+    guides: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
     seeds: Iterable[int] = (0,),
     reference: str | None = None,
     vehicle: VehicleFile | None = None,
@@ -57,8 +57,9 @@ def sweep(
         Vehicles, which are simulated as by `repeat`; or recorded runs, for which only estimators can vary.
     routes : Route, sequence or dict of Route
         The routes of the vehicles; a dict gives their names.
-    estimators, controllers, guides : str, type or block, or sequence of them
-        A kind of the package, "file.py:Class", a class or a block; empty: the block of the vehicle file.
+    estimators, controllers, guides : str, type or block, or sequence or dict of them
+        A kind of the package, "file.py:Class", a class or a block; a dict gives their names. Empty: the block of the
+        vehicle file.
     seeds : iterable of int
         Seeds of the noise, the same for each cell.
     reference : str, optional
@@ -97,9 +98,8 @@ def sweep(
     """
     subjects = [load(subject) if isinstance(subject, str) else subject for subject in _as_list(over)]
     blocks_by_role = {
-        "estimator": _as_list(estimators),
-        "controller": _as_list(controllers),
-        "guide": _as_list(guides),
+        role: blocks if isinstance(blocks, dict) else _as_list(blocks)
+        for role, blocks in zip(LOOP_ROLES, (estimators, controllers, guides), strict=True)
     }
     sweep_settings = _checked_settings(settings)
     if not isinstance(seeds, Iterable):
@@ -152,7 +152,7 @@ def _by_name(routes: Tree) -> dict[str, Route]:
 
 def _vehicle_jobs(
     files: list,
-    blocks_by_role: dict[str, list],
+    blocks_by_role: dict[str, list | dict],
     routes: dict[str, Route],
     seeds: list[int],
     settings: SweepSettings,
@@ -186,7 +186,7 @@ def _vehicle_jobs(
 
 def _run_jobs(
     runs: list[Run],
-    blocks_by_role: dict[str, list],
+    blocks_by_role: dict[str, list | dict],
     vehicle: VehicleFile | None,
     settings: SweepSettings,
     routes: list,
@@ -210,19 +210,19 @@ def _run_jobs(
     return jobs
 
 
-def _cells(blocks_by_role: dict[str, list], vehicle_file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
+def _cells(
+    blocks_by_role: dict[str, list | dict], vehicle_file: VehicleFile
+) -> list[tuple[SweepCell, SweepBlocks]]:
     """Return every combination of blocks, each with a label from the names of the blocks that vary."""
     choices = {}
     for role in LOOP_ROLES:
         own_kind = str(vehicle_file.data.get(role, {}).get("kind", DEFAULT_KINDS[role]))
         options = blocks_by_role[role] or [None]
-        choices[role] = list(
-            zip(
-                _labels([own_kind if block is None else _name(block) for block in options]),
-                options,
-                strict=True,
-            )
+        names = [own_kind if block is None else _name(block) for block in options]
+        labelled_blocks = (
+            options if isinstance(options, dict) else dict(zip(_labels(names), options, strict=True))
         )
+        choices[role] = list(labelled_blocks.items())
     varied_roles = [role for role in LOOP_ROLES if len(choices[role]) > 1] or ["controller"]
     cells = []
     for estimator in choices["estimator"]:

@@ -35,7 +35,7 @@ SEED_OFFSET = 1000  # offset between the seeds of the search and those of the te
 MAX_WIDENED_SEARCHES = 3  # largest number of repeated searches with wider bounds
 
 
-@checked_call("bq.tune(robot, route)")
+@checked_call("bq.tune(robot, route)", options_of=tuning_objective)
 def tune(
     vehicle_file: "VehicleFile",
     route: Route | Guide | Sequence[Route | Guide],
@@ -56,8 +56,26 @@ def tune(
         Number of descents, in addition to one descent from the gains of the file.
     polish : bool
         Continue the search without gradients if the cost is rough; this takes up to ten times as long.
-    **options : object
-        Arguments of `tuning_objective`: controller, gains, bounds, laps, duration_s, estimator, seeds, draws, seed, …
+    controller : str, type or block, optional
+        A controller in place of the file's, as in `repeat`.
+    gains : sequence of str, optional
+        Names of the tuned parameters; by default all.
+    bounds : dict, optional
+        Name → smallest and largest value [unit of the gain].
+    laps, duration_s : int, float
+        Laps of each route, or the duration of the drive [s].
+    radian_m, huber_m : float
+        Weight of a radian [m/rad]; distance [m] from which on the cost of an error is linear.
+    jerk_m2, effort_m2 : float
+        Weight of a change of the command by its limit within a tick, and of a tick at the limit [m²].
+    aside_m : float
+        Distance of the vehicle's start behind and to the left of the route's start [m].
+    estimator, seeds, seed : bool, int, int
+        True: with the estimator in the loop, and with the noise of `seeds` seeds from `seed` on.
+    draws : int
+        Number of vehicles that are drawn from the covariance of the fit.
+    backend : str
+        "auto", "c", "python" or "numpy".
 
     Returns
     -------

@@ -249,16 +249,10 @@ def tuning_objective(
     seed: int = 0,
     backend: str = "auto",
 ) -> Objective:
-    """Return the cost of the drives along `routes`, as compiled functions of the gains.
+    """Return the cost of the drives along `routes`, as compiled functions of the gains. `tune` describes the keywords.
 
-    `controller` replaces the controller of the file. `gains` are the names of the tuned parameters, by default all,
-    and `bounds` their bounds. The drive has `laps` laps of each route, or takes `duration_s`. `radian_m` is the
-    weight of a radian; the cost of errors beyond `huber_m` is linear. `jerk_m2` is the weight of a change of the
-    command by its limit within a tick. `effort_m2` is the weight of a tick at the limit; the paper lacks both.
-    `aside_m` is the distance of the vehicle's start behind and to the left of the route's start; 0 in the paper.
-    `estimator` adds the estimator to the loop, with the noise of `seeds` seeds from `seed` on. `draws` is the number
-    of vehicles from the covariance of the fit. Raise UsageError for an invalid `aside_m` or weight, or without a
-    route or seed. Raise AnswerNo if a command that a route needs has no effect.
+    Raise UsageError for an invalid `aside_m` or weight, or without a route or seed. Raise AnswerNo if a command that a
+    route needs has no effect.
     """
     weights = checked_weights(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):

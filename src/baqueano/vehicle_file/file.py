@@ -31,7 +31,7 @@ from baqueano.vehicle_file.head import (
     read_head,
     read_top,
 )  # fmt: skip
-from baqueano.vehicle_file.paths import raise_missing_attribute, value_in_force
+from baqueano.vehicle_file.paths import raise_missing_attribute, refuse_change, value_in_force
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance, is_measured, model_values, read_history
 from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
@@ -135,9 +135,8 @@ class VehicleFile:
     _repr_html_ = Result._repr_html_
 
     def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """Return the block of [estimator]; `changes` are fields that replace those of the file. `kind` replaces the
-        block: a built-in kind, "file.py:Class", a class, which is built with the values of the file, or a block,
-        which is returned unchanged. Raise FileError for a missing value."""
+        """Return the block of [estimator]; `changes` replace its fields. `kind` replaces the block: a built-in kind,
+        "file.py:Class", a class built with the values of the file, or a block. Raise FileError for a missing value."""
         return self._block("estimator", kind, changes)
 
     def kind(self, role: str) -> type:
@@ -162,13 +161,11 @@ class VehicleFile:
         """Return the value or the default of a key: "model.friction.linear". Raise UsageError for an unknown key."""
         return value_in_force(self, dotted)
 
+    @checked_call('robot.with_values({"model.mass_kg": 1.0})')
     def with_values(
-        self,
-        values: "JsonObject",
-        provenance: "JsonObject | None" = None,
-        parameter_cov: ParameterCov | None = None,
-        envelope: Envelope | None = None,
-    ) -> "VehicleFile":
+        self, values: "JsonObject", provenance: "JsonObject | None" = None,
+        parameter_cov: ParameterCov | None = None, envelope: Envelope | None = None,
+    ) -> "VehicleFile":  # fmt: skip
         """Return the file with other `values` {dotted key: value} and all comments, checked like any file. Raise
         UsageError for a key that no block reads, or without tomlkit."""
         from baqueano.vehicle_file.text.edit import edit_text
@@ -270,6 +267,9 @@ class VehicleFile:
         )
         report.raise_problems()
         return block
+
+
+VehicleFile.__setattr__ = refuse_change
 
 
 @checked_call('bq.load("small")')

@@ -4,11 +4,12 @@ import difflib
 import re
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from baqueano.blocks import resolve_named
+from baqueano.contracts.result import no_attribute
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, NoAttribute, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
@@ -104,12 +105,24 @@ def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:
     """Raise the error for an attribute that a vehicle file lacks: it names a key that begins so."""
     if name.startswith("_") or name in type(vehicle_file).__slots__:  # of a copy that is incomplete
         raise AttributeError(name)
-    for key in known_paths(vehicle_file.data, vehicle_file.folder):
-        if key.rpartition(".")[2].startswith(name):
-            figures = {"file": vehicle_file.name, "value": name, "key": key}
-            raise NoAttribute(fault("vehicle.attribute-is-key", f'robot.value("{key}")', **figures))
-    near = nearest(name, [attribute for attribute in dir(vehicle_file) if not attribute.startswith("_")])
-    raise NoAttribute(fault("vehicle.no-attribute", file=vehicle_file.name, value=name, near=near))
+    if key := _key_of_attribute(vehicle_file, name):
+        figures = {"file": vehicle_file.name, "value": name, "key": key}
+        raise NoAttribute(fault("vehicle.attribute-is-key", f'robot.value("{key}")', **figures))
+    raise no_attribute(vehicle_file, name, vehicle_file.name)
+
+
+def refuse_change(vehicle_file: "VehicleFile", name: str, value: object) -> NoReturn:
+    """Raise the error for `robot.name = value`: a vehicle file is never changed, and a copy has other values."""
+    key = _key_of_attribute(vehicle_file, name) or f"model.{name}"
+    fix = f'robot = robot.with_values({{"{key}": {value!r}}})'
+    raise NoAttribute(fault("vehicle.no-change", fix, file=vehicle_file.name, value=name))
+
+
+def _key_of_attribute(vehicle_file: "VehicleFile", name: str) -> str:
+    """Return the first key whose last name begins with `name`, or the first value of the table `name`; else ""."""
+    keys = [k for k in known_paths(vehicle_file.data, vehicle_file.folder) if not k.endswith(".kind")]
+    last_names = [key for key in keys if key.rpartition(".")[2].startswith(name)]
+    return next(iter([*last_names, *(key for key in keys if key.startswith(f"{name}."))]), "")
 
 
 def _keys(

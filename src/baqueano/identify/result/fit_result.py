@@ -184,11 +184,12 @@ class Fit(Result):
         )
 
     def value(self, name: str) -> float:
-        """Return the estimate of one parameter by its path, NaN if it was not identifiable. Raise UsageError if it
-        was not fitted."""
-        if name not in self.names:
+        """Return the estimate of one parameter by its path, NaN if it was not identifiable; as in the table, "model."
+        can be omitted. Raise UsageError if it was not fitted."""
+        path = f"model.{name}" if f"model.{name}" in self.names else name
+        if path not in self.names:
             raise UsageError(self._not_fitted(name))
-        return float(self.estimate[self.names.index(name)])
+        return float(self.estimate[self.names.index(path)])
 
     def _not_fitted(self, name: str) -> Diagnostic:
         """Return the message for a name that was not fitted: the option that frees this parameter, or a similar

@@ -14,6 +14,8 @@ TEMPLATES: dict[str, str] = {
     "call.order": "The arguments of {call}() are in the wrong order. Type: {fix}",
     "call.unknown": "{call}() does not accept {value}. {near}. Type: {fix}",
     "call.kind": "{call}(): {name} = {value}; expected {expected:word}. Type: {fix}",
+    "call.of-other-argument": "{call}(): this value of {name} belongs to {other}. Type: {fix}",
+    "front.no-attribute": "{of} does not have attribute {value}. {near}.",
     "call.option-of": "{call}() does not accept {value}, which is an option of {owner}. Add: {fix}",
     "front.elsewhere": "Type: {fix}",
     "front.more": "{lines} more lines: .table()",

@@ -48,7 +48,9 @@ TEMPLATES: dict[str, str] = {
         "{file} [simulation] truth = {value} points outside the folder of the file. Expected a file in "
         "that folder, or one of the garage: {garage}."
     ),
-    "vehicle.no-attribute": "{file}: attribute {value} does not exist. {near}.",
+    "vehicle.no-change": (
+        "{file}: attribute {value} cannot be changed. For a copy of the vehicle file with another value, type: {fix}"
+    ),
     "vehicle.attribute-is-key": "{file}: attribute {value} does not exist. To read {key} of the file, type: {fix}",
     "vehicle.unknown-key": "{file} does not have key {value}. {near}.",
     "block.lacks-arguments": (

@@ -1,9 +1,9 @@
 """English sentences about a sweep."""
 
 TEMPLATES: dict[str, str] = {
-    "sweep.head": "medians of {drives} drives",
+    "sweep.head": "medians over the drives ({drives})",
     "sweep.head-ratio": (
-        "medians of {drives} drives; ratio: {figure} divided by that of {reference}, with its 95 % interval"
+        "medians over the drives ({drives}); ratio: {figure} divided by that of {reference}, with its 95 % interval"
     ),
     "sweep.stopped": "{subject}: {stopped} of {drives} drives were stopped",
     "sweep.part": "{done} of {requested} drives are done; type the same command again to continue",
