@@ -143,7 +143,6 @@ def test_a_number_of_a_public_name_states_its_unit():
 OWN_UNITS = {
     **dict.fromkeys(("measurement_noise_cov", "noise_std"), "of the readings of the sensor"),
     **dict.fromkeys(("initial_std", "process_noise_std"), "of the state of the filter or of the vehicle"),
-    **dict.fromkeys(("change_max", "k_chi"), "of the control law"),
     "cost": "of the objective of the search",
 }  # a name with the same meaning in several places, whose unit depends on the place
 

@@ -68,7 +68,7 @@ def test_a_row_contains_the_values_of_its_tick(drive_of_service):
     log = run.estimate
     for name, value in {
         "t": run.t_ns[-1] * 1e-9, "eta.x": log.eta[-1, 0], "eta.psi": log.eta[-1, 2], "P.xy": log.cov[-1, 0, 1],
-        "nu.u": log.nu[-1, 0], "u.0": run.applied_commands[-1, 0], "asked.2": run.requested_commands[-1, 2],
+        "nu.u": log.nu[-1, 0], "u.0": run.applied_commands[-1, 0], "requested.2": run.requested_commands[-1, 2],
         "z.imu[2]": run.sensors["imu"].z[-1, 2], "innov.imu[1]": log.innovation[-1, 1],
         "S.imu[0]": np.sqrt(log.innovation_cov[-1, 0, 0]), "battery": 7.4,
         "model.imu[2]": run.sensors["imu"].z[-1, 2] - log.innovation[-1, 2],

@@ -45,7 +45,7 @@ SENSORS = {
     "odometer": Odometer(scale=1.02, noise_std=0.01, delay_s=0.013, delay_slots=2),
     "pose": Pose(rate_hz=30.0, noise_std=np.array([0.01, 0.01, 0.05]), delay_s=0.025, delay_slots=3),
     "tags": Tags(points_m=np.array([[0.5, 0.2], [-1.0, 1.0]]), radius_m=0.8, lever_arm_m=np.array([0.1, -0.05])),
-    "tags without offset": Tags(points_m=np.array([[0.5, 0.2]]), radius_m=1.5, sees_offset=False),
+    "tags without offset": Tags(points_m=np.array([[0.5, 0.2]]), radius_m=1.5, measures_offset=False),
     "beacon": Beacon(
         point_m=np.array([4.0, 1.0]), above_m=2.0, offset_m=0.3, farthest_m=6.0, lever_arm_m=np.array([0.1, -0.05]),
         delay_s=0.013, delay_slots=2,

@@ -40,7 +40,7 @@ def test_a_tag_is_read_once_at_the_nearest_point():
 
 def test_a_reader_without_offset_has_the_covariance_of_a_uniform_disc():
     """In a uniform disc of radius r, a coordinate has the variance r²/4."""
-    tags = Tags(points_m=TWO, radius_m=0.1, sees_offset=False, noise_std=0.003)
+    tags = Tags(points_m=TWO, radius_m=0.1, measures_offset=False, noise_std=0.003)
     readings = readings_of(tags, [at(x, 0.04) for x in (0.8, 0.99, 1.01)])
     assert readings[2] == pytest.approx([1.0, 0.0])
     rng = np.random.default_rng(0)

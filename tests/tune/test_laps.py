@@ -47,4 +47,4 @@ def test_each_step_of_a_descent_lowers_the_cost_and_respects_bounds(laps):
 
 
 def test_the_gains_of_the_selected_controller_are_tuned():
-    assert simulated_laps(load("small"), ROUTE, "kanayama").space.names[-3:] == ("k_x", "k_y", "k_chi")
+    assert simulated_laps(load("small"), ROUTE, "kanayama").space.names[-3:] == ("k_x", "k_y", "k_theta")

@@ -259,7 +259,7 @@ def test_the_key_documentation_has_a_table_for_each_block():
 
 def test_documented_defaults_are_valid_toml():
     defaults = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
-    assert defaults["sensors.NAME", "tags", "sees_offset"] == "`true`"
+    assert defaults["sensors.NAME", "tags", "measures_offset"] == "`true`"
     assert defaults["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
     defaults_text = [
         tomllib.loads(f"key = {default.strip('`')}") for default in defaults.values() if default[:1] == "`"

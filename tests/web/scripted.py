@@ -104,7 +104,7 @@ def fields() -> list[dict[str, str]]:
     )
     columns += [
         {"name": f"{kind}.{k}", "unit": "duty", "group": entry["name"], "label": entry["name"]}
-        for kind in ("u", "asked")
+        for kind in ("u", "requested")
         for k, entry in enumerate(COMMAND)
     ]
     return columns + [

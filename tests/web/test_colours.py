@@ -39,7 +39,7 @@ BY_COLOUR = [  # only the colour distinguishes these
 DASHED = {  # at least one of two lines is dashed: the file, and its notation
     ("model", "ghost"): ("map.js", r'ghost: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
     ("model", "ink"): ("map.js", r'truth: \{ colour: "ink", width: [\d.]+, dash: \[\d'),
-    ("ink", "ghost"): ("strips.js", r'asked: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
+    ("ink", "ghost"): ("strips.js", r'requested: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
     ("measured", "ghost"): ("strips.js", r'ghost: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
     ("alarm", "sim"): ("replay.js", r"grave \? \[\] : \[\d"),
 }

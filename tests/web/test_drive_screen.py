@@ -107,9 +107,9 @@ def test_the_strips_show_measurement_model_innovation_and_command(tab, live):
         )
         traces = tab.js(f"{strip}.traces.map(({{ name, kind }}) => [name, kind])")
         texts = tab.js(f"{strip}.values.map((one) => one.textContent)")
-        looks = {"measured": "measured", "model": "model", "applied": "ink", "asked": "ghost"}
+        looks = {"measured": "measured", "model": "model", "applied": "ink", "requested": "ghost"}
         for (name, kind), text in zip(traces, texts, strict=True):
-            dash = [4, 3] if kind == "asked" else []
+            dash = [4, 3] if kind == "requested" else []
             line = only(marks, kind="line", colour=looks[kind], dash=dash)
             check_trace(line, [low, high, height], x, name, 20.0)
             assert line["path"][-1][1] > width - 2  # up to now
@@ -124,7 +124,7 @@ def test_the_strips_show_measurement_model_innovation_and_command(tab, live):
     assert shown == [
         *((f"{of}.imu[{k}]", kind) for k in range(3) for of, kind in (("z", "measured"), ("model", "model"))),
         *((f"innov.imu[{k}]", kind) for k in range(3) for kind in ("measured", "band")),
-        *((f"{of}.{k}", kind) for k in (0, 2) for of, kind in (("u", "applied"), ("asked", "asked"))),
+        *((f"{of}.{k}", kind) for k in (0, 2) for of, kind in (("u", "applied"), ("requested", "requested"))),
     ]
 
 

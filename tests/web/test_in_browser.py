@@ -13,7 +13,9 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chrom
 PRESS = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r})).click()"
 TEXT = "document.body.innerText.includes({text!r})"
 START_S, TRIES = 60.0, 6
-REQUESTED = "(({ record }) => Array.from(record.column('asked.0').subarray(0, record.length)))(baqueano.page)"
+REQUESTED = (
+    "(({ record }) => Array.from(record.column('requested.0').subarray(0, record.length)))(baqueano.page)"
+)
 REFUSALS = """(({ on }) => {
   const no = on.no;
   globalThis.refusals = [];

@@ -43,7 +43,7 @@ def test_columns_of_a_run_contain_its_recorded_values():
     np.testing.assert_allclose(x["model.imu[0]"], np.arange(300) - 0.1, rtol=1e-5, atol=1e-6)
     assert np.isnan(x["innov.imu[1]"]).all()
     assert np.isnan(x["truth.x"]).all()
-    assert (x["u.0"][0], x["asked.0"][0], x["P.yy"][0]) == (0.5, np.float32(0.6), 9.0)
+    assert (x["u.0"][0], x["requested.0"][0], x["P.yy"][0]) == (0.5, np.float32(0.6), 9.0)
     assert record.description["vehicle"]["footprint"] == {"kind": "round", "length_m": 0.14, "width_m": 0.14}
     assert record.description["route"]["closed"] is False
     assert record.description["blocks"]["model"] == "planar"

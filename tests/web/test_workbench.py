@@ -102,7 +102,7 @@ WIRES = [  # of the diagram in README.md
 ]  # fmt: skip
 SPARKS = {  # title of a wire: its signals
     "measured": ["z.imu[0]", "z.imu[1]", "z.imu[2]"], "estimate": ["eta.x", "eta.y"],
-    "reference": ["ref.x", "ref.y"], "requested": ["asked.0", "asked.2"], "command": ["u.0", "u.2"],
+    "reference": ["ref.x", "ref.y"], "requested": ["requested.0", "requested.2"], "command": ["u.0", "u.2"],
 }  # fmt: skip
 BOX = """((name) => {
   const canvas = document.querySelector('.wires').getBoundingClientRect();

@@ -1,15 +1,15 @@
 """Kanayama's tracking law: a Lyapunov function proves its stability for each error and each speed except 0.
 
-    v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (f² k_y e_y + f k_χ sin e_χ)                              (1)
-    f = min(1, 1 / (T k_χ |v_f|))                                                                         (2)
+    v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (f² k_y e_y + f k_θ sin e_χ)                              (1)
+    f = min(1, 1 / (T k_θ |v_f|))                                                                         (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
-e_y decays over a distance, not over a time, with the damping ratio k_χ / (2 √k_y): by default 0.82 over 0.22 m. So the
+e_y decays over a distance, not over a time, with the damping ratio k_θ / (2 √k_y): by default 0.82 over 0.22 m. So the
 loop would be too fast for the delay T at a high speed; f then makes the distance longer, and keeps the damping ratio.
 The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct e_y. The error after
 a turn on the spot remains until the vehicle moves on.
 
-Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990. Prediction and command: model_following.py.
+Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990 (k_θ is its K_θ). Prediction and command: model_following.py.
 """
 
 from dataclasses import dataclass
@@ -42,15 +42,15 @@ class Kanayama(ModelFollower):
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
     k_y: float = parameter("1/m²", "curvature per cross-track error e_y", low=0.0, high=1e3, default=30.0)
-    k_chi: float = parameter("1/m", "curvature per course error e_χ", low=0.0, high=1e3, default=9.0)
+    k_theta: float = parameter("1/m", "curvature per course error e_χ", low=0.0, high=1e3, default=9.0)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
-        share = self.gain_share(self.k_chi * v_f)  # (2)
-        k_y, k_chi = share**2 * self.k_y, share * self.k_chi
-        max_correction = k_chi * np.sin(MAX_APPROACH_RAD)
+        share = self.gain_share(self.k_theta * v_f)  # (2)
+        k_y, k_theta = share**2 * self.k_y, share * self.k_theta
+        max_correction = k_theta * np.sin(MAX_APPROACH_RAD)
         lateral = np.clip(k_y * e_y, -max_correction, max_correction)
         # v_f is negative backward, but the damping of the course must keep its sign.
-        turn = v_f * lateral + np.abs(v_f) * k_chi * np.sin(tracking.e_chi)
+        turn = v_f * lateral + np.abs(v_f) * k_theta * np.sin(tracking.e_chi)
         return memory, (v_f * np.cos(tracking.e_chi) + self.k_x * e_x, omega_f + turn)

@@ -11,7 +11,7 @@ from baqueano.signals import Command, Estimate, Reference
 
 
 class DriveEnded(FromOutside, KeyboardInterrupt):
-    """Exception that ends a manual drive because the driver asked for the end."""
+    """Exception that ends a manual drive because the driver requested its end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -96,7 +96,7 @@ def interrupt_on_hangup(notify: Callable[[str], object]) -> Iterator[None]:
     previous_handlers = {
         number: signal.signal(number, interrupt) for number in (signal.SIGHUP, signal.SIGTERM)
     }
-    looking = threading.Thread(target=poll, name="who asked", daemon=True)
+    looking = threading.Thread(target=poll, name="requester", daemon=True)
     looking.start()
     try:
         yield

@@ -5,10 +5,10 @@
     z = h + pᵢ − pⱼ            if the tag j is mistaken for the tag i                                     (3)
 
 The reader reports once for each tag that it passes within `radius_m`, at the tick in which the tag is nearest. A camera
-over a QR code measures the offset from the tag. A reader without an offset (`sees_offset = false`) reports the position
-of the tag; its error is uniform in a disc, with variance ¼ r² along each axis. An estimator can test for (3), because
-the shift is known. One reader can read any number of tags. Two tags limit the errors of position and heading, one tag
-only the error of the position.
+over a QR code measures the offset from the tag. A reader without an offset (`measures_offset = false`) reports the
+position of the tag; its error is uniform in a disc, with variance ¼ r² along each axis. An estimator can test for (3),
+because the shift is known. One reader can read any number of tags. Two tags limit the errors of position and heading,
+one tag only the error of the position.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Tags:
 
     Parameters
     ----------
-    sees_offset : bool
+    measures_offset : bool
         True if the reader measures its offset from the tag.
 
     Notes
@@ -66,7 +66,7 @@ class Tags:
     radius_m: float = parameter(
         "m", "lateral distance within which a tag is read", low=1e-4, high=100.0, default=0.05
     )
-    sees_offset: bool = True
+    measures_offset: bool = True
     noise_std: float = parameter("m", "white noise of each number", low=0.0, high=100.0, default=0.005)
     lever_arm_m: np.ndarray = parameter(
         "m", "position of the reader in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
@@ -84,7 +84,7 @@ class Tags:
         """Return Q (2, 2), the covariance of one measurement.  (2)"""
         if self.measurement_noise_cov is not None:
             return self.measurement_noise_cov
-        offset_variance = 0.0 if self.sees_offset else 0.25 * self.radius_m**2
+        offset_variance = 0.0 if self.measures_offset else 0.25 * self.radius_m**2
         return np.eye(2) * (self.noise_std**2 + offset_variance)
 
     def h(self, motion: Motion) -> np.ndarray:
@@ -127,7 +127,7 @@ class Tags:
         ready = np.where(is_away, 1.0, np.where(has > 0.0, 0.0, state.ready))
         measurement = (
             position
-            if self.sees_offset
+            if self.measures_offset
             else reading_mask @ self.points_m / np.maximum(np.sum(reading_mask), 1.0)
         )
         return TagsState(position, ready), Slot(

@@ -46,7 +46,9 @@ PLAIN_MEANINGS = {  # keys without a unit: what they mean
         '`"steady"`: `battery_v`; `"logged"`: in a fit, the voltage in the channel `battery` of the run'
     ),
     "measurement_model": N_('`"physical"`, or `"paper"`: h as the paper prints it'),
-    "sees_offset": N_("a reading gives the position of the reader itself; `false`: the position of the tag"),
+    "measures_offset": N_(
+        "a reading gives the position of the reader itself; `false`: the position of the tag"
+    ),
     "mode": N_('`"default"`, or `"paper"`: the filter as the paper prints it'),
     "use": N_(
         'sensors that correct the estimate, or single channels of them: `"imu[2]"`; the others are only '

@@ -134,7 +134,7 @@ def field_rows(names: list[object], units: list[object], commands: list[str]) ->
 def group_of(name: str, commands: list[str]) -> str:
     """Return the group of a column: the name of a sensor or command, or the first part of the column's name."""
     prefix, _, remainder = name.partition(".")
-    if prefix in ("u", "asked"):
+    if prefix in ("u", "requested"):
         return (
             commands[int(remainder)]
             if remainder.isdecimal() and int(remainder) < len(commands)

@@ -333,7 +333,7 @@ def label_fields(fields: "list[JsonObject]", language: str) -> "list[JsonObject]
 
 def _label(name: str, group: str) -> str:
     first, _, rest = name.partition(".")
-    if first in ("u", "asked"):
+    if first in ("u", "requested"):
         return text(note("web.label-command", name=group))
     if first in ("z", "model", "innov", "S"):
         return text(note(IMU_LABELS[rest])) if rest in IMU_LABELS else rest

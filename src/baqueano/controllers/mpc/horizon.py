@@ -1,6 +1,6 @@
 """The model over the horizon, and its quadratic program: equations (1), (2), (4) and (5) of mpc.py.
 
-    J = ∂e/∂E / e_max,   P = JᵀJ + DᵀD,   q = Jᵀ (e / e_max − J E°) − Dᵀ d,   D E − d = Δε / change_max   (1)
+    J = ∂e/∂E / e_max,   P = JᵀJ + DᵀD,   q = Jᵀ (e / e_max − J E°) − Dᵀ d,   D E − d = Δε / command_change_max   (1)
 
 e is the error of the pose at each step, E the plan of the efforts ε. The model is linearised at the plan E°. P and q
 are defined in program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
@@ -66,7 +66,7 @@ class Horizon:
         self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS
         self._substeps = max(1, int(np.ceil(self._step_s / MAX_STEP_S)))
         max_command = self._active_rows @ np.minimum(law.limit, NO_LIMIT)
-        max_change = law.change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
+        max_change = law.command_change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
         self._change_weight = 1.0 / max_change**2
         D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / max_change))
         self._P = D.T @ D + MIN_CURVATURE * np.eye(STEPS * self._k)

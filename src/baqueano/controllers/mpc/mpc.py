@@ -1,7 +1,7 @@
 """Model predictive control with the user's own model: optimise the commands of `horizon_s` within their limits.
 
     x_{k+1} = f(x_k, ε_k)                     the vehicle's own step, with the motors' delay and lag       (1)
-    r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / change_max)     e: error from the reference      (2)
+    r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / command_change_max)     e: error from the reference      (2)
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
     ψ_r ← ψ_r + β_r − β        β: slip of the vehicle at the yaw rate of the reference, with two commands   (5)
@@ -72,7 +72,7 @@ class Mpc:
         "m, m, rad", "along-track, cross-track and heading errors with the same weight", low=1e-4, shape=(3,),
         default=(0.05, 0.02, 0.15),
     )  # fmt: skip
-    change_max: float = parameter(
+    command_change_max: float = parameter(
         "1", "change of the command in a step, as a fraction of its limit, with the same weight as those errors",
         low=1e-3, default=0.3,
     )  # fmt: skip

@@ -80,7 +80,7 @@ def columns_of(vehicle_file: "VehicleFile") -> list[Column]:
     """Return the columns of the rows of this vehicle, in order."""
     columns = [Column("t", "s", "time")]
     columns += [Column(name, unit, KIND_BY_PREFIX[name.partition(".")[0]]) for name, unit in ESTIMATE_COLUMNS]
-    for name, kind in (("u", "command"), ("asked", "asked")):
+    for name, kind in (("u", "command"), ("requested", "requested")):
         columns += [
             Column(f"{name}.{k}", vehicle_file.command.unit, kind)
             for k in range(len(vehicle_file.command.names))

@@ -54,7 +54,7 @@ def scene(run: Run) -> Scene:
     t_s = np.linspace(0.0, end_s, min(INSTANTS_PER_LAP * laps, MAX_INSTANTS) + 1)
     t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
     logs = [
-        None if log is None else _filled(interpolate_poses(t_ns, log.t_ns, log.eta))
+        None if log is None else _without_gaps(interpolate_poses(t_ns, log.t_ns, log.eta))
         for log in (run.estimate, run.truth)
     ]
     if all(log is None for log in logs):
@@ -69,8 +69,8 @@ def scene(run: Run) -> Scene:
     return Scene(t_s, logs[0], logs[1], half_width, route, laps, _radius_m(run))
 
 
-def _filled(poses: np.ndarray) -> np.ndarray | None:
-    """Return the poses with each gap filled by the previous pose. A gap at the start is filled by the first pose.
+def _without_gaps(poses: np.ndarray) -> np.ndarray | None:
+    """Return the poses; each gap contains the previous pose, and a gap at the start the first pose.
     Return None without a complete pose.
     """
     finite = np.flatnonzero(np.isfinite(poses).all(axis=1))

@@ -3,8 +3,8 @@
     speed, rate    the largest 1 % beyond 60 m/s, 35 rad/s (2000 deg/s, the range of small gyros)
     tyres          means of a_x, a_y over WINDOW_S, minus their median, beyond 2 g: tyres hold about 1 g      (1)
     at rest        before the first command the bias of a small gyro is below 0.35 rad/s (20 deg/s, data sheet of the
-                   MPU-6050) and its noise below 0.02 rad/s (1.1 deg/s, ten times its data sheet);            (2)
-                   the noise of an accelerometer is above 0.02 m/s² (2 mg; its data sheet at 44 Hz: 2.7 mg)   (3)
+                   MPU-6050) and its noise below 0.02 rad/s (1.1 deg/s, ten times its data sheet)             (2)
+    resolution     a digital accelerometer has 2^k counts per g, so steps of 2^-k are in g                    (3)
     turning        the speed v of a curve, by a_y = v ω, beyond 20 m/s                                        (4)
     commands       a full command is 1; full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
 
@@ -19,6 +19,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages.language import mark as N_
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.diagnostics.samples import channel_resolution
 from baqueano.runs.diagnostics.signal_map import MIN_SCALE_GAIN, channel_regression
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.maps.units import unit
@@ -40,7 +41,9 @@ LIMIT_OF_KIND = {
 }
 MAX_USUAL_TURN_RAD_S = 4.0 * np.pi  # two turns per second
 MAX_GRIP_M_S2, WINDOW_S = 20.0, 0.3
-MIN_REST_S, MAX_BIAS_RAD_S, MAX_REST_STD_RAD_S, MAX_REST_STD_M_S2 = 1.0, 0.35, 0.02, 0.02
+MIN_REST_S, MAX_BIAS_RAD_S, MAX_REST_STD_RAD_S = 1.0, 0.35, 0.02
+MAX_QUIET_PEAK = 4.0  # largest acceleration of a small vehicle in g, and so of values that are in g
+MIN_BITS_PER_G, STEP_TOLERANCE, MIN_SHARE_OF_STEPS = 5, 0.01, 0.98
 MAX_CURVE_SPEED_M_S, MIN_WINDOWS = 20.0, 50
 FULL_COMMANDS = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
 PULSE_RANGE_US = (500.0, 2500.0)  # of a servo
@@ -65,6 +68,7 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     if signal.kind == "imu" and not is_beyond:
         yield from _grip_findings(signal, channel)
         yield from _gyro_findings(signal, channel, run)
+        yield from _resolution_findings(signal, channel)
         yield from _curve_findings(signal, channel)
 
 
@@ -110,7 +114,7 @@ def _rest_mask(run: Run, channel: Channel) -> np.ndarray:
 
 
 def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
-    """Yield the findings about the gyro (its rate, and (2) at rest), and about a quiet accelerometer (3)."""
+    """Yield the findings about the gyro: its rate, and (2) at rest."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _rest_mask(run, channel)
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
@@ -128,15 +132,29 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     elif peak_rate > MAX_USUAL_TURN_RAD_S:
         reason = note("recording.fast-turns", **figures, most=peak_rate, turns=peak_rate / (2.0 * np.pi))
         yield ImportFinding("fast turns", "warning", None, reason, cure)
-    for entry, a in zip(signal.entries[:2], channel.z[at_rest, :2].T, strict=True):
-        a, most = a[np.isfinite(a)], _peak(channel.z[:, int(entry.key[-2])])
-        if len(a) and 0.0 < _robust_std(a) < MAX_REST_STD_M_S2 and most < MAX_GRIP_M_S2 / 10.0:
-            reason = note(
-                "recording.quiet", key=entry.key, unit_read=entry.unit, sd=_robust_std(a), most=most
-            )
-            yield ImportFinding(
-                "quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g")
-            )
+
+
+def _resolution_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
+    """Yield a finding for each accelerometer that is read in m/s² and whose steps are those of counts per g.  (3)"""
+    for entry, a in zip(signal.entries[:2], channel.z[:, :2].T, strict=True):
+        a = a[np.isfinite(a)]
+        if entry.unit != "m/s^2" or not len(a) or np.max(np.abs(a)) > MAX_QUIET_PEAK:
+            continue
+        counts = _power_of_two(a / entry.scale)
+        if counts:
+            reason = note("recording.counts-per-g", key=entry.key, unit_read=entry.unit, counts=counts)
+            yield ImportFinding("counts per g", "info", None, reason, note("recording.if-in", in_unit="g"))
+
+
+def _power_of_two(values: np.ndarray) -> int:
+    """Return the number of steps per 1 if all values (M,) are multiples of one step 2^-k, within 1 %; else 0."""
+    step = channel_resolution(values).step
+    if step <= 0.0:
+        return 0
+    steps_apart, k = np.diff(np.unique(values)) / step, -np.log2(step)
+    is_multiple = np.abs(steps_apart - np.round(steps_apart)) < STEP_TOLERANCE * np.maximum(steps_apart, 1.0)
+    is_power = abs(k - round(k)) < STEP_TOLERANCE and k > MIN_BITS_PER_G
+    return 2 ** round(k) if is_power and is_multiple.mean() > MIN_SHARE_OF_STEPS else 0
 
 
 def _peak(x: np.ndarray) -> float:

@@ -32,7 +32,7 @@ DATA, ERROR, SECOND = 1, 2, 10**9
 MAX_SUBSCRIPTIONS = 256  # most subscriptions of a client
 TOPIC_OF_PREFIX = {  # first part of a column's name → topic
     "eta": "/estimate/pose", "P": "/estimate/covariance", "nu": "/estimate/velocity", "ref": "/guide/reference",
-    "truth": "/world/truth", "u": "/command/applied", "asked": "/controller/command", "z": "/sensors",
+    "truth": "/world/truth", "u": "/command/applied", "requested": "/controller/command", "z": "/sensors",
     "model": "/estimate/measurement", "innov": "/estimate/innovation", "S": "/estimate/innovation_std",
 }  # fmt: skip
 DRIVE, EVENTS, ROUTE = "/drive", "/events", "/guide/route"

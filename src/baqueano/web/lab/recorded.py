@@ -98,7 +98,7 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     columns |= {f"truth.{a}": true[:, k] for k, a in enumerate(ETA)}
     for k in range(run.applied_commands.shape[1]):
         columns[f"u.{k}"] = run.applied_commands[:, k]
-        columns[f"asked.{k}"] = silent if run.requested_commands is None else run.requested_commands[:, k]
+        columns[f"requested.{k}"] = silent if run.requested_commands is None else run.requested_commands[:, k]
     columns |= _sensor_columns(run)
     offset = eta[:, :2] - ref[:, :2]
     columns["cross"] = -offset[:, 0] * np.sin(ref[:, 2]) + offset[:, 1] * np.cos(ref[:, 2])  # (1)
@@ -150,7 +150,7 @@ def _sensor_columns(run: Run) -> dict[str, np.ndarray]:
 def _field_description(name: str, commands: list[str], unit: str) -> "JsonObject":
     """Return {unit, group} of a column; columns of one group share a plot."""
     prefix, _, remainder = name.partition(".")
-    if prefix in ("u", "asked"):
+    if prefix in ("u", "requested"):
         return {"unit": unit, "group": commands[int(remainder)]}
     if prefix in ("z", "model", "innov", "S"):
         return {"unit": _unit_of_reading(remainder), "group": remainder.partition("[")[0]}

@@ -47,7 +47,7 @@ export class Blocks {
     this.boxes = Object.fromEntries(BLOCKS.map((key) =>
       [key, el(`button.block.at-${key}`, { onclick: () => this.pick(key) }, el("b", t(`block.${key}`)), el("span", names[key] ?? t("block.none")), el("i"))]));
     const commanded = (kind) => movable(vehicle).map((k) => `${kind}.${k}`);
-    const wires = { measured: record.channels.slice(0, 3).map((one) => `z.${one}`), estimate: ["eta.x", "eta.y"], reference: ["ref.x", "ref.y"], asked: commanded("asked"), command: commanded("u") };
+    const wires = { measured: record.channels.slice(0, 3).map((one) => `z.${one}`), estimate: ["eta.x", "eta.y"], reference: ["ref.x", "ref.y"], requested: commanded("requested"), command: commanded("u") };
     this.sparks = stripsOf(record, Object.entries(wires).map(([key, names]) => ({ kind: `spark.at-${key}`, title: t(`wire.${key}`), lines: Object.fromEntries(names.map((name, k) => [name, COLOURS[k]])) })));
     this.diagram.append(...Object.values(this.boxes), ...this.sparks.map((one) => one.node));
     show(this.tick, record.has("late_ms"));

@@ -79,7 +79,7 @@ export class Hand {
     this.padStopped = pressed;
   }
 
-  /** The first command that moves something drives ahead, the middle one to the left, the last one turns to the left. */
+  /** The first command that moves something drives ahead, the middle one left, the last one turns left. */
   get command() {
     const { vehicle } = this.page.hello, [right, ahead, aside] = this.wanted, [first, ...more] = movable(vehicle), share = { [first]: ahead, [more[0]]: -aside, [more.at(-1)]: -right };
     return vehicle.command.map(({ low, high }, k) => { const part = this.part * (share[k] || 0); return part >= 0 ? part * high : -part * low; });

@@ -34,9 +34,9 @@ export class Identify {
   shown() {
     const { page } = this, { opened } = page;
     if (!page.recorded) page.send({ is: "identify", on: true });
-    else if (opened && this.asked !== opened) {
+    else if (opened && this.opened !== opened) {
       this.#clear();
-      this.asked = opened;
+      this.opened = opened;
       write(this.about, t("identify.computing"));
       page.ask("identify", {}, (word) => { if (opened === page.opened) this.identified(word); });
     }

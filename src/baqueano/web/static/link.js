@@ -7,7 +7,7 @@ const WAITS_MS = [500, 1000, 2000];
 export class Link {
   /** `on`: {rows, down, over, <word>…}, each called with what came. */
   constructor(language, on) {
-    Object.assign(this, { language, on, seen: 0, number: 0, tries: 0, came_ms: 0, asked: 0, token: tokenOf(location), answers: new Map() });
+    Object.assign(this, { language, on, seen: 0, number: 0, tries: 0, came_ms: 0, id: 0, token: tokenOf(location), answers: new Map() });
     this.fields = [0, 0, 0]; // of each stream
     this.connect();
   }
@@ -47,8 +47,8 @@ export class Link {
   }
 
   ask(what, more, then) {
-    this.answers.set(++this.asked, then);
-    this.send({ is: "ask", id: this.asked, what, ...more });
+    this.answers.set(++this.id, then);
+    this.send({ is: "ask", id: this.id, what, ...more });
   }
 
   #word(word) {

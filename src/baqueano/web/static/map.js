@@ -52,7 +52,7 @@ export class Map2D {
   /** Return the place [m] under a point of the canvas. */
   place([px, py]) { const { view, middle } = this; return [view.x + (px - middle[0]) / view.scale, view.y - (py - middle[1]) / view.scale]; }
 
-  /** Two fingers zoom; one moves the map, or `pull` gets its [x, y, to x, to y], and at the end whether it was let go. */
+  /** Two fingers zoom; one moves the map, or `pull` gets [x, y, to x, to y], and true at the end. */
   #listen() {
     const { canvas } = this, fingers = new Map(), at = (e) => [e.offsetX, e.offsetY];
     const pair = () => { const [[x0, y0], [x1, y1]] = fingers.values(); return [hypot(x1 - x0, y1 - y0), [(x0 + x1) / 2, (y0 + y1) / 2]]; };

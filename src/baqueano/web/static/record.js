@@ -134,7 +134,7 @@ export const union = (a, b) => [min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]
 
 export const boxOf = ({ x, y }) => [min(...x), min(...y), max(...x), max(...y)];
 
-/** Return the mean of the NIS over 10 s, and its 95 % band: a χ² of n·m degrees over n·m; null before 2 s. */
+/** Return the mean NIS over 10 s and its 95 % band, χ² of n·m degrees over n·m; null before 2 s. */
 export function honesty(record, i) {
   const nis = record.column("nis"), { t } = record;
   if (!nis || i < 0 || i >= record.length) return null;

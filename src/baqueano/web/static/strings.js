@@ -5,8 +5,8 @@ let texts = {};
 export let language = "en";
 
 function wanted() {
-  const asked = new URLSearchParams(location.search).get("lang") ?? localStorage.getItem("lang");
-  return LANGUAGES.includes(asked) ? asked : navigator.languages.some((one) => one.startsWith("es")) ? "es" : "en";
+  const lang = new URLSearchParams(location.search).get("lang") ?? localStorage.getItem("lang");
+  return LANGUAGES.includes(lang) ? lang : navigator.languages.some((one) => one.startsWith("es")) ? "es" : "en";
 }
 
 export async function speak(chosen = wanted()) {

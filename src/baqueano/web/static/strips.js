@@ -10,7 +10,7 @@ const LINES = {
   measured: { colour: "measured", width: 1.1 },
   model: { colour: "model", width: 1.7 },
   applied: { colour: "ink", width: 1.4 },
-  asked: { colour: "ghost", width: 1.4, dash: [4, 3] },
+  requested: { colour: "ghost", width: 1.4, dash: [4, 3] },
   ghost: { colour: "ghost", width: 1.4, dash: [6, 3] },
 };
 
@@ -117,10 +117,10 @@ export const stripsOf = (record, specs) =>
 export const signals = (record, vehicle) => ({
   measured: record.channels.map((one) => ({ lines: { [`z.${one}`]: "measured", [`model.${one}`]: "model" } })),
   innovations: record.channels.map((one) => ({ lines: { [`innov.${one}`]: "measured" }, band: `S.${one}` })),
-  commands: movable(vehicle).map((k) => ({ lines: { [`u.${k}`]: "applied", [`asked.${k}`]: "asked" } })),
+  commands: movable(vehicle).map((k) => ({ lines: { [`u.${k}`]: "applied", [`requested.${k}`]: "requested" } })),
 });
 
-const KEYS = { measured: ["measured", "model"], innovations: ["band"], commands: ["applied", "asked"], paired: [] };
+const KEYS = { measured: ["measured", "model"], innovations: ["band"], commands: ["applied", "requested"], paired: [] };
 
 export function stripList(list, record, groups) {
   const made = Object.entries(groups).map(([name, specs]) => [name, stripsOf(record, specs)]).filter(([, strips]) => strips.length);

@@ -79,9 +79,8 @@ TEMPLATES = {
     "recording.fast-turns": (
         '{key} with unit = "{unit_read}" reaches {most:.3g} rad/s, {turns:.1f} turns per second'
     ),
-    "recording.quiet": (
-        "{key} with unit = \"{unit_read}\" varies by {sd:.1g} m/s² at rest and reaches {most:.2g}: "
-        "few accelerometers have so little noise"
+    "recording.counts-per-g": (
+        '{key} with unit = "{unit_read}" has steps of 1/{counts}, as an accelerometer with {counts} counts per g'
     ),
     "recording.curve": '{first} and {last} with unit = "{unit_read}" imply curves at {speed_m_s:.3g} m/s',
     "recording.command-range": '{key} ({name}) reaches {most:.5g} with unit = "{unit_read}"; a full command is 1',
