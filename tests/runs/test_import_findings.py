@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import note
-from baqueano.runs import import_run
 from tests.codes import includes
 
 DEG = 180.0 / np.pi
@@ -393,40 +392,3 @@ def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
     assert "inverted" not in {d.code for d in findings}
     error = np.angle(np.exp(1j * (run.sensors["compass"].z[:, 0] - heading)))
     assert np.abs(error).max() < 0.05
-
-
-ONLY_IMU = """format = 1
-name = "board"
-files.log = { time = "t", time_unit = "s" }
-command = { names = ["u"], in_force = "from", u = [{ column = "u", unit = "1" }] }
-
-[sensors.imu]
-z = [{ column = "ax", unit = "m/s^2" }, { column = "ay", unit = "m/s^2" }, { column = "wz", unit = "rad/s" }]
-"""
-
-
-@pytest.mark.parametrize(
-    ("noise_m_s2", "convert", "is_in_g"),
-    [
-        (0.005, lambda g: np.round(g * 16384.0) / 16384.0, True),
-        (0.03, lambda g: np.round(g * 2048.0) / 2048.0, True),
-        (0.005, lambda g: np.round(g * 16384.0) / 16384.0 * 9.80665, False),
-        (0.005, lambda g: np.round(g * 16384.0) / 16384.0 * 9.81, False),
-        (0.005, lambda g: np.round(g * 9.80665, 4), False),
-        (0.03, lambda g: np.round(g * 9.80665, 2), False),
-        (0.005, lambda g: g * 9.80665, False),
-    ],
-)
-def test_the_resolution_of_an_accelerometer_reveals_g_and_its_noise_does_not(
-    tmp_path, noise_m_s2, convert, is_in_g
-):
-    """A slow robot with a modern accelerometer: 0.005 m/s² of noise and accelerations of at most 1 m/s²."""
-    rng, t = np.random.default_rng(5), np.arange(1500) * 0.02
-    u = np.where(t > 5.0, np.sin(t), 0.0)
-    a = np.outer(np.gradient(u, t), [0.5, 0.2]) + noise_m_s2 * rng.standard_normal((len(t), 2))
-    ax, ay = (convert(column / 9.80665) for column in a.T)
-    columns = np.column_stack([t, u, ax, ay, u + 0.001 * rng.standard_normal(len(t))])
-    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="t,u,ax,ay,wz", comments="", fmt="%.17g")
-    (tmp_path / "map.toml").write_text(ONLY_IMU)
-    codes = [finding.code for finding in import_run(tmp_path / "map.toml", tmp_path / "log.csv").findings]
-    assert codes.count("counts per g") == (2 if is_in_g else 0), codes

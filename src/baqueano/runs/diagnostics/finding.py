@@ -9,7 +9,7 @@ from baqueano.messages.language import mark as N_
 KIND_CODES = (  # codes as words; `accept` in a map takes them in English
     N_("constant"), N_(
         "repeated samples"
-    ), N_("gyro at rest"), N_("fast turns"), N_("counts per g"), N_("curve"),
+    ), N_("gyro at rest"), N_("fast turns"), N_("counts per g"), N_("quiet accelerometer"), N_("curve"),
     N_("command range"), N_("inverted"), N_("swapped"), N_("unit"), N_("scale"), N_("no sign"), N_("unrelated"),
     N_("clock"), N_("track"), N_("sign"), N_("mirrored"), N_("heading offset"), N_("repeats"), N_("gap"),
     N_("time jump"), N_("time unit"), N_("time steps back"), N_("short"), N_("no command yet"), N_("no command"),

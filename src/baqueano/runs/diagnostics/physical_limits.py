@@ -4,7 +4,8 @@
     tyres          means of a_x, a_y over WINDOW_S, minus their median, beyond 2 g: tyres hold about 1 g      (1)
     at rest        before the first command the bias of a small gyro is below 0.35 rad/s (20 deg/s, data sheet of the
                    MPU-6050) and its noise below 0.02 rad/s (1.1 deg/s, ten times its data sheet)             (2)
-    resolution     a digital accelerometer has 2^k counts per g, so steps of 2^-k are in g                    (3)
+    in g           a digital accelerometer has 2^k counts per g, so steps of 2^-k are in g. The noise of the quietest
+                   chips (70 µg/√Hz) at 44 Hz is 0.0046 m/s²; less than 0.004 at rest is in g                 (3)
     turning        the speed v of a curve, by a_y = v ω, beyond 20 m/s                                        (4)
     commands       a full command is 1; full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
 
@@ -42,6 +43,7 @@ LIMIT_OF_KIND = {
 MAX_USUAL_TURN_RAD_S = 4.0 * np.pi  # two turns per second
 MAX_GRIP_M_S2, WINDOW_S = 20.0, 0.3
 MIN_REST_S, MAX_BIAS_RAD_S, MAX_REST_STD_RAD_S = 1.0, 0.35, 0.02
+LEAST_REST_STD_M_S2 = 0.004
 MAX_QUIET_PEAK = 4.0  # largest acceleration of a small vehicle in g, and so of values that are in g
 MIN_BITS_PER_G, STEP_TOLERANCE, MIN_SHARE_OF_STEPS = 5, 0.01, 0.98
 MAX_CURVE_SPEED_M_S, MIN_WINDOWS = 20.0, 50
@@ -68,7 +70,7 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     if signal.kind == "imu" and not is_beyond:
         yield from _grip_findings(signal, channel)
         yield from _gyro_findings(signal, channel, run)
-        yield from _resolution_findings(signal, channel)
+        yield from _accelerometer_findings(signal, channel, run)
         yield from _curve_findings(signal, channel)
 
 
@@ -134,16 +136,24 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
         yield ImportFinding("fast turns", "warning", None, reason, cure)
 
 
-def _resolution_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
-    """Yield a finding for each accelerometer that is read in m/s² and whose steps are those of counts per g.  (3)"""
-    for entry, a in zip(signal.entries[:2], channel.z[:, :2].T, strict=True):
-        a = a[np.isfinite(a)]
+def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+    """Yield a finding for each accelerometer that is read in m/s², but whose steps or noise are those of g.  (3)"""
+    at_rest = _rest_mask(run, channel)
+    for k, entry in enumerate(signal.entries[:2]):
+        has = np.isfinite(channel.z[:, k])
+        a, rest = channel.z[has, k], channel.z[has & at_rest, k]
         if entry.unit != "m/s^2" or not len(a) or np.max(np.abs(a)) > MAX_QUIET_PEAK:
             continue
-        counts = _power_of_two(a / entry.scale)
+        counts, std = _power_of_two(a / entry.scale), _robust_std(rest) if len(rest) else 0.0
+        figures: JsonObject = {"key": entry.key, "unit_read": entry.unit}
         if counts:
-            reason = note("recording.counts-per-g", key=entry.key, unit_read=entry.unit, counts=counts)
+            reason = note("recording.counts-per-g", **figures, counts=counts)
             yield ImportFinding("counts per g", "info", None, reason, note("recording.if-in", in_unit="g"))
+        elif 0.0 < std < LEAST_REST_STD_M_S2:
+            reason = note("recording.quiet", **figures, sd=std)
+            yield ImportFinding(
+                "quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g")
+            )
 
 
 def _power_of_two(values: np.ndarray) -> int:

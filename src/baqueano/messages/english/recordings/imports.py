@@ -79,6 +79,9 @@ TEMPLATES = {
     "recording.fast-turns": (
         '{key} with unit = "{unit_read}" reaches {most:.3g} rad/s, {turns:.1f} turns per second'
     ),
+    "recording.quiet": (
+        '{key} with unit = "{unit_read}" varies by only {sd:.1g} m/s² at rest, less than any usual accelerometer'
+    ),
     "recording.counts-per-g": (
         '{key} with unit = "{unit_read}" has steps of 1/{counts}, as an accelerometer with {counts} counts per g'
     ),
