@@ -1,5 +1,7 @@
 """A replay begins at the pose that the run contains."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,19 @@ def test_a_recording_that_accelerates_from_rest_begins_at_rest():
     assert initial_pose(run)[3:].tolist() == [0.0, 0.0, 0.0]
     run.truth.nu[:, 2] = 0.5  # it already turns
     assert initial_pose(run)[3:].tolist() == [0.08, 0.0, 0.5]
+
+
+@pytest.mark.parametrize(("begins_s", "at_rest"), [(0.0, True), (-0.5, False)])
+def test_a_vehicle_that_a_camera_sees_accelerate_from_rest_begins_at_rest(begins_s, at_rest):
+    """The mean speed of the first 0.2 s is not the speed at the first tick."""
+    t = 0.02 * np.arange(100) - begins_s
+    speed = 1.0 - np.exp(-t / 0.3)
+    way = t - 0.3 * speed + 1e-3 * np.random.default_rng(0).standard_normal(100)
+    run = circling(0.0)
+    eta = np.column_stack([way, 0.0 * t, 0.0 * t])
+    nu = initial_pose(replace(run, truth=run.truth._replace(eta=eta)))[3:]
+    assert (nu == 0.0).all() == at_rest
+    assert at_rest or abs(nu[0] - speed[5]) < 0.05
 
 
 def test_a_replay_begins_at_the_start_pose_of_the_simulation():

@@ -1,9 +1,12 @@
 """Data that contradict a map are refused with a remedy; unusual data give a warning that the run stores."""
 
+import re
+
 import numpy as np
 import pytest
 
 from baqueano.diagnostics import note
+from baqueano.runs.importing.recordings import import_runs
 from tests.codes import includes
 
 DEG = 180.0 / np.pi
@@ -128,6 +131,25 @@ def test_rows_with_decreasing_time_are_refused_or_removed(lab):
     assert findings[0].code == "time steps back"
     assert len(run.sensors["imu"].t_ns) == 1480
     assert (np.diff(run.t_ns) > 0).all()
+
+
+@pytest.mark.parametrize("back_s", [0.1, 0.5, 14.0])
+def test_a_clock_that_steps_back_is_split_without_a_loss(lab, back_s):
+    lab.board["t"] = np.where(np.arange(1500) < 700, lab.board["t"], lab.board["t"] - back_s)
+    lost = min(round(back_s / 0.02) - 1, 699)
+    lab.refused("import.clock-back", line=702, count=1, lost=lost)
+    lab.edit('path = "board.csv"', 'path = "board.csv"\nsplit_gap_s = 5.0')
+    lab.map = re.sub(r"\[files\.camera\].*?(?=\[ticks\])|\[truth\].*", "", lab.map, flags=re.DOTALL)
+    runs = import_runs(lab.save())
+    assert [len(imported.run.sensors["imu"].t_ns) for imported in runs] == [700, 800]
+
+
+def test_late_rows_are_not_a_clock_that_steps_back(lab):
+    order = np.arange(1500)
+    order[[300, 310, 900]], order[[310, 300, 905]] = order[[310, 300, 905]], order[[300, 310, 900]]
+    for name, column in lab.board.items():
+        lab.board[name] = column[order]
+    lab.refused("import.steps-back")
 
 
 def test_identical_repeated_rows_are_removed_and_contradicting_repeats_are_refused(lab):
@@ -345,50 +367,3 @@ def test_import_warnings_are_available_as_a_table_and_as_rows(lab):
         "level": "info", "finding": "no command yet", "t_s": 0.0,
         "text": "1 ticks before the first command were excluded",
     }  # fmt: skip
-
-
-def test_gyro_words_at_the_rail_become_gaps_of_the_gyro_alone(lab):
-    scale, true = 1.5 / 32768.0, lab.board["wz"]
-    lab.board["wz"] = np.clip(np.round(true / scale), -32768, 32767)
-    lab.edit('"wz", unit = "rad/s"', f'"wz", unit = "raw", scale = {scale}')
-    at_rail = np.abs(true) > 1.5
-    assert 0 < at_rail.sum() < 90
-    run, findings = lab.run()
-    z = run.sensors["imu"].z
-    assert len(z) == 1500
-    assert not np.isfinite(z[at_rail, 2]).any()
-    assert np.isfinite(z[:, :2]).all()
-    assert np.isfinite(z[np.abs(true) < 1.3, 2]).all()
-    (finding,) = (d for d in findings if d.code == "full scale")
-    assert finding.level == "warning"
-    assert finding.reason.figures["at_end"] == at_rail.sum()
-    assert finding.reason.figures["lost"] == np.isnan(z[:, 2]).sum()
-    assert lab.run().verdict == "WARN"
-
-
-def test_a_gyro_that_only_comes_near_its_rail_keeps_all_readings(lab):
-    scale = np.max(np.abs(lab.board["wz"])) / 32766.0
-    lab.board["wz"] = np.round(lab.board["wz"] / scale)
-    lab.edit('"wz", unit = "rad/s"', f'"wz", unit = "raw", scale = {scale}')
-    run, findings = lab.run()
-    assert np.isfinite(run.sensors["imu"].z).all()
-    assert "full scale" not in {d.code for d in findings}
-
-
-COMPASS = """[sensors.compass]
-file = "board"
-z = [{ column = "bearing", unit = "deg" }]
-[truth]"""
-
-
-def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
-    heading = np.cumsum(lab.board["wz"]) * 0.02
-    lab.board["bearing"] = np.mod(90.0 - np.degrees(heading), 360.0)
-    lab.edit("[truth]", COMPASS)
-    reason = lab.refused("recording.turns-against", wheels="sensors.compass.z[0]", by=IMU[2])
-    assert includes(reason, "recording.write-compass", scale="-1", compass="sensors.compass.z[0]")
-    lab.edit('"bearing", unit = "deg"', '"bearing", unit = "deg", scale = -1.0, offset = 1.5707963')
-    run, findings = lab.run()
-    assert "inverted" not in {d.code for d in findings}
-    error = np.angle(np.exp(1j * (run.sensors["compass"].z[:, 0] - heading)))
-    assert np.abs(error).max() < 0.05

@@ -27,7 +27,7 @@ GAP_STEPS = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?\s*([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
 _UTC = re.compile(r"\s*(Z|UTC)?\s*$", re.IGNORECASE)
 NO_TIME_NS = int(np.datetime64("NaT", "ns").astype(np.int64))
-MAX_DISORDER_SHARE = 0.1  # of the rows: if more are out of order, they are another run, not late rows
+MIN_CLOCK_ROWS = 3  # rows after a step of the clock; fewer rows can be excluded without a loss
 OVERFLOW_NS = 2**32 * 1000  # period of a counter of microseconds with 32 bits: 71.6 min
 MAX_TIME_NS = 9e18  # the largest time that fits in 64 bits
 MIN_CLOCK_JUMP_S = 600.0  # a longer pause is probably a clock that was set
@@ -163,11 +163,7 @@ def increasing_rows(
             "count": len(backward_rows), "lost": lost_rows,
         }  # fmt: skip
         if spec.backwards != "drop":
-            code = (
-                "import.steps-back-often"
-                if lost_rows > MAX_DISORDER_SHARE * len(t_ns)
-                else "import.steps-back"
-            )
+            code = "import.clock-back" if _is_clock_back(table, t_ns, used) else "import.steps-back"
             raise FileError(fault(code, **figures, file=spec.name, map=m.path.name))
         findings.append(
             ImportFinding("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **figures))
@@ -179,6 +175,34 @@ def increasing_rows(
     if len(step_s):
         _check_steps(table.rows_where(is_kept), t_ns[is_kept], step_s, spec, m, findings)
     return is_kept
+
+
+def _is_clock_back(table: LogTable, t_ns: np.ndarray, used: set[str]) -> bool:
+    """Return True if most rows that are not later than the rows before them are measurements after a step of the clock.
+    After such a step time continues evenly. After late rows it jumps forward. Rows that were written twice are equal
+    to earlier rows.
+    """
+    latest, step = np.maximum.accumulate(t_ns), np.diff(t_ns)
+    usual_ns = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
+    is_back = t_ns < latest
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_back.astype(int), [0]])))
+    clock_rows, lost_rows = 0, np.count_nonzero(is_back)
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        is_even = end == len(t_ns) or t_ns[end] - t_ns[end - 1] < GAP_STEPS * usual_ns
+        rows = np.arange(first, end)
+        earlier = np.minimum(np.searchsorted(latest[:first], t_ns[rows]), first - 1)
+        is_again = bool(np.all(t_ns[earlier] == t_ns[rows])) and bool(
+            _equal_rows(table, earlier, rows, used).all()
+        )
+        clock_rows += len(rows) if is_even and len(rows) >= MIN_CLOCK_ROWS and not is_again else 0
+    return bool(2 * clock_rows > lost_rows)
+
+
+def _equal_rows(table: LogTable, first: np.ndarray, second: np.ndarray, names: set[str]) -> np.ndarray:
+    """Return a mask (n,), True where the rows `first` and `second` (n,) agree in the columns `names`."""
+    one, other = table.select(first), table.select(second)
+    rows = zip(*(zip(one.text(c), other.text(c), strict=True) for c in sorted(names)), strict=True)
+    return np.array([all(a == b for a, b in row) for row in rows])
 
 
 def _without_repeats(
@@ -195,11 +219,7 @@ def _without_repeats(
     if not len(repeated_rows):
         return is_kept
     first, second = kept_rows[repeated_rows], kept_rows[repeated_rows + 1]
-    earlier, later = table.select(first), table.select(second)
-    is_equal = np.array([
-        all(a == b for a, b in row)
-        for row in zip(*(zip(earlier.text(c), later.text(c), strict=True) for c in sorted(column_names)), strict=True)
-    ])  # fmt: skip
+    is_equal = _equal_rows(table, first, second, column_names)
     line = table.lines[second[0]]
     reason = note("recording.repeats", table=table.label, count=len(repeated_rows), line=line)
     if not is_equal.all() and spec.repeats is None:

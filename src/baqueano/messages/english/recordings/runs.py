@@ -257,11 +257,10 @@ TEMPLATES: dict[str, str] = {
         "not later than the rows before them. If they may be excluded, write in [files.{file}] of {map}: "
         'backwards = "drop"'
     ),
-    "import.steps-back-often": (
-        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps). If it contains "
-        "several runs, write in [files.{file}] of {map} split = the column that distinguishes them, or "
-        "split_gap_s = 5.0. {lost} rows are not later than the rows before them. If they may be excluded, "
-        'write there: backwards = "drop"'
+    "import.clock-back": (
+        "{table}: the clock steps back by {back_s:.3f} s at line {line} ({count} such steps), and then continues. "
+        "Write in [files.{file}] of {map}: split_gap_s = 5.0, to begin a new run there. If a column distinguishes the "
+        'runs, write split = this column. With backwards = "drop", {lost} rows are lost'
     ),
     "import.repeats": (
         "{table}: {count} rows repeat the time of the row before, at line {line} with other values. "

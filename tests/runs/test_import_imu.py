@@ -1,0 +1,52 @@
+"""An import makes gaps of readings of an IMU at full scale, and compares its gyro with a compass."""
+
+import numpy as np
+
+from tests.codes import includes
+
+
+def test_gyro_words_at_the_rail_become_gaps_of_the_gyro_alone(lab):
+    scale, true = 1.5 / 32768.0, lab.board["wz"]
+    lab.board["wz"] = np.clip(np.round(true / scale), -32768, 32767)
+    lab.edit('"wz", unit = "rad/s"', f'"wz", unit = "raw", scale = {scale}')
+    at_rail = np.abs(true) > 1.5
+    assert 0 < at_rail.sum() < 90
+    run, findings = lab.run()
+    z = run.sensors["imu"].z
+    assert len(z) == 1500
+    assert not np.isfinite(z[at_rail, 2]).any()
+    assert np.isfinite(z[:, :2]).all()
+    assert np.isfinite(z[np.abs(true) < 1.3, 2]).all()
+    (finding,) = (d for d in findings if d.code == "full scale")
+    assert finding.level == "warning"
+    assert finding.reason.figures["at_end"] == at_rail.sum()
+    assert finding.reason.figures["lost"] == np.isnan(z[:, 2]).sum()
+    assert lab.run().verdict == "WARN"
+
+
+def test_a_gyro_that_only_comes_near_its_rail_keeps_all_readings(lab):
+    scale = np.max(np.abs(lab.board["wz"])) / 32766.0
+    lab.board["wz"] = np.round(lab.board["wz"] / scale)
+    lab.edit('"wz", unit = "rad/s"', f'"wz", unit = "raw", scale = {scale}')
+    run, findings = lab.run()
+    assert np.isfinite(run.sensors["imu"].z).all()
+    assert "full scale" not in {d.code for d in findings}
+
+
+COMPASS = """[sensors.compass]
+file = "board"
+z = [{ column = "bearing", unit = "deg" }]
+[truth]"""
+
+
+def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
+    heading = np.cumsum(lab.board["wz"]) * 0.02
+    lab.board["bearing"] = np.mod(90.0 - np.degrees(heading), 360.0)
+    lab.edit("[truth]", COMPASS)
+    reason = lab.refused("recording.turns-against", wheels="sensors.compass.z[0]", by="sensors.imu.z[2]")
+    assert includes(reason, "recording.write-compass", scale="-1", compass="sensors.compass.z[0]")
+    lab.edit('"bearing", unit = "deg"', '"bearing", unit = "deg", scale = -1.0, offset = 1.5707963')
+    run, findings = lab.run()
+    assert "inverted" not in {d.code for d in findings}
+    error = np.angle(np.exp(1j * (run.sensors["compass"].z[:, 0] - heading)))
+    assert np.abs(error).max() < 0.05
