@@ -78,3 +78,17 @@ def test_a_draft_reads_the_unit_of_an_accelerometer_from_gravity(tmp_path, g, ke
     (tmp_path / "log.csv").write_text("t_s,ax,ay,az\n" + "\n".join(rows), encoding="utf-8")
     x = tomllib.loads(draft(tmp_path / "log.csv"))["sensors"]["imu"]["z"][0]
     assert x == {"column": "ax"} | keys
+
+
+def test_a_draft_reads_a_robot_with_short_names_and_counters_of_16_bits(tmp_path):
+    rows = [
+        f"{20 * k},{k % 9 / 10},{-(k % 8) / 10},{(65000 + 37 * k) % 65536},{40 * k},{k % 5},7.{k % 10}"
+        for k in range(99)
+    ]
+    text = "timestamp,motor_l,motor_r,enc_l,enc_r,gyr_z,vbat\n" + "\n".join(rows)
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert [entry["column"] for entry in tables["command"]["wheels"]] == ["motor_l", "motor_r"]
+    assert [entry.get("wraps") for entry in tables["sensors"]["wheels"]["z"]] == [65536, None]
+    assert tables["sensors"]["battery"]["z"] == [{"column": "vbat", "unit": "V"}]
+    assert tables["sensors"]["imu"]["z"][2]["column"] == "gyr_z"

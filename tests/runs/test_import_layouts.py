@@ -7,6 +7,7 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.runs.importing import import_run
+from baqueano.runs.importing.rates import counter_period
 from baqueano.runs.maps.units import unit
 from tests.codes import includes, refused
 
@@ -54,6 +55,25 @@ def run_of_board(folder: Path, old="", new=""):
     path = folder / "board.toml"
     path.write_text(MAP.replace(old, new), encoding="utf-8")
     return import_run(path, [folder / "log.csv"]).run
+
+
+def test_a_counter_that_begins_again_needs_its_period(board):
+    with refused("recording.counter-wraps", FileError, counts=65536):
+        run_of_board(board, ", wraps = 65536", "")
+
+
+@pytest.mark.parametrize(
+    ("counts", "period"),
+    [
+        (np.arange(-40, 400, 11) % 256, 256),
+        ((np.arange(32000, 33500, 20) + 32768) % 65536 - 32768, 65536),
+        (np.concatenate([np.arange(0, 40000, 50), np.arange(0, 500, 50)]), 0),  # it was set to zero
+        (np.arange(0, 5_000_000, 90_000), 0),
+        (np.random.default_rng(0).integers(0, 256, 300), 0),
+    ],
+)
+def test_a_counter_that_begins_again_is_recognised(counts, period):
+    assert counter_period(counts.astype(float)) == period
 
 
 def test_columns_of_seconds_and_nanoseconds_are_added(board):

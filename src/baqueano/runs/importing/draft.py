@@ -13,6 +13,7 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.physical_limits import FULL_COMMANDS, PULSE_RANGE_US
 from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns, plain_name
+from baqueano.runs.importing.rates import counter_period
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 
@@ -38,8 +39,8 @@ VOLTAGE_PATTERN = r"(^|_)(volts?|voltage|tension)(_|$)"
 PIN_PATTERN = r"(^|_)(dir(ec(tion|cion))?|sentido|sign)(_|$)"  # of the direction of a motor: 0 and 1
 STEERING_PATTERN = r"steer|servo|volante|direccion"
 BARE_SIDES = tuple(  # two columns that are named only by their side
-    rf"^(motor|rueda|wheel|u)?_?{side}(_percent)?$"
-    for side in (r"(left|izq(uierd[ao])?)", r"(right|der(ech[ao])?)")
+    rf"^((motor|rueda|wheel|u)?_?({side})|(motor|rueda|wheel|u)_?{letter})(_percent)?$"
+    for side, letter in (("left|izq(uierd[ao])?", "l"), ("right|der(ech[ao])?", "r"))
 )
 FORWARD_PATTERN = r"(^|_)(speed|vel(ocity|ocidad)?(_x)?)(_|$)"
 ENCODER_NAMES = r"enc|encoder|hall|pulses?|pulsos?"
@@ -52,7 +53,9 @@ POSE_PATTERNS = (
     rf"{POSITION_PATTERN}y(_|$)",
     r"(^|_)(yaw|psi|theta|heading|rumbo|guinada|orientacion)(_|$)",
 )
+BATTERY_PATTERN = r"(^|_)(v?bat(t|tery|eria)?)(_|$)|^(volts?|voltage|tension)(_|$)"
 COMPASS_PATTERN = r"(^|_)(compass|brujula)(_|$)"
+MAX_BATTERY_V = 200.0  # a larger number is in mV
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
 
 
@@ -164,6 +167,10 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     poses = [SignedColumn(_take_column(free_columns, name), 1) for name in POSE_PATTERNS]
     if not compass and not poses[0].name and not poses[1].name:
         compass, poses = poses[2].name, []
+    battery = _take_column(free_columns, BATTERY_PATTERN)
+    if battery:
+        unit_of_size = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
+        yield f"\n[sensors.battery]\nz = [\n  {_entry(battery, 'voltage', unit_of_size)},\n]"
     if compass:
         remark = _("left is positive: a compass that counts clockwise needs scale = -1.0")
         yield f"\n[sensors.compass]                    # {remark}\nz = [\n  {_entry(compass, 'angle')},\n]"
@@ -299,6 +306,8 @@ def _wheel(table: LogTable, column: str) -> str:
         if np.array_equal(counts, np.round(counts)):
             remark = _("counts in a turn of the wheel, and its radius")
             keys = 'unit = "counts", counts_per_turn = 0, derivative = true, radius_m = 0.0'
+            if period := counter_period(counts):
+                keys += f", wraps = {period}"
             return f"{{ column = {_quoted(column)}, {keys} }},   # {remark}"
     if unit_name != UNKNOWN:
         remark = _("the radius of the wheel")

@@ -30,7 +30,7 @@ SIGNS = str.maketrans(
 )  # letters that a name keeps
 NEXT_AXIS = {"x": "y", "y": "z", "z": "x"}
 YAW_PATTERN = (  # also of a gyro with one axis
-    r"(gyro|giro)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)"
+    r"(gyro?|giro?)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)"
     r"|(^|_)(gz|wz|omega(_z)?|yaw_rate|angular_velocity_z)(_|$)"
 )
 GRAVITY_TOLERANCE = 0.08  # bias and scale of small accelerometers
@@ -125,7 +125,7 @@ def _accel_pattern(axis: str) -> str:
 
 
 def _gyro_pattern(axis: str) -> str:
-    return rf"(gyro|giro)(scop[a-z]*)?_?{axis}(_|$)|(^|_)([gw]|omega_|angular_velocity_){axis}(_|$)"
+    return rf"(gyro?|giro?)(scop[a-z]*)?_?{axis}(_|$)|(^|_)([gw]|omega_|angular_velocity_){axis}(_|$)"
 
 
 def _numbers(table: LogTable, name: str) -> np.ndarray:

@@ -5,17 +5,25 @@
 
 A signal of rates only contains means (1). They have the middle of both rows as timestamp, and arrive with the later
 row. In a signal with other quantities, which have the time of their row, a rate is (2). It arrives with the next row.
+
+A counter begins again after N counts if steps of more than N/2 are usual steps after a turn of ± N.
 """
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import note
+from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from baqueano.runs.importing.sources import Source
     from baqueano.runs.maps.columns import ColumnSignal
+
+
+COUNTER_PERIODS = (2**8, 2**16, 2**32)
+MIN_ROWS = 20  # rows of a counter
 
 
 def rates(step: np.ndarray, dt_s: np.ndarray, are_means: bool) -> np.ndarray:
@@ -37,6 +45,42 @@ def times_ns(signal: "ColumnSignal", source: "Source") -> tuple[np.ndarray, np.n
     if any(entry.derivative for entry in signal.entries):
         return t_ns, np.append(t_ns[1:], t_ns[-1:])
     return t_ns, t_ns
+
+
+def counter_period(counts: np.ndarray) -> int:
+    """Return N, if a counter of 8, 16 or 32 bits begins again in `counts` (rows,), else 0.
+
+    >>> counter_period(np.arange(65000, 67000, 10) % 65536), counter_period(np.arange(0, 70000, 10))
+    (65536, 0)
+    """
+    finite = counts[np.isfinite(counts)]
+    if len(finite) < MIN_ROWS or not np.all(finite == np.round(finite)):
+        return 0
+    step = np.diff(finite)
+    for period in COUNTER_PERIODS:
+        is_jump = np.abs(step) > 0.5 * period
+        usual = float(np.max(np.abs(step[~is_jump]), initial=1.0))
+        rest = step[is_jump] - period * np.sign(step[is_jump])
+        if (
+            is_jump.any()
+            and np.ptp(finite) < period
+            and usual < 0.25 * period
+            and np.all(np.abs(rest) <= 2.0 * usual)
+        ):
+            return period
+    return 0
+
+
+def counter_findings(signal: "ColumnSignal", source: "Source") -> list[ImportFinding]:
+    """Return a finding for each counter that begins again without `wraps` in the map."""
+    findings = []
+    for entry in signal.entries:
+        is_counter = entry.derivative and entry.wraps is None and entry.column is not None
+        if is_counter and (period := counter_period(source.table.numbers(entry.column or ""))):
+            reason = note("recording.counter-wraps", key=entry.key, column=entry.column, counts=period)
+            line = note("recording.write", line=f"wraps = {period}")
+            findings.append(ImportFinding("counter", "error", None, reason, line))
+    return findings
 
 
 def wraps_each_turn(angle: np.ndarray) -> bool:

@@ -26,7 +26,7 @@ from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.full_scale import without_full_scale
 from baqueano.runs.importing.imu_axes import axis_findings
-from baqueano.runs.importing.rates import rates, times_ns, wraps_each_turn
+from baqueano.runs.importing.rates import counter_findings, rates, times_ns, wraps_each_turn
 from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, quaternion_of, recordings_of
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
@@ -199,9 +199,9 @@ def _import_part(m: ColumnMap, recording: RecordingSources, vehicle_text: str) -
     sources, findings = recording.sources, list(recording.findings)
     first, t_ns, applied_commands = _applied_commands(m, sources, sources[m.ticks].t_ns, findings)
     sensors = {name: _channel(signal, sources, t_ns, findings) for name, signal in m.sensors.items()}
-    findings += [
-        f for signal in m.sensors.values() for f in axis_findings(signal, sources[signal.file].table)
-    ]
+    for signal in m.sensors.values():
+        source = sources[signal.file]
+        findings += [*axis_findings(signal, source.table), *counter_findings(signal, source)]
     truth = None if m.truth is None else _truth(m.truth, sources, t_ns, findings)
     metadata = versions() | {
         "kind": "import",

@@ -115,6 +115,10 @@ TEMPLATES: dict[str, str] = {
         "points down, write in the map scale = -1.0 for the second and third entry of z. If left and right are "
         "swapped, swap the columns of the commands. If the vehicle turns so, write the sign of this fit in the file"
     ),
+    "file.track": (
+        "{subject} and the gyro agree if the wheels are {track_m:.3g} m apart, but the file has {was_m:.3g} m. Correct "
+        "track_m, or estimate it. Type: {fix}"
+    ),
     "file.far-gain": (
         "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors"
     ),

@@ -129,6 +129,7 @@ TEMPLATES = {
         "{table}: a counter of microseconds with 32 bits overflows at line {line} ({count} such steps): "
         "{added_s:.3f} s were added to the later times"
     ),
+    "recording.counter-wraps": "{key}: the counter {column} begins again after {counts} counts",
     "recording.repeats": (
         "{table}: {count} rows repeat the time of the previous row, the first at line {line}; one row of "
         "each time was kept"
