@@ -1,5 +1,7 @@
 """Thirty drives of the independent truth with sound sensors and a correct model: no fault is reported."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,16 @@ def test_sound_sensors_give_no_fault_report(kind):
         findings, sensors = watch(kind, run)
         assert [finding.diagnostic for finding in findings] == []
         assert sensors.degraded_sensors == ()
+
+
+@pytest.mark.parametrize(("begins", "names"), [(0, []), (600, ["imu[0]", "imu[1]"])])
+def test_a_gyro_alone_is_sound_and_accelerometers_that_stop_are_reported(begins, names):
+    run = drives("robot", 1)[0]
+    z = run.sensors["imu"].z.copy()
+    z[begins:, :2] = np.nan
+    sensors = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
+    findings, _ = watch("robot", replace(run, sensors=sensors))
+    assert sorted({finding.name for finding in findings}) == names
 
 
 def test_rejections_are_counted_for_each_channel():

@@ -110,11 +110,18 @@ class SensorMonitor:
             return []
         return self._changes(tick.t_ns, doubts)
 
+    def _is_absent(self, c: int, memory: Memory) -> bool:
+        """Return True for a channel that has given no number yet, while others of its sensor have: a gyro alone."""
+        sensor = self.channels.names[c].partition("[")[0]
+        others = [k for k, name in enumerate(self.channels.names) if name.partition("[")[0] == sensor]
+        is_silent = memory.change_count[c] == 0.0 and memory.last_reading[c] == 0.0
+        return bool(is_silent and np.any(memory.change_count[others] > 0.0))
+
     def _changes(self, t_ns: int, doubt: list[float]) -> list[Notice]:
         notices, memory = [], Memory(*self._state.memory)
         for c, d in enumerate(doubt):
             if c not in self._since_ns:
-                if not d >= EVENT_S:  # also a NaN of the vehicle model
+                if not d >= EVENT_S or self._is_absent(c, memory):  # also a NaN of the vehicle model
                     continue
                 self._since_ns[c] = t_ns - round(1e9 * d)
                 self._findings[c] = finding_of(self.channels, c, memory, t_ns, d)
