@@ -92,3 +92,22 @@ def test_a_draft_reads_a_robot_with_short_names_and_counters_of_16_bits(tmp_path
     assert [entry.get("wraps") for entry in tables["sensors"]["wheels"]["z"]] == [65536, None]
     assert tables["sensors"]["battery"]["z"] == [{"column": "vbat", "unit": "V"}]
     assert tables["sensors"]["imu"]["z"][2]["column"] == "gyr_z"
+
+
+def test_a_draft_reads_merged_topics_of_ros_in_si_units(tmp_path):
+    imu = [
+        f"/imu/{name}" for name in ("linear_acceleration/x", "linear_acceleration/y", "angular_velocity/z")
+    ]
+    odometry = ["/odom/pose/pose/position/x", "/odom/twist/twist/linear/x", "/odom/twist/twist/angular/z"]
+    names = ["__time", "/cmd_vel/linear/x", "/cmd_vel/angular/z", *odometry, *imu]
+    rows = [
+        ",".join([f"{1.7e9 + 0.02 * k:.2f}", *(str(k % (5 + n)) for n in range(len(names) - 1))])
+        for k in range(60)
+    ]
+    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows]), encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    entries = [*tables["command"]["u"], *tables["sensors"]["odometer"]["z"], *tables["sensors"]["imu"]["z"]]
+    assert [entry.get("column") for entry in entries] == [names[1], None, names[2], odometry[1], *imu]
+    units = ["m/s", None, "rad/s", "m/s", "m/s^2", "m/s^2", "rad/s"]
+    assert [entry.get("unit") for entry in entries] == units
+    assert "truth" not in tables

@@ -42,12 +42,15 @@ BARE_SIDES = tuple(  # two columns that are named only by their side
     rf"^((motor|rueda|wheel|u)?_?({side})|(motor|rueda|wheel|u)_?{letter})(_percent)?$"
     for side, letter in (("left|izq(uierd[ao])?", "l"), ("right|der(ech[ao])?", "r"))
 )
-FORWARD_PATTERN = r"(^|_)(speed|vel(ocity|ocidad)?(_x)?)(_|$)"
+FORWARD_PATTERN = r"^(?!.*(ang|acc|gyr|gir|omega|imu)).*(^|_)((speed|vel(ocity|ocidad)?(_x)?)(_|$)|linear_x$)"
 ENCODER_NAMES = r"enc|encoder|hall|pulses?|pulsos?"
 ENCODER_PATTERN = rf"(^|_)({ENCODER_NAMES})(_|$)"
 COUNT_PATTERN = rf"{ENCODER_PATTERN}|(^|_)(counts?|cnt|ticks?)(_|$)"
 TWIST_PATTERNS = r"(^|_)linear_x$", r"(^|_)angular_z$"  # names of ROS
-POSITION_PATTERN = r"^(?!.*(linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|_)"
+ROS_PATTERN = r"(^|_)(linear|angular)(_acceleration|_velocity)?_[xyz]$"  # in SI by REP 103
+ROS_UNITS = {"speed": "m/s", "angular rate": "rad/s", "acceleration": "m/s^2"}
+TWIST_COMMANDS = tuple(f"(?=.*cmd).*{pattern}" for pattern in TWIST_PATTERNS)
+POSITION_PATTERN = r"^(?!.*(odom|linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|_)"
 POSE_PATTERNS = (
     rf"{POSITION_PATTERN}x(_|$)",
     rf"{POSITION_PATTERN}y(_|$)",
@@ -104,13 +107,18 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         yield f'time = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    is_named = any(re.search(COMMAND_PATTERN, plain_name(column)) for column in free_columns)
-    commands = _take_pair(free_columns, COMMAND_PATTERN) or _take_pair(free_columns, SETPOINT_PATTERN)
+    twist = _take_all(free_columns, TWIST_COMMANDS)
+    is_named = bool(twist) or any(re.search(COMMAND_PATTERN, plain_name(column)) for column in free_columns)
+    commands = (
+        []
+        if twist
+        else _take_pair(free_columns, COMMAND_PATTERN) or _take_pair(free_columns, SETPOINT_PATTERN)
+    )
     bare_pair = [] if commands or is_named else _take_all(free_columns, BARE_SIDES)
     commands = commands or bare_pair
     single_column = (
         []
-        if commands
+        if commands or twist
         else [column for column in list(free_columns) if re.search(COMMAND_PATTERN, plain_name(column))]
     )
     if commands:
@@ -133,14 +141,15 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(map(_quoted, single_column))}]'
         entries = _list_lines(_command(column, _span(table, column)) for column in single_column)
         yield f"u = [\n{entries}\n]"
-    twist = [] if commands or single_column else _take_all(free_columns, TWIST_PATTERNS)
+    measured = _("if it is measured, not a command: write it as z of [sensors.odometer]")
+    remark = "" if twist else f"{'':28}# {measured}"
+    twist = twist or ([] if commands or single_column else _take_all(free_columns, TWIST_PATTERNS))
     if twist:
-        remark = _("if it is measured, not a command: write it as z of [sensors.odometer]")
-        yield f'\n[command]                            # {remark}\nin_force = "from"\nnames = ["u_x", "u_y", "u_psi"]'
+        yield f'\n[command]{remark}\nin_force = "from"\nnames = ["u_x", "u_y", "u_psi"]'
         entries = [
-            _entry(twist[0], "speed", "m/s"),
+            _entry(twist[0], "speed"),
             "{ constant = 0 }",
-            _entry(twist[1], "angular rate", "rad/s"),
+            _entry(twist[1], "angular rate"),
         ]
         yield f"u = [\n{_list_lines(iter(entries))}\n]"
     signals = list(_signal_tables(table, free_columns))
@@ -231,6 +240,8 @@ def _take_pair(free_columns: list[str], pattern: str) -> list[str]:
 def _unit(name: str, measures: str) -> str:
     """Return the unit at the end of a column's name; UNKNOWN if the name does not end with a unit of this quantity."""
     parts = plain_name(name).split("_")
+    if re.search(ROS_PATTERN, plain_name(name)) and measures in ROS_UNITS:
+        return ROS_UNITS[measures]
     for ending in ("_".join(parts[-2:]), parts[-1]):
         unit_ = unit(UNIT_OF_ENDING.get(ending, UNKNOWN))
         if len(parts) > 1 and unit_ is not None and unit_.measures == measures:
