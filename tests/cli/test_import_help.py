@@ -148,6 +148,8 @@ def test_a_draft_of_a_map_is_a_valid_map(baqueano, tmp_path):
     assert [entry.unit for entry in signal_map.sensors["imu"].entries] == ["g", "g", "deg/s"]
     assert "columns that are not used: note" in (tmp_path / "log.toml").read_text(encoding="utf-8")
     assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").reason.code == "cli.file-exists"
+    (row,) = baqueano("runs", "import", "log.csv", "--draft", "again.toml", "--json").reply["rows"]
+    assert row == {"map": "again.toml", "missing_units": 0}
 
 
 def test_a_draft_is_for_all_its_files_or_names_the_one_with_other_columns(baqueano, tmp_path):

@@ -56,7 +56,7 @@ def test_rejections_of_runs_are_compared_side_by_side():
     )
     comparison = compare([first, run_with("b")])
     rows = comparison.rows()
-    assert (rows[0]["refused_imu[2]"], rows[0]["arrived_imu[2]"]) == (12, 800)
+    assert (rows[0]["rejections_imu[2]"], rows[0]["readings_imu[2]"]) == (12, 800)
     assert not any(key.startswith("refused") for key in rows[1])
     (line,) = [line for line in comparison.table().splitlines() if "imu[2]" in line]
     assert line.split()[-4:] == ["12", "of", "800", "-"]
@@ -116,7 +116,7 @@ def test_a_camera_without_velocities_still_judges_the_pose():
     blind = run.truth._replace(nu=np.full((N, 3), np.nan), nu_dot=np.full((N, 3), np.nan))
     row = compare(run_with(off=(0, 0, 0), truth=blind)).rows()[0]
     assert np.isnan(row["speed_error_m_s"])
-    assert row["nees_velocity_is"] == "not reported"
+    assert row["nees_velocity_verdict"] == "not reported"
     assert row["verdict"] == "consistent"
 
 
@@ -168,11 +168,11 @@ def test_a_diverged_estimate_is_judged_until_its_divergence():
     eta = run.estimate.eta.copy()
     eta[700:, 0] = 1e16
     comparison = compare(run_with(estimate=run.estimate._replace(eta=eta)))
-    assert comparison.runs[0].diverged_s == pytest.approx(7.0, abs=0.02)
+    assert comparison.runs[0].divergence_s == pytest.approx(7.0, abs=0.02)
     assert comparison.runs[0].ate_m < 0.05
     assert (comparison.verdict, comparison.reasons[0].figures["how"]) == ("INCONSISTENT", "diverged")
-    assert text(note("compare.diverged", t_s=comparison.runs[0].diverged_s)) in comparison.table()
-    assert np.isnan(compare(run_with()).runs[0].diverged_s)
+    assert text(note("compare.diverged", t_s=comparison.runs[0].divergence_s)) in comparison.table()
+    assert np.isnan(compare(run_with()).runs[0].divergence_s)
 
 
 def test_an_invalid_covariance_is_named():

@@ -45,7 +45,7 @@ def test_the_corridor_is_invariant_under_rotation_of_the_map():
 def test_the_corridor_ends_at_a_heading_error_of_half_a_radian(sd):
     P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
     corridor = straight(P)
-    assert (corridor.lost_s, len(corridor.t_s)) == (2.0, 2)
+    assert (corridor.loss_s, len(corridor.t_s)) == (2.0, 2)
     assert (corridor.message.code, corridor.message.figures) == ("corridor.lost", {"t_s": 2.0})
     assert np.isnan(corridor_row(corridor)["corridor_across_m"])
 

@@ -24,19 +24,19 @@ def test_a_constant_speed_error_leaves_the_drive_even():
     pace = evenness.speed_errors(T_NS, steady(0.23), steady())
     assert pace.error_m_s == pytest.approx(0.03)
     assert pace.error == pytest.approx(0.15)
-    assert pace.uneven == pytest.approx(0.0, abs=1e-12)
+    assert pace.unevenness == pytest.approx(0.0, abs=1e-12)
 
 
 def test_speed_ripple_is_measured_by_its_rms():
     pace = evenness.speed_errors(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S), steady())
     assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
-    assert pace.uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
+    assert pace.unevenness == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
 
 
 def test_a_slow_speed_error_hardly_changes_the_evenness():
     pace = evenness.speed_errors(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 0.1 * T_S), steady())
     assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.05)
-    assert pace.uneven < 0.01
+    assert pace.unevenness < 0.01
 
 
 def test_speed_that_follows_a_changing_reference_is_even():
@@ -69,7 +69,9 @@ def test_unknown_figures_of_evenness_are_nan():
 def test_gaps_in_the_speed_do_not_change_the_evenness():
     speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
     speed[1000:1500] = np.nan
-    assert evenness.speed_errors(T_NS, speed, steady()).uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.02)
+    assert evenness.speed_errors(T_NS, speed, steady()).unevenness == pytest.approx(
+        0.5 / np.sqrt(2), rel=0.02
+    )
 
 
 def test_timestamps_since_1970_give_the_same_evenness():
@@ -169,8 +171,8 @@ def test_evenness_is_judged_by_truth_and_estimate_until_the_guide_ends():
     assert row["pace_true_error_m_s"] == pytest.approx(0.02)
     assert row["pace_true_error"] == pytest.approx(0.1, rel=1e-3)
     assert row["pace_estimate_error"] == pytest.approx(0.05, rel=1e-3)
-    assert row["pace_true_uneven"] < 1e-2
-    assert row["at_limit"] == pytest.approx(0.25, abs=1e-3)
+    assert row["pace_true_unevenness"] < 1e-2
+    assert row["saturated_fraction"] == pytest.approx(0.25, abs=1e-3)
     assert row["sign_changes_per_s"] == 0.0
 
 
@@ -183,13 +185,13 @@ def test_the_table_shows_the_evenness_of_the_drive():
 
 def test_without_a_vehicle_file_the_share_at_a_limit_is_nan():
     row = compare(run_with(vehicle_text="")).rows()[0]
-    assert np.isnan(row["at_limit"])
+    assert np.isnan(row["saturated_fraction"])
     assert row["sign_changes_per_s"] == 0.0
     assert "at a limit" not in compare(run_with(vehicle_text="")).table()
 
 
 def test_the_limits_of_another_vehicles_file_are_not_used():
-    assert np.isnan(compare(run_with(vehicle_text=load("car").text)).rows()[0]["at_limit"])
+    assert np.isnan(compare(run_with(vehicle_text=load("car").text)).rows()[0]["saturated_fraction"])
 
 
 def test_without_true_speeds_the_estimated_speed_is_judged():
@@ -205,12 +207,12 @@ def test_without_true_speeds_the_estimated_speed_is_judged():
 def test_a_drive_without_a_guide_is_judged_only_by_its_commands():
     row = compare(run_with(reference=None)).rows()[0]
     assert np.isnan(row["pace_true_error_m_s"])
-    assert row["at_limit"] == pytest.approx(0.25 * 3001 / 3500, rel=0.01)
+    assert row["saturated_fraction"] == pytest.approx(0.25 * 3001 / 3500, rel=0.01)
 
 
 def test_without_sent_commands_the_applied_command_is_judged():
     run = run_with(sent_commands=None)
-    assert compare(run).rows()[0]["at_limit"] == 0.0
+    assert compare(run).rows()[0]["saturated_fraction"] == 0.0
 
 
 def test_an_uneven_drive_is_distinguished_from_an_even_drive():
@@ -219,4 +221,4 @@ def test_an_uneven_drive_is_distinguished_from_an_even_drive():
     run = experiment(small, script_commands(script, 3, small.rate_hz))
     row = compare(run).rows()[0]
     assert row["sign_changes_per_s"] == pytest.approx(19 / 4, rel=0.02)
-    assert row["at_limit"] > 0.98
+    assert row["saturated_fraction"] > 0.98

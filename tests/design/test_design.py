@@ -14,7 +14,7 @@ from baqueano.design.compose import (
 from baqueano.design.information import DriveInformation, mean_error
 from baqueano.design.plan import design_plan
 from baqueano.design.room import (
-    MAX_SIDEWAYS_M_S2,
+    MAX_LATERAL_M_S2,
     Room,
     body_radius,
     chunk_alternatives,
@@ -219,7 +219,7 @@ def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     room = room_of(load("car"), "4x4")
     way = speed_m_s * np.arange(100) / 50.0
     eta = np.stack([np.sin(way), 1.0 - np.cos(way), way], axis=1)
-    assert room.sideways_m_s2 == MAX_SIDEWAYS_M_S2
+    assert room.lateral_m_s2 == MAX_LATERAL_M_S2
     assert bool(room.respects_speed_limits(eta[None], 50.0)) == (not slides)
     assert bool(Room(4.0, 4.0).respects_speed_limits(eta[None], 50.0))
 

@@ -2,7 +2,7 @@
 
 A real Uno needs no processor of this machine. The emulated Uno requests the highest priority that the machine
 permits. While the machine does not run it, its time stops. So its behaviour in its own time is correct on a busy
-machine too. `lost_s` is the duration of these stops, in which a host may have judged it silent.
+machine too. `loss_s` is the duration of these stops, in which a host may have judged it silent.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ class OnPty:
     """One Uno, its line and the thread in which it runs. Access `uno` only under `lock`."""
 
     def __init__(self, build: Built, **options) -> None:
-        self.lost_s, self._heard_s, self._decoder = 0.0, 0.0, Decoder()
+        self.loss_s, self._heard_s, self._decoder = 0.0, 0.0, Decoder()
         self.uno, self.lock = EmulatedUno(build, **options), threading.Lock()
         self.master, slave = pty.openpty()
         tty.setraw(slave)
@@ -71,7 +71,7 @@ class OnPty:
         before = time.monotonic()
         while not self._done.wait(STEP_S):
             late_s = max(0.0, time.monotonic() - before - LATE_S)
-            before, self.lost_s = time.monotonic(), self.lost_s + late_s
+            before, self.loss_s = time.monotonic(), self.loss_s + late_s
             self._begun += late_s
             with contextlib.suppress(BlockingIOError, OSError):
                 data = os.read(self.master, 4096)

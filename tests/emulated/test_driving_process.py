@@ -54,7 +54,7 @@ def screens(service, vehicle, live, tmp_path):  # noqa: F811
 def test_a_key_drives_the_firmware_and_the_run_contains_a_mark(screens, service, live, tmp_path):  # noqa: F811
     code, end = -1, time.monotonic() + 3.0 * PATIENCE_S
     while code:
-        lost_s, screen = live.lost_s, screens()
+        loss_s, screen = live.loss_s, screens()
         screen.shows(rb"vehicle \d+ ms", PATIENCE_S)
         screen.type(b"\x1b[119;1:3u\x1b[109u")
         stops(live, 5.0)
@@ -63,7 +63,7 @@ def test_a_key_drives_the_firmware_and_the_run_contains_a_mark(screens, service,
             screen.type(b"\x1b[113u")
         code = screen.ends()
         reason, run = end_of_drive(service[1], tmp_path / "there")
-        assert code == 0 or (stalled(run, live.lost_s - lost_s) and time.monotonic() < end), reason
+        assert code == 0 or (stalled(run, live.loss_s - loss_s) and time.monotonic() < end), reason
     assert re.search(rb"vehicle \d+ ms", screen.output)
     assert len(mark_times_ns(run)) == 1
     back = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: int(path.stem))

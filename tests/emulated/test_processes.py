@@ -141,18 +141,18 @@ def drive_whole(remote, mission, live, folder):
     """Return the run of a mission; repeat the mission if a stall of this machine ended it."""
     end = time.monotonic() + 3.0 * PATIENCE_S
     while True:
-        lost_s, path = live.lost_s, folder / f"{time.monotonic_ns()}.mcap"
+        loss_s, path = live.loss_s, folder / f"{time.monotonic_ns()}.mcap"
         run = perform_mission(remote, mission, path)
-        if not stop_reason_of(run) or time.monotonic() > end or not stalled(run, live.lost_s - lost_s):
+        if not stop_reason_of(run) or time.monotonic() > end or not stalled(run, live.loss_s - loss_s):
             return run
 
 
-def stalled(run, lost_s):
+def stalled(run, loss_s):
     """Return True if this machine delayed the emulated Uno or the ticks of the loop, which may end a drive."""
     (text,) = [event.text for event in run.events if event.source == CLOCK_SOURCE]
     late = re.search(r"the latest started ([\d.]+) ms late", text)
     late_s = 1e-3 * float(late[1]) if late else 0.0
-    return max(lost_s, late_s, *np.diff(run.t_s)) >= STALL_S
+    return max(loss_s, late_s, *np.diff(run.t_s)) >= STALL_S
 
 
 def end_of_drive(door, folder):
@@ -212,13 +212,13 @@ def test_rt5_rt13_a_disconnected_laptop_stops_the_vehicle(service, vehicle, live
     _, door = service
     end, reason = time.monotonic() + 3.0 * PATIENCE_S, None
     while reason is None or reason.code != StopReason.HOLDER_SILENT:
-        lost_s = live.lost_s
+        loss_s = live.loss_s
         with driving(door, vehicle, live):
             pass
         stops(live, 2.0)  # 0.5 s on the clock of the vehicle: test_service.py
         reason, run = end_of_drive(door, tmp_path / "there")
         assert (reason is not None and reason.code == StopReason.HOLDER_SILENT) or (
-            stalled(run, live.lost_s - lost_s) and time.monotonic() < end
+            stalled(run, live.loss_s - loss_s) and time.monotonic() < end
         )
 
 
@@ -226,7 +226,7 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
     process, door = service
     end, moves = time.monotonic() + 3.0 * PATIENCE_S, False
     while not moves:
-        lost_s = live.lost_s
+        loss_s = live.loss_s
         with driving(door, vehicle, live) as remote:
             lives(live, 2.0, lambda remote=remote: remote.send(do="beat"))
             process.send_signal(signal.SIGSTOP)
@@ -235,7 +235,7 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
             process.send_signal(signal.SIGKILL if moves else signal.SIGCONT)
         if not moves:
             reason, run = end_of_drive(door, tmp_path / "there")
-            assert stalled(run, live.lost_s - lost_s), reason
+            assert stalled(run, live.loss_s - loss_s), reason
             assert time.monotonic() < end, reason
     process.wait()
     assert until(lambda: not live.moving(), PATIENCE_S)

@@ -136,7 +136,7 @@ def test_the_position_of_a_mark_is_identified_but_not_written(turned_rad):
     assert fit.notes[0].code == "truth.horizon-of-pieces"
     assert fit.notes[0].figures == {
         "span_s": pytest.approx(5.0, abs=0.05),
-        "way_m": pytest.approx(1.3, abs=0.05),
+        "distance_m": pytest.approx(1.3, abs=0.05),
     }
     assert "truth" not in fit.vehicle_file.text
     assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
@@ -168,7 +168,7 @@ def test_the_position_of_a_mark_is_identified_from_its_velocity():
     assert fit.notes[0].code == "truth.horizon"
     assert fit.notes[0].figures == {
         "span_s": pytest.approx(20.0, abs=0.5),
-        "way_m": pytest.approx(5.5, abs=0.05),
+        "distance_m": pytest.approx(5.5, abs=0.05),
     }
 
 

@@ -186,7 +186,7 @@ def test_the_figure_of_a_route_shows_the_limits_of_its_vehicle(results):
     (driven, limit), (_, left, right) = speed.lines, turn.lines
     assert np.all(driven.get_ydata() < limit.get_ydata())
     np.testing.assert_array_equal(left.get_ydata(), -right.get_ydata())
-    assert max(command.lines[0].get_ydata()) == pytest.approx(100.0 * slow.share)
+    assert max(command.lines[0].get_ydata()) == pytest.approx(100.0 * slow.command_share)
     fast = bq.routes.examine(circle(0.3, 2.0), bq.load("small"))
     driven, limit = fast.plot().axes[0].lines
     assert np.all(driven.get_ydata() > limit.get_ydata())

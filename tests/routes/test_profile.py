@@ -42,7 +42,7 @@ def test_without_friction_acceleration_and_braking_are_constant(ice):
 
 def test_the_speed_in_a_curve_is_limited_by_the_tyres(ice):
     """v² / R = a_y on a circle, where no other limit applies."""
-    route = fastest(circle(0.5, 0.1), ice, sideways_m_s2=0.32)
+    route = fastest(circle(0.5, 0.1), ice, lateral_m_s2=0.32)
     np.testing.assert_allclose(route.nu[:, 0], 0.4, rtol=0.01)
 
 
@@ -117,7 +117,7 @@ def test_examine_reports_where_the_route_needs_too_much_yaw_rate():
     (finding,) = report.findings
     assert finding.code == "route.turns-too-fast"
     assert 0.3 < finding.figures["at_m"] < 0.7
-    assert finding.figures["has_rad_s"] < finding.figures["needs_rad_s"] <= report.fastest_rad_s
+    assert finding.figures["has_rad_s"] < finding.figures["needs_rad_s"] <= report.max_yaw_rate_rad_s
     assert not examine(fastest(tight, small), small).findings
     assert examine(circle(0.3, 2.0), small).findings[0].code == "route.speed-too-high"
 
@@ -137,7 +137,9 @@ def test_the_route_is_checked_against_the_walls_of_the_room():
 
     small = load("small")
     lap = circle(0.5, 0.2)  # 1 m wide and to the left of its start
-    assert examine(lap, small, room_of(small, "1.5x3")).free_m == pytest.approx(0.75 - 0.07 - 0.5, abs=1e-3)
+    assert examine(lap, small, room_of(small, "1.5x3")).clearance_m == pytest.approx(
+        0.75 - 0.07 - 0.5, abs=1e-3
+    )
     (finding,) = examine(lap, small, room_of(small, "2x2")).findings
     assert finding.code == "route.through-wall"
     assert " -0." not in examine(lap, small, room_of(small, "2x2")).table()

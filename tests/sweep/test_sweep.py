@@ -90,7 +90,7 @@ def test_each_sweep_drive_starts_beside_its_route_and_joins_it(result):
     assert [(row["cell"], row["drive"]) for row in rows[:3]] == [
         ("kanayama", "circle, seed 3"), ("kanayama", "circle, seed 4"), ("lqr", "circle, seed 3"),
     ]  # fmt: skip
-    assert all(0.05 < row["joined_m"] < 1.0 for row in rows)
+    assert all(0.05 < row["joining_m"] < 1.0 for row in rows)
     assert all(0.08 < row["across_max_m"] < 0.1 for row in rows)
     assert {row["laps"] for row in rows} == {1.0}
     assert joining_distance(np.array([1.0, 2.0, 4.0]), np.array([0.1, 0.02, 0.01])) == 1.0

@@ -88,7 +88,7 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
     rows = tuning.rows()
     assert [row["name"] for row in rows] == ["alpha", "beta", "gamma"]
     assert all(row["low"] <= row["value"] <= row["high"] for row in rows)
-    assert all(row["cost_at_0.8"] >= 1 - 1e-6 for row in rows if not row["at_limit"])
+    assert all(row["cost_at_0.8"] >= 1 - 1e-6 for row in rows if not row["bound"])
     assert rows[0]["unit"] == "unit of u per m"
     assert len(tuning.history) == rows[0]["evaluations"]
     assert tuning.history[:, 1].min() == pytest.approx(tuning.cost)

@@ -83,7 +83,7 @@ def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
     position, heading = spread(fit, u)
     assert lap.message.code == "forecast.off"
     assert lap.drive == note("forecast.lap-of", name="lab")
-    assert lap.way_m == pytest.approx(6.1, rel=0.05)
+    assert lap.distance_m == pytest.approx(6.1, rel=0.05)
     assert lap.position_m == pytest.approx(position, rel=0.15)
     assert lap.heading_rad == pytest.approx(heading, rel=0.15)
 

@@ -101,7 +101,7 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
         fit = _best_regression(lambda o: _motion_equations(windows, signal, o), windows, offset)
         calibrated_sensors += _clock_offset(fit) if offset is None else []
         calibrated_sensors += _odometer(fit, name, vehicle_file)
-        residuals["way_m"] = fit.rms
+        residuals["distance_m"] = fit.rms
     return Calibration(run.name, tuple(calibrated_sensors), residuals)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
-from baqueano.compare.divergence import InvalidCovariance, cut_at_divergence, diverged_s, invalid_covariance
+from baqueano.compare.divergence import InvalidCovariance, cut_at_divergence, divergence_s, invalid_covariance
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.compare.laps import DriveLap, laps_of
 from baqueano.compare.table import table
@@ -65,10 +65,10 @@ class RunComparison:
     pace_true: "SpeedErrors"  # forward speed against the reference speed, by the truth
     pace_estimate: "SpeedErrors"  # the same, by the estimate
     sign_changes_per_s: float  # of the forward command that was sent
-    at_limit: float  # share of ticks at which a sent command, or a wheel, is at its limit
+    saturated_fraction: float  # share of ticks at which a sent command, or a wheel, is at its limit
     consistency: FilterConsistency
     corridor: Corridor | None  # None: the estimator does not report a covariance of the pose
-    diverged_s: float  # time from which the estimate has diverged; NaN: never
+    divergence_s: float  # time from which the estimate has diverged; NaN: never
     invalid_covariance: InvalidCovariance | None  # None: the covariance is valid at every tick
     refusals: tuple[
         Rejections, ...
@@ -80,7 +80,7 @@ class RunComparison:
         """Return DIVERGED if the estimate diverged, else NOT_DEFINITE if a covariance is not valid.
         Otherwise return the consistency of the estimate, by NEES if the truth is known, else by NIS.
         """
-        if np.isfinite(self.diverged_s):
+        if np.isfinite(self.divergence_s):
             return DIVERGED
         return self.consistency.verdict if self.invalid_covariance is None else NOT_DEFINITE
 
@@ -97,15 +97,15 @@ class RunComparison:
         row |= {"yaw_rate_error_rad_s": self.yaw_rate_error_rad_s, "end_error_m": self.end_error_m}
         for name in ("across_true", "across_estimate", "across_first", "pace_true", "pace_estimate"):
             row |= {f"{name}_{key}": value for key, value in getattr(self, name)._asdict().items()}
-        row |= {"sign_changes_per_s": self.sign_changes_per_s, "at_limit": self.at_limit}
+        row |= {"sign_changes_per_s": self.sign_changes_per_s, "saturated_fraction": self.saturated_fraction}
         row |= self.consistency.row()
         for refusal in self.refusals:
             row |= {
-                f"refused_{refusal.name}": refusal.rejected_count,
-                f"arrived_{refusal.name}": refusal.reading_count,
+                f"rejections_{refusal.name}": refusal.rejected_count,
+                f"readings_{refusal.name}": refusal.reading_count,
             }
         row |= {"laps": len(self.laps)}
-        row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "diverged_s": self.diverged_s}
+        row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "divergence_s": self.divergence_s}
         return row | corridor_row(self.corridor)
 
     def lines(self) -> list[str]:
@@ -125,8 +125,8 @@ class RunComparison:
         """Return sentences on the laps, the corridor at the end and consistency.
         If the estimate diverged or a covariance is not valid, return only a sentence about this.
         """
-        if np.isfinite(self.diverged_s):
-            return (text(note("compare.diverged", t_s=self.diverged_s)),)
+        if np.isfinite(self.divergence_s):
+            return (text(note("compare.diverged", t_s=self.divergence_s)),)
         if self.invalid_covariance is not None:
             return (text(note("compare.no-covariance", **self.invalid_covariance._asdict())),)
         corridor_sentences = () if self.corridor is None else (self.corridor.sentence,)
@@ -293,7 +293,7 @@ def compare(
 
 
 def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> RunComparison:
-    lost_s, run = diverged_s(run), cut_at_divergence(run)  # the errors are those before the divergence
+    end_s, run = divergence_s(run), cut_at_divergence(run)  # the errors are those before the divergence
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
@@ -305,7 +305,7 @@ def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s:
         across_first=_distances_between_runs(run, first), pace_true=_speed_errors(run.truth, run),
         pace_estimate=_speed_errors(run.estimate, run),
         **_command_figures(run), consistency=filter_consistency(run, alignment),
-        refusals=rejections_in(run.events), laps=laps_of(run), corridor=corridor_of(run), diverged_s=lost_s,
+        refusals=rejections_in(run.events), laps=laps_of(run), corridor=corridor_of(run), divergence_s=end_s,
         invalid_covariance=invalid_covariance(run))  # fmt: skip
 
 
@@ -366,7 +366,7 @@ def _command_figures(run: "Run") -> dict[str, float]:
     k = slice(None) if ref is None or not len(ref.t_ns) else _until_done(run.t_ns, ref)
     u = (run.applied_commands if run.sent_commands is None else run.sent_commands)[k]
     changes = evenness.sign_changes(run.t_ns[k], u[:, 0]) if u.size else float("nan")
-    return {"sign_changes_per_s": changes, "at_limit": evenness.share_at_limit(u, limits)}
+    return {"sign_changes_per_s": changes, "saturated_fraction": evenness.share_at_limit(u, limits)}
 
 
 def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:

@@ -34,7 +34,7 @@ class Corridor(NamedTuple):
     across_m: np.ndarray  # (M,) half-width to the left and right of the heading
     area_m2: np.ndarray  # (M,) area of the ellipse of the position
     heading_rad: np.ndarray  # (M,) half-width
-    lost_s: float  # time from which the vehicle is lost; NaN: never
+    loss_s: float  # time from which the vehicle is lost; NaN: never
     lap_s: float  # NaN: no lap was closed
 
     @property
@@ -45,10 +45,10 @@ class Corridor(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return the message that `sentence` expresses."""
-        if np.isfinite(self.lost_s):
+        if np.isfinite(self.loss_s):
             if not np.isfinite(self.lap_s):
-                return note("corridor.lost", t_s=self.lost_s)
-            return note("corridor.lost-in-lap", t_s=self.lost_s, lap=int(self.lost_s / self.lap_s) + 1)
+                return note("corridor.lost", t_s=self.loss_s)
+            return note("corridor.lost-in-lap", t_s=self.loss_s, lap=int(self.loss_s / self.lap_s) + 1)
         laps = round(float(self.t_s[-1]) / self.lap_s) if np.isfinite(self.lap_s) else 0
         within = self._text_at(len(self.t_s) - 1)
         if laps:
@@ -77,8 +77,8 @@ def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = f
     left_directions = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
     across_std = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", left_directions, P, left_directions), 0.0))
     area = np.pi * CHI_SQUARE_95 * np.sqrt(np.maximum(np.linalg.det(P), 0.0))
-    lost_s = float(t_s[m]) if m < len(t_s) else float("nan")
-    return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across_std, area, QUANTILE_95 * sd[:m], lost_s, lap_s)
+    loss_s = float(t_s[m]) if m < len(t_s) else float("nan")
+    return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across_std, area, QUANTILE_95 * sd[:m], loss_s, lap_s)
 
 
 def corridor_of(run: Run) -> Corridor | None:
@@ -93,12 +93,12 @@ def corridor_row(corridor: Corridor | None) -> dict[str, float]:
     """Return the half-widths at the end as a flat row (SI); NaN without a corridor, or if the vehicle is lost."""
     names = ("corridor_across_m", "corridor_area_m2", "corridor_heading_rad")
     if corridor is None:
-        return dict.fromkeys((*names, "lost_s"), float("nan"))
-    is_bounded = len(corridor.t_s) > 0 and not np.isfinite(corridor.lost_s)
+        return dict.fromkeys((*names, "loss_s"), float("nan"))
+    is_bounded = len(corridor.t_s) > 0 and not np.isfinite(corridor.loss_s)
     last = [
         x[-1] if is_bounded else np.nan for x in (corridor.across_m, corridor.area_m2, corridor.heading_rad)
     ]
-    return dict(zip(names, map(float, last), strict=True)) | {"lost_s": corridor.lost_s}
+    return dict(zip(names, map(float, last), strict=True)) | {"loss_s": corridor.loss_s}
 
 
 def _lap_s(run: Run) -> float:

@@ -51,7 +51,7 @@ class CorridorForecast(Result):
     @property
     def verdict(self) -> str:
         """Return LOST if the vehicle is lost before the end (σ_ψ too large), else LOCALIZED."""
-        return "LOST" if np.isfinite(self.corridor.lost_s) else "LOCALIZED"
+        return "LOST" if np.isfinite(self.corridor.loss_s) else "LOCALIZED"
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per lap (SI); NaN if the vehicle is lost before the end of the lap."""
@@ -81,7 +81,7 @@ class CorridorForecast(Result):
 
     def _tick(self, lap: int) -> int | None:
         """Return the index of the tick at which a lap ends; None if the vehicle is lost before this tick."""
-        if self.corridor.lost_s <= lap * self.lap_s:
+        if self.corridor.loss_s <= lap * self.lap_s:
             return None
         return min(int(np.searchsorted(self.corridor.t_s, lap * self.lap_s)), len(self.corridor.t_s) - 1)
 

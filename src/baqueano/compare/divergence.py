@@ -29,7 +29,7 @@ class InvalidCovariance(NamedTuple):
     from_s: float  # time of the first of these ticks
 
 
-def diverged_s(run: Run) -> float:
+def divergence_s(run: Run) -> float:
     """Return the time from the beginning of a run until its estimate diverged [s]; NaN without divergence.  (1)"""
     log = run.estimate
     if log is None or not len(log.t_ns):
@@ -55,7 +55,7 @@ def diverged_s(run: Run) -> float:
 
 def cut_at_divergence(run: Run) -> Run:
     """Return the run with its estimate cut at the time of divergence."""
-    log, at_s = run.estimate, diverged_s(run)
+    log, at_s = run.estimate, divergence_s(run)
     if log is None or not at_s > 0.0:
         return run
     is_before = seconds(log.t_ns, run.start_ns) < at_s

@@ -33,7 +33,7 @@ class SpeedErrors(NamedTuple):
 
     error_m_s: float  # rms
     error: float  # the same, divided by the mean reference speed  (1)
-    uneven: float  # (2)
+    unevenness: float  # (2)
 
 
 class Limits(NamedTuple):

@@ -90,7 +90,7 @@ class FilterConsistency:
         row: TableRow = {}
         for name, band in self._bands_by_name().items():
             row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
-            row |= {f"{name}_is": band.verdict}
+            row |= {f"{name}_verdict": band.verdict}
         row |= {
             "innovation_correlation": self.correlation,
             "innovation_correlation_limit": self.correlation_limit,

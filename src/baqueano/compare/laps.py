@@ -32,7 +32,7 @@ class DriveLap(NamedTuple):
     ----------
     number : int
         Number of the lap, from 1.
-    begin_s, duration_s : float
+    start_s, duration_s : float
         Beginning since the start of the run, and duration.
     rms_m, max_m : float
         Distance from the path of the reference.
@@ -41,7 +41,7 @@ class DriveLap(NamedTuple):
     """
 
     number: int
-    begin_s: float
+    start_s: float
     duration_s: float
     rms_m: float
     max_m: float

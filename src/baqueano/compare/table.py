@@ -131,7 +131,7 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
         "",
         [
             TableLine(_("duration"), "s", lambda j: j.duration_s),
-            TableLine(_("the estimate diverged at"), "s", lambda j: j.diverged_s),
+            TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s),
         ],
     )
     yield (
@@ -168,7 +168,7 @@ def _vehicle_sections() -> Iterator[tuple[str, Sequence[TableLine]]]:
         _("command"),
         [
             TableLine(_("changes of sign, forward"), "1/s", lambda j: j.sign_changes_per_s),
-            TableLine(_("ticks at a limit"), "%", lambda j: 100.0 * j.at_limit),
+            TableLine(_("ticks at a limit"), "%", lambda j: 100.0 * j.saturated_fraction),
         ],
     )
 
@@ -185,7 +185,7 @@ def _paces(name: str) -> list[TableLine]:
     return [
         TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, True),
         TableLine(_("speed error, relative"), "%", lambda j: 100.0 * getattr(j, name).error, True),
-        TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).uneven, True),
+        TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).unevenness, True),
     ]
 
 

@@ -8,7 +8,7 @@ vehicles have the mean m(t) and the standard deviation s(t). With the radius ρ 
     |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   also for y,   c = 1.5, for every single vehicle               (3)
     allowed(x, chunk)  ⇔  (1)-(3) are true for x under (chunk, then no command for COAST_S)               (4)
 
-The models do not contain sliding tyres, so v r must stay below MAX_SIDEWAYS_M_S2. A chunk that is not allowed is
+The models do not contain sliding tyres, so v r must stay below MAX_LATERAL_M_S2. A chunk that is not allowed is
 replaced by the first allowed alternative. Alternatives reverse all signs, or the signs of the first channel, or the
 signs of the other channels. The next alternatives are the chunk and these three at a half, then at a quarter. The
 last one is a zero command, which (4) of the previous chunk has tested.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 CORRIDOR_SIGMA = 3.0  # k of (1): one position in 370 of a normal distribution is further out
 TAIL_FACTOR = 1.5  # c of (3)
 # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres almost do not slip
-MAX_SIDEWAYS_M_S2 = 3.0
+MAX_LATERAL_M_S2 = 3.0
 SIDES = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*[x×]\s*(\d+\.?\d*|\.\d+)\s*m?\s*")  # "2x2.5"
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
@@ -53,7 +53,7 @@ class Room:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y [m], ψ [rad] from the middle of the room
     speed_m_s: float = float("inf")
     turn_rad_s: float = float("inf")
-    sideways_m_s2: float = float("inf")
+    lateral_m_s2: float = float("inf")
 
     def __post_init__(self) -> None:
         free_m = 0.5 * min(self.width_m, self.height_m) - self.radius_m
@@ -81,14 +81,14 @@ class Room:
 
     def respects_speed_limits(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
         """Return a mask (…,), True for poses (…, L, T, 3) of possible vehicles that respect the speed limits.  (2)"""
-        if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.sideways_m_s2)):
+        if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.lateral_m_s2)):
             return np.ones(eta.shape[:-3], bool)
         step = np.diff(eta, axis=-2) * rate_hz
         speed = np.hypot(step[..., 0], step[..., 1])
         half_turn_rad_s = np.pi * rate_hz
         turn = np.abs((step[..., 2] + half_turn_rad_s) % (2.0 * half_turn_rad_s) - half_turn_rad_s)
         is_within = (_upper_limit(speed) <= self.speed_m_s) & (_upper_limit(turn) <= self.turn_rad_s)
-        return is_within & (_upper_limit(speed * turn) <= self.sideways_m_s2)
+        return is_within & (_upper_limit(speed * turn) <= self.lateral_m_s2)
 
 
 def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -99,7 +99,7 @@ def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
 def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     """Return the room "2x2.5", width and height in metres, for the vehicle of the file.
 
-    The room has the radius of the vehicle, the limits of its supervisor, and MAX_SIDEWAYS_M_S2. `options` replaces
+    The room has the radius of the vehicle, the limits of its supervisor, and MAX_LATERAL_M_S2. `options` replaces
     these or sets other fields of Room. Raise UsageError for an invalid size, or if the room is too small.
 
     >>> from baqueano.vehicle_file import load
@@ -117,7 +117,7 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
         "radius_m": body_radius(vehicle_file),
         "speed_m_s": getattr(supervisor, "max_speed_m_s", float("inf")),
         "turn_rad_s": getattr(supervisor, "max_yaw_rate_rad_s", float("inf")),
-        "sideways_m_s2": MAX_SIDEWAYS_M_S2,
+        "lateral_m_s2": MAX_LATERAL_M_S2,
     }
     return Room(sides[0], sides[1], **(limits | options))
 

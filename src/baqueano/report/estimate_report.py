@@ -37,7 +37,7 @@ def comparison_section(comparison: Comparison) -> list[Section]:
 
 def sentence_of_path(comparison: RunComparison, alignment: str) -> str:
     """Return the text above the drawing of a path: its divergence, or its corridor, and its alignment."""
-    sentence = f"{comparison.sentences[0]} " if np.isfinite(comparison.diverged_s) else ""
+    sentence = f"{comparison.sentences[0]} " if np.isfinite(comparison.divergence_s) else ""
     corridor = comparison.corridor
     if corridor is not None and not sentence:
         lap = " " + _("in the last lap") if _lap_count(corridor) > 1 else ""

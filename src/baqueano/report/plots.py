@@ -341,7 +341,10 @@ def plot_forecast(result: Forecast) -> "Figure":
     )
     axes.set_yticks(
         rows,
-        [f"{number(forecast.duration_s):.0f} s, {number(forecast.way_m):.1f} m" for forecast in result.ahead],
+        [
+            f"{number(forecast.duration_s):.0f} s, {number(forecast.distance_m):.1f} m"
+            for forecast in result.ahead
+        ],
     )
     axes.set_xlabel(_("position at the end, open loop [± cm]"))
     return figure

@@ -90,7 +90,7 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
             100,
             "%",
         ),
-        ("at_limit", _("at a limit"), _("of the ticks, command or wheel"), 100, "%"),
+        ("saturated_fraction", _("at a limit"), _("of the ticks, command or wheel"), 100, "%"),
         ("sign_changes_per_s", _("changes of sign"), _("of the forward command"), 1, _("per s")),
     )
     of_estimate = (
@@ -99,11 +99,11 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
         (
             "nees_velocity",
             _("NEES of the velocity"),
-            _("{verdict}; 1 is ideal", verdict=_(row["nees_velocity_is"])),
+            _("{verdict}; 1 is ideal", verdict=_(row["nees_velocity_verdict"])),
             1,
             "",
         ),
-        ("nis", "NIS", _("{verdict}; 1 is ideal", verdict=_(row["nis_is"])), 1, ""),
+        ("nis", "NIS", _("{verdict}; 1 is ideal", verdict=_(row["nis_verdict"])), 1, ""),
     )
     return [
         Headline(label, f"{number(row[key] * scale):.3g} {unit}".strip(), note)
@@ -164,7 +164,7 @@ def _pace_table(row: dict) -> list[Table | Drawing]:
             "speed": source,
             _("error from its reference, rms [m/s]"): row[f"{name}_error_m_s"],
             _("of the requested mean [%]"): 100.0 * row[f"{name}_error"],
-            _("uneven, about its 1 s mean [%]"): 100.0 * row[f"{name}_uneven"],
+            _("uneven, about its 1 s mean [%]"): 100.0 * row[f"{name}_unevenness"],
         }
         for name, source in (("pace_true", _("true")), ("pace_estimate", _("by the estimate")))
         if np.isfinite(row[f"{name}_error"])

@@ -85,13 +85,13 @@ class RouteReport(Result):
         The route.
     length_m, duration_s : float
         Length and duration of one lap.
-    fastest_m_s, fastest_rad_s, sideways_m_s2 : float
+    max_speed_m_s, max_yaw_rate_rad_s, lateral_m_s2 : float
         Largest speed, yaw rate, and acceleration to the side.
-    radius_m : float [m]
+    min_radius_m : float [m]
         Smallest radius of a curve; 0 for a turn on the spot, infinite for a straight line.
-    share : float
+    command_share : float
         Largest part of the command that the route needs [no unit]; NaN without a vehicle.
-    free_m : float [m]
+    clearance_m : float [m]
         Least distance between the body and a wall; NaN without a room.
     findings : tuple of Diagnostic
         Codes, figures and commands to type.
@@ -111,12 +111,12 @@ class RouteReport(Result):
     route: Route
     length_m: float
     duration_s: float
-    fastest_m_s: float
-    fastest_rad_s: float
-    sideways_m_s2: float
-    radius_m: float
-    share: float
-    free_m: float
+    max_speed_m_s: float
+    max_yaw_rate_rad_s: float
+    lateral_m_s2: float
+    min_radius_m: float
+    command_share: float
+    clearance_m: float
     findings: tuple[Diagnostic, ...]
     capability: Capability | None = None
     room: Walls | None = None
@@ -137,13 +137,13 @@ class RouteReport(Result):
         names = (
             "length_m",
             "duration_s",
-            "fastest_m_s",
-            "fastest_rad_s",
-            "sideways_m_s2",
-            "radius_m",
-            "share",
+            "max_speed_m_s",
+            "max_yaw_rate_rad_s",
+            "lateral_m_s2",
+            "min_radius_m",
+            "command_share",
         )
-        figures = {name: getattr(self, name) for name in (*names, "free_m")}
+        figures = {name: getattr(self, name) for name in (*names, "clearance_m")}
         return [{"poses": len(self.route.t_s), "closed": self.route.closed, **figures}]
 
     def table(self) -> str:
@@ -151,20 +151,22 @@ class RouteReport(Result):
         lines = [
             _("length {m:.2f} m, {s:.1f} s a lap", m=self.length_m, s=self.duration_s) if self.route.closed
             else _("length {m:.2f} m, {s:.1f} s", m=self.length_m, s=self.duration_s),
-            _("speed up to {v:.2f} m/s, yaw rate up to {r:.2f} rad/s", v=self.fastest_m_s, r=self.fastest_rad_s),
+            _("speed up to {v:.2f} m/s, yaw rate up to {r:.2f} rad/s", v=self.max_speed_m_s, r=self.max_yaw_rate_rad_s),
         ]  # fmt: skip
-        if np.isfinite(self.radius_m):
+        if np.isfinite(self.min_radius_m):
             lines.append(
                 _(
                     "tightest curve {m:.2f} m, up to {a:.2f} m/s² to the side",
-                    m=self.radius_m,
-                    a=self.sideways_m_s2,
+                    m=self.min_radius_m,
+                    a=self.lateral_m_s2,
                 )
             )
-        if np.isfinite(self.share):
-            lines.append(_("needs up to {share} of the command", share=number(f"{100.0 * self.share:.0f} %")))
-        if self.free_m >= 0.0:  # beyond a wall, a finding tells the place
-            lines.append(_("stays {m:.2f} m from the walls", m=self.free_m))
+        if np.isfinite(self.command_share):
+            lines.append(
+                _("needs up to {share} of the command", share=number(f"{100.0 * self.command_share:.0f} %"))
+            )
+        if self.clearance_m >= 0.0:  # beyond a wall, a finding tells the place
+            lines.append(_("stays {m:.2f} m from the walls", m=self.clearance_m))
         return in_lines([*lines, verdict_line(self.verdict, self.findings)])
 
     def demand(self) -> Demand:
@@ -237,24 +239,24 @@ def examine(
         if not capability.moves_sideways:
             reach = reach_m(vehicle_file.geometry) or MAX_REACH_M
             findings = [*_sideways_findings(route, s, reach), *findings]
-    free_m = float("nan")
+    clearance_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
         xy = _in_room(route, room).eta[:, :2]
         distances = np.min(room.free_half_width_m - np.abs(xy), axis=1)
-        free_m, index = float(np.min(distances)), int(np.argmin(distances))
-        if free_m < 0.0:
+        clearance_m, index = float(np.min(distances)), int(np.argmin(distances))
+        if clearance_m < 0.0:
             findings = [
                 *findings,
                 fault(
                     "route.through-wall",
                     baqueano_command("route", "scale", NAME_PLACEHOLDER, f"{_scale_into(xy, room):.2f}"),
                     at_m=float(s[index]),
-                    beyond_m=-free_m,
+                    beyond_m=-clearance_m,
                 ),
             ]
     return RouteReport(
         route, float(s[-1]), float(route.t_s[-1]), float(np.max(speed)), float(np.max(turn)),
-        float(np.max(speed * turn)), float(np.min(radius)), share, free_m, tuple(findings), capability,
+        float(np.max(speed * turn)), float(np.min(radius)), share, clearance_m, tuple(findings), capability,
         room,
     )  # fmt: skip
 

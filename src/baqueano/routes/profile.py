@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 COMMAND_SHARE = 0.8  # of the command; the rest is for the controller
-MAX_SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g
+MAX_LATERAL_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g
 SPEED_COUNT = 24  # number of speeds at which (2) is evaluated
 MIN_SPEED_M_S = 0.02  # speed at a start from rest, so that the time is finite
 LAP_COUNT = 3  # laps of a closed route, until the speeds of its start and its end agree
@@ -69,7 +69,7 @@ def fastest(
     vehicle_file: "VehicleFile",
     *,
     share: float = COMMAND_SHARE,
-    sideways_m_s2: float = MAX_SIDEWAYS_M_S2,
+    lateral_m_s2: float = MAX_LATERAL_M_S2,
     speed_m_s: float = MAX_SPEED_M_S,
     from_rest: bool | None = None,
     backend: str = "auto",
@@ -84,7 +84,7 @@ def fastest(
         The identified vehicle: its model and the limits of its command.
     share : float
         Largest share of the command that the route needs [no unit], above 0, at most 1; the controller uses the rest.
-    sideways_m_s2 : float [m/s²]
+    lateral_m_s2 : float [m/s²]
         Largest acceleration to the side; above it, tyres and small objects slip.
     speed_m_s : float
         Largest speed.
@@ -114,7 +114,7 @@ def fastest(
     >>> print(f"{lap.t_s[-1]:.1f} s, then {fastest(lap, bq.load('small')).t_s[-1]:.1f} s")
     18.3 s, then 10.5 s
     """
-    for name, value, high in (("share", share, 1.0), ("sideways_m_s2", sideways_m_s2, np.inf)):
+    for name, value, high in (("share", share, 1.0), ("lateral_m_s2", lateral_m_s2, np.inf)):
         if not 0.0 < value <= high:
             raise UsageError(fault("route.limit", name=name, value=value))
     if not speed_m_s > MIN_SPEED_M_S:
@@ -122,7 +122,7 @@ def fastest(
     path, forward_sign = _resample(path_of(route)), direction(route)
     capability = Capability(vehicle_file, backend)
     curvature = np.abs(path.kappa)
-    high = np.minimum(speed_m_s, np.sqrt(sideways_m_s2 / np.maximum(curvature, 1e-9)))
+    high = np.minimum(speed_m_s, np.sqrt(lateral_m_s2 / np.maximum(curvature, 1e-9)))
     max_speed = capability.fastest_speed(forward_sign * path.kappa, np.minimum(high, MAX_SPEED_M_S), share)
     if np.any(is_too_slow := max_speed < MIN_SPEED_M_S):
         index = int(np.argmax(is_too_slow))

@@ -117,7 +117,7 @@ class RunEvaluation:
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
         row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
         row |= {"driven_m": self.distance_m, "duration_s": self.replay_run.duration_s, "lost": self.is_lost}
-        return row | {key: figures[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
+        return row | {key: figures[key] for key in ("nees_pose", "nees_pose_verdict", "nis", "nis_verdict")}
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class CrossValidation:
         significant = [
             _evaluation_title(judgement)
             for judgement in self.evaluations
-            if judgement.is_held_out and judgement.figures["nees_pose_is"] == "too sure"
+            if judgement.is_held_out and judgement.figures["nees_pose_verdict"] == "too sure"
         ]
         out += (
             [_("the filter is overconfident about its pose ({sure})", sure=", ".join(significant))]

@@ -56,7 +56,7 @@ GUESSED_VALUES = {  # the guess of a user with a scale and a tape measure, witho
     "sensors.imu.gyro_bias": 0.0,
 }
 INITIAL_GAINS = {
-    name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
+    name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "bound")
 }
 STAGES_S = 15.0, 30.0  # durations of the experiment for the fits of the animation before the complete fit
 # true value of the gyro: the sensors on board do not show it, and the data sheet allows twice that deviation
@@ -138,12 +138,12 @@ class Demo:
             _("speed"): _(
                 "{percent:.1f} % rms from the requested speed, at a limit in {at_limit:.0f} % of "
                 "the ticks, {changes:.1f} changes of sign per s",
-                percent=100 * figures["pace_true_error"], at_limit=100 * figures["at_limit"],
+                percent=100 * figures["pace_true_error"], at_limit=100 * figures["saturated_fraction"],
                 changes=figures["sign_changes_per_s"],
             ),
             _("filter"): _(
                 "velocity {velocity}, pose {pose}",
-                velocity=_(figures["nees_velocity_is"]), pose=_(figures["nees_pose_is"]),
+                velocity=_(figures["nees_velocity_verdict"]), pose=_(figures["nees_pose_verdict"]),
             ),
             _("corridor"): _(
                 "{corridor}; the true error at the end is {error_cm:.0f} cm",

@@ -378,7 +378,7 @@ def _lap_errors(
     cross_track_rms_m = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
     return (
         pace_figures.error,
-        pace_figures.uneven,
+        pace_figures.unevenness,
         share_at_limit(u, limits),
         changes,
         cross_track_rms_m,

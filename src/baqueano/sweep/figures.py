@@ -52,7 +52,7 @@ RMS_FIGURES = {  # rms values, compared by segments
 }
 SINGLE_FIGURES = {
     "across_max_m": SweepFigure(N_("cross-track"), "cm max", 100.0, _ACROSS),
-    "joined_m": SweepFigure(
+    "joining_m": SweepFigure(
         N_("joined"), "m", 1.0, N_("distance after which the vehicle stays within 3 cm of its path")
     ),
     "laps": SweepFigure(N_("laps"), "", 1.0, N_("complete laps")),
@@ -123,7 +123,7 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
         "speed_error_m_s": (t_ns[is_after_start], (speed - speed_reference)[is_after_start]),
     }
     single_figures = {
-        "across_max_m": float(np.max(np.abs(cross_track))), "joined_m": joining_distance(path_position, cross_track),
+        "across_max_m": float(np.max(np.abs(cross_track))), "joining_m": joining_distance(path_position, cross_track),
         "laps": _laps(run, t_ns, cross_track, path_position / path_length[-1] if path_length[-1] else path_position,
         laps),
     }  # fmt: skip

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 ALL_FIGURES = {**RMS_FIGURES, **SINGLE_FIGURES}
 BLOCKS = (  # names of results, in the order of the tables
-    ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joined_m", "laps"),
+    ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joining_m", "laps"),
     ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad"),
     ("nees_pose", "nees_velocity", "nis"),
 )

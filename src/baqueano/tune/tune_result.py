@@ -194,7 +194,7 @@ class TuneResult(Result):
             "cost_before": self.cost_before,
             "cost_uncontrolled": self.cost_uncontrolled,
         }
-        shared_columns |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreeing_descents}
+        shared_columns |= {**drive, "starts": len(self.descents), "agreeing_starts": self.agreeing_descents}
         shared_columns["evaluations"] = len(self.history)
         shared_columns |= {
             f"worst_{name}": x for name, x in (self.worst_case._asdict() if self.worst_case else {}).items()
@@ -208,7 +208,7 @@ class TuneResult(Result):
         table_rows = []
         for g in self.gains:
             row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
-            row |= {"low": g.low, "high": g.high, "at_limit": bool(g.bound_side)}
+            row |= {"low": g.low, "high": g.high, "bound": {-1: "low", 1: "high"}.get(g.bound_side)}
             table_rows.append(
                 row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | shared_columns
             )

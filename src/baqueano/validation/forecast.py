@@ -51,7 +51,7 @@ class DriveForecast(NamedTuple):
 
     drive: Diagnostic
     duration_s: float
-    way_m: float
+    distance_m: float
     position_m: float
     heading_rad: float
 
@@ -59,7 +59,7 @@ class DriveForecast(NamedTuple):
     def message(self) -> Diagnostic:
         """Return the drive and its errors as a message."""
         code = "forecast.lost" if self.heading_rad > MAX_HEADING_STD_RAD else "forecast.off"
-        details = {"drive": self.drive, "duration_s": self.duration_s, "way_m": self.way_m}
+        details = {"drive": self.drive, "duration_s": self.duration_s, "distance_m": self.distance_m}
         degrees = float(np.degrees(self.heading_rad))
         heading = f"{number(degrees):.2g}" if degrees < 10.0 else f"{number(degrees):.0f}"
         return note(code, **details, position=_length(self.position_m), heading_deg=heading)

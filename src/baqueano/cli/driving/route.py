@@ -62,7 +62,7 @@ def ls(as_json: bool) -> None:
                 "route": path.stem,
                 "length": f"{number(row['length_m']):.2f} m",
                 "duration": f"{number(row['duration_s']):.1f} s",
-                "speed": f"{number(row['fastest_m_s']):.2f} m/s",
+                "speed": f"{number(row['max_speed_m_s']):.2f} m/s",
             }
         rows.append({"route": path.stem, **row})
     print_answer(RowsResult(rows), as_json)
@@ -251,7 +251,7 @@ def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
     help="Fraction of the command to use; the rest stays for the controller.",
 )
 @click.option(
-    "--sideways", "sideways_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
+    "--sideways", "lateral_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
     help="Largest lateral acceleration [m/s²].",
 )  # fmt: skip
 @new_name
@@ -259,15 +259,15 @@ def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
 @options.as_json
 def faster(
     route: str, vehicle: str | None, settings: tuple[str, ...], speed_m_s: float | None, share: float,
-    sideways_m_s2: float, name: str | None, backend: str, as_json: bool,
+    lateral_m_s2: float, name: str | None, backend: str, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.routes import at_speed, fastest
 
     if speed_m_s is not None:
-        options.refuse_together("--speed", "share", "sideways_m_s2")
+        options.refuse_together("--speed", "share", "lateral_m_s2")
         return apply_edit(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
     vehicle_file = options.load_vehicle(vehicle, settings)
-    limits: JsonObject = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
+    limits: JsonObject = {"share": share, "lateral_m_s2": lateral_m_s2, "backend": backend}
     apply_edit(route, "fast", name, as_json, lambda original: fastest(original, vehicle_file, **limits))
 
 

@@ -155,7 +155,7 @@ def import_(
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     if draft is not None:
-        return _draft_map(draft, map, *files)
+        return _draft_map(draft, as_json, map, *files)
     if files and files[0].suffix == ".toml" and Path(map).is_file() and Path(map).suffix != ".toml":
         raise UsageError(
             fault("cli.map-second", baqueano_command("runs", "import", files[0], map, *files[1:]))
@@ -192,7 +192,7 @@ def import_(
     advise_after_import([item.run for item in imports], [paths[0], paths[-1]], out, vehicle_file, folder)
 
 
-def _draft_map(path: Path, *recordings: Path | str) -> None:
+def _draft_map(path: Path, as_json: bool, *recordings: Path | str) -> None:
     """Write the draft of a map for recordings with the same columns to the file `path`."""
     from baqueano.runs.importing.draft import UNKNOWN, draft
 
@@ -200,8 +200,13 @@ def _draft_map(path: Path, *recordings: Path | str) -> None:
         raise FileError(fault("cli.file-exists", "--draft FILE.toml", out=path))
     map_text = draft(*recordings)
     path.write_text(map_text, encoding="utf-8", newline="\n")
-    code = "cli.drafted" if f'"{UNKNOWN}"' in map_text else "cli.drafted-complete"
-    print_result(note(code, fix=baqueano_command("runs", "import", path, *recordings), path=path))
+    missing_units = map_text.count(f'"{UNKNOWN}"')
+    code = "cli.drafted" if missing_units else "cli.drafted-complete"
+    message = note(code, fix=baqueano_command("runs", "import", path, *recordings), path=path)
+    if not as_json:
+        return print_result(message)
+    print_answer(RowsResult([{"map": str(path), "missing_units": missing_units}]), as_json)
+    print_message(message)
 
 
 class WrittenRun(NamedTuple):

@@ -340,7 +340,9 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
         spans.append(span)
         lengths_m.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
     code = "truth.horizon-of-pieces" if problem.layout.has_split_runs else "truth.horizon"
-    horizon = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(lengths_m)))
+    horizon = note(
+        code, subject=TRUTH, span_s=float(np.median(spans)), distance_m=float(np.median(lengths_m))
+    )
     return [horizon, *_mount_notes(problem, theta)]
 
 

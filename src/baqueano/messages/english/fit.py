@@ -126,11 +126,11 @@ TEMPLATES: dict[str, str] = {
         "accel_bias is that sum minus the effect of tilt_rad in the file"
     ),
     "truth.horizon": (
-        "the model was compared with the {subject} over {span_s:.2g} s, {way_m:.2g} m of path. In longer "
+        "the model was compared with the {subject} over {span_s:.2g} s, {distance_m:.2g} m of path. In longer "
         "drives the result may differ"
     ),
     "truth.horizon-of-pieces": (
-        "the model was compared with the {subject} over {span_s:.2g} s, {way_m:.2g} m of path, each time "
+        "the model was compared with the {subject} over {span_s:.2g} s, {distance_m:.2g} m of path, each time "
         "from a new start. In longer drives the result may differ"
     ),
     "truth.mount": "{subject}: add these values to those in [truth] of the map: {keys}",

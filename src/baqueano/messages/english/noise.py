@@ -101,11 +101,11 @@ TEMPLATES: dict[str, str] = {
     "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {CHANGE_TEXT}",
     "over-time.refused": "the fit of {subject} is refused, so it is excluded",
     "forecast.off": (
-        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit "
+        "After {duration_s:.0f} s of open loop, {drive} ({distance_m:.2g} m), the errors of the fit "
         "cause errors of {position} and {heading_deg}° (rms)."
     ),
     "forecast.lost": (
-        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit cause a "
+        "After {duration_s:.0f} s of open loop, {drive} ({distance_m:.2g} m), the errors of the fit cause a "
         "heading error of {heading_deg}° (rms). The position is then unusable."
     ),
     "forecast.as-the-runs": "driven like these runs",

@@ -36,10 +36,10 @@ def page_of_route(result: RouteReport) -> Page:
         headlines=[
             Headline(name, f"{number(value):.2f} {unit}")
             for name, value, unit in (
-                (_("largest speed"), result.fastest_m_s, "m/s"),
-                (_("smallest radius"), result.radius_m, "m"),
-                (_("command"), 100.0 * result.share, "%"),
-                (_("to the walls"), result.free_m, "m"),
+                (_("largest speed"), result.max_speed_m_s, "m/s"),
+                (_("smallest radius"), result.min_radius_m, "m"),
+                (_("command"), 100.0 * result.command_share, "%"),
+                (_("to the walls"), result.clearance_m, "m"),
             )
             if np.isfinite(value)
         ],

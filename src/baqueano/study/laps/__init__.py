@@ -124,6 +124,6 @@ def forecast(vehicle_file: VehicleFile, fix: str, route: Route, count: int, back
     corridor = forecast_corridor(
         with_fix(vehicle_file, fix, route), route, min(count, SETTLING_LAPS), backend, rest_s=0.0
     ).corridor
-    if np.isfinite(corridor.lost_s):
+    if np.isfinite(corridor.loss_s):
         return 0.0
     return erf(MAX_DISTANCE_M * QUANTILE_95 / float(np.max(corridor.across_m)) / sqrt(2.0))
