@@ -4,7 +4,7 @@
 
 One row per case. "holds" is the coverage over all parameters with a true value and an estimate inside its bounds. The
 next two columns are error over standard error, rms over the runs, for the median and for the worst parameter. "drawn"
-is the largest ratio of mean error to scatter (1/√seeds by chance). "sd" is the median standard error relative to the
+is the largest ratio of mean error to scatter (1/√seeds by chance). "std" is the median standard error relative to the
 truth, without parameters that are 0.
 
     shaken            a car whose IMU vibrates more at higher speed
@@ -125,17 +125,17 @@ def covered(case: str, seeds: range, duration_s: float) -> str:
     for run, file, true in runs_of_case:
         fit = fit_case(case, run, file)
         truth = np.array([float(true[name][0]) if name in true else np.nan for name in fit.names])
-        inside = np.isfinite(fit.sd) & (fit.bound == 0) & np.isfinite(truth)
+        inside = np.isfinite(fit.std) & (fit.bound == 0) & np.isfinite(truth)
         errors.append(np.where(inside, fit.estimate - truth, np.nan))
-        sds.append(np.where(inside, fit.sd, np.nan))
+        sds.append(np.where(inside, fit.std, np.nan))
         truths.append(truth)
     finite = np.isfinite(errors).sum(axis=0) > 1
-    e, sd, truth = (np.array(x)[:, finite] for x in (errors, sds, truths))
-    holds = float(np.nanmean(np.where(np.isnan(e), np.nan, np.abs(e) <= 1.96 * sd)))
-    z = np.sqrt(np.nanmean((e / sd) ** 2, axis=0))
+    e, std, truth = (np.array(x)[:, finite] for x in (errors, sds, truths))
+    holds = float(np.nanmean(np.where(np.isnan(e), np.nan, np.abs(e) <= 1.96 * std)))
+    z = np.sqrt(np.nanmean((e / std) ** 2, axis=0))
     bias_ratio = np.nanmax(np.abs(np.nanmean(e, axis=0)) / np.nanstd(e, axis=0))
     nonzero = np.all(truth != 0.0, axis=0)
-    part = np.median(np.nanmedian(sd[:, nonzero] / np.abs(truth[:, nonzero]), axis=0))
+    part = np.median(np.nanmedian(std[:, nonzero] / np.abs(truth[:, nonzero]), axis=0))
     figures = f"{np.median(z):8.2f} {z.max():8.2f} {bias_ratio:8.2f} {part:8.2%}"
     return f"{case:20} {holds:8.1%} {figures} {np.isfinite(e).sum():6d}"
 
@@ -154,7 +154,7 @@ def main() -> None:
     options = parser.parse_args()
     count, duration_s = (2, SMALLEST_S) if options.smallest else (options.seeds, SECONDS)
     cases = CASES[::4] if options.smallest else CASES
-    heads = ("holds", "error/sd", "largest", "drawn", "sd")
+    heads = ("holds", "error/std", "largest", "drawn", "std")
     print(f"{'vehicle':20} " + " ".join(f"{head:>8}" for head in heads) + "  count")
     for case in cases:
         if options.case in (None, case):

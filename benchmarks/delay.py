@@ -6,7 +6,7 @@ The tolerated delay is the total delay, from a command to the motor, that double
 distance is rms over time, and the median of the robots; without added delay they have 4 to 17 ms. The controller's
 model does not include the added delay. Pose and velocity are known, gains are the defaults. The model has uniform
 errors: actuator matrix ± 2 %, dry friction and dead zones ± 5 %, lag ± 10 %. The duty of each wheel has an error of 3 %
-(1 sd) that varies within 2 s. The paper's PD cannot correct an error beside its path; its row shows the effect.
+(1 std) that varies within 2 s. The paper's PD cannot correct an error beside its path; its row shows the effect.
 """
 
 import argparse

@@ -82,7 +82,7 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
     notes = {scipy_name: reference_text, own_name: f"cost {cost[0]:.6g}, {fit.evaluations} evaluations"}
     cases = [Case(own_name, lambda: _fit_runs(run, True)), Case("without doubts", lambda: _fit_runs(run))]
     if find_spec("jax") is not None:
-        _, in_jax = _in_jax(u, z, fit.estimate, fit.sd)
+        _, in_jax = _in_jax(u, z, fit.estimate, fit.std)
         cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))
     seconds = interleaved(cases)
     rows = [row(case.name, s, seconds[0], {}, notes) for case, s in zip(cases, seconds, strict=True)]
@@ -111,7 +111,7 @@ def against_jax(duration_s: float) -> Bench:
 
 
 def _in_jax(
-    u: np.ndarray, z: np.ndarray, estimate: np.ndarray, sd: np.ndarray | None
+    u: np.ndarray, z: np.ndarray, estimate: np.ndarray, std: np.ndarray | None
 ) -> tuple[Callable, Callable]:
     """Return the search in JAX, and the fit with error bars, both compiled and checked against our results."""
     from benchmarks import jax_peer
@@ -120,8 +120,8 @@ def _in_jax(
     search, fit = jax_peer.of(u, z, SIGMA, m, I)
     fit_result, errors = fit(0.5 * truth)
     np.testing.assert_allclose(fit_result.theta, estimate, atol=1e-3 * np.min(errors))
-    if sd is not None:
-        np.testing.assert_allclose(errors, sd, rtol=1e-4)
+    if std is not None:
+        np.testing.assert_allclose(errors, std, rtol=1e-4)
     return search, fit
 
 

@@ -134,7 +134,7 @@ def stamps(duration_s: float) -> None:
         for first, last in ((0, 1), (1, 2), (2, round(duration_s))):
             part = error[round(first / duration_s * len(error)) : round(last / duration_s * len(error))]
             parts.append(
-                f"{first}-{last} s mean {part.mean():+.0f} sd {part.std():.0f} max {np.abs(part).max():.0f}"
+                f"{first}-{last} s mean {part.mean():+.0f} std {part.std():.0f} max {np.abs(part).max():.0f}"
             )
         print(f"clock {ppm:+d} ppm: rate to {rate * 1e6:+.1f} ppm; stamps [µs] {'; '.join(parts)}", end="; ")
         print(f"longest call {longest / 1e6:.2f} ms")

@@ -96,9 +96,9 @@ def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
         k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
     ]  # a bias without error is a constant
     at = [INNER[k] for k in indices]
-    sd = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
-    sd[3:5] = assumed.disturbance
-    J, out, before = np.diag(1.0 / sd[indices] ** 2), np.empty((len(drives.u), 3)), None
+    std = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
+    std[3:5] = assumed.disturbance
+    J, out, before = np.diag(1.0 / std[indices] ** 2), np.empty((len(drives.u), 3)), None
     noise = np.concatenate(
         [assumed.walk**2, 2.0 * assumed.disturbance**2 / assumed.fade_s, assumed.bias_walk**2]
     )

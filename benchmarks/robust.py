@@ -3,7 +3,7 @@
     python -m benchmarks.robust --jerk 0      (--smallest: a short trial)
 
 The small vehicle has the errors of a fit of a minute: actuator matrix and gains of the motors 2 %, dry friction 5 %,
-lag 10 % (1 sd), delay ± 10 ms. Both gains are tested on 200 vehicles that the searches did not use: the median, the
+lag 10 % (1 std), delay ± 10 ms. Both gains are tested on 200 vehicles that the searches did not use: the median, the
 95 % quantile and the largest of their distances beside the path. All begin on the route, because this PD does not
 correct an error beside it. The nominal search begins from up to 24 points. With the paper's cost it needs 40 % of the
 drives of the search over draws.
@@ -35,8 +35,8 @@ def vehicle():
         'kind = "pd_feedforward"', 'kind = "pd"\nalpha = 4.0\nbeta = 1.0\ngamma = 0.1'
     )
     file = parse(text, "small.toml")
-    sd = np.array([part * float(file.value(name)) for name, part in ERRORS.items()])
-    return file.with_values({}, parameter_cov=ParameterCov(tuple(ERRORS), np.diag(sd**2)))
+    std = np.array([part * float(file.value(name)) for name, part in ERRORS.items()])
+    return file.with_values({}, parameter_cov=ParameterCov(tuple(ERRORS), np.diag(std**2)))
 
 
 def judge_gains(file, gains, count, **options):

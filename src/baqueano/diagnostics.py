@@ -118,6 +118,7 @@ FORMER_CODES = (  # beginning of a code in older runs → its present one
 FORMER_FIGURES = {  # figure in older runs and robots → its present name
     "known": "valid", "meant": "similar", "heard": "received", "held": "content", "asked": "requested",
     "believed_cm": "bound_cm", "unseen": "unidentified", "said": "reply", "found": "value",
+    "sd": "std", "sd_rad_s": "std_rad_s", "way_m": "distance_m",
 }  # fmt: skip
 WITH_ROLE = (  # messages in runs whose figure `role` was called `room`
     "drive.not-compiled", "drive.says-failed", "drive.text-unknown", "door.swapped",

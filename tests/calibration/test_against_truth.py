@@ -78,9 +78,9 @@ def test_every_calibrated_value_is_within_its_error_bars(assumed_file, drive):
 
 def test_error_bars_of_the_calibration_are_narrow(assumed_file, drive):
     rows = {row["name"]: row for row in calibrate(drive(0), assumed_file).rows()}
-    assert rows["sensors.imu.gyro_scale"]["sd"] < 0.005
-    assert rows["sensors.odometer.scale"]["sd"] < 0.005
-    assert rows["clock.truth"]["sd"] < 0.003
+    assert rows["sensors.imu.gyro_scale"]["std"] < 0.005
+    assert rows["sensors.odometer.scale"]["std"] < 0.005
+    assert rows["clock.truth"]["std"] < 0.003
 
 
 def test_the_gyro_scale_is_reported_as_a_value_and_as_its_inverse(assumed_file, drive):

@@ -23,7 +23,7 @@ def test_noise_and_bias_of_a_simulated_imu_are_identified(resting_run, small):
     rest = measure_at_rest(resting_run)
     imu = small.sensors.imu
     truth = np.array([*imu.accel_noise_std, imu.gyro_noise_std])
-    np.testing.assert_allclose([c.sd for c in rest.channels], truth, rtol=0.05)
+    np.testing.assert_allclose([c.std for c in rest.channels], truth, rtol=0.05)
     np.testing.assert_allclose(
         [c.coefficients.value[0] for c in rest.channels], truth / np.sqrt(imu.rate_hz), rtol=0.1
     )

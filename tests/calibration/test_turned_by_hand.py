@@ -145,14 +145,14 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
     assert reply["verdict"] == "USABLE"
     file = load(tmp_path / "vehicle.toml")
     assert file.sensors.imu.gyro_scale == pytest.approx(reply["rows"][0]["value"], rel=1e-4)
-    assert file.provenance[NAME].sd == pytest.approx(reply["rows"][0]["sd"], rel=1e-2)
+    assert file.provenance[NAME].std == pytest.approx(reply["rows"][0]["std"], rel=1e-2)
 
 
 def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
     calibration = calibrate_by_hand_turns(by_hand_log((2, -2)), small)
     after = calibration.updated_file(small)
     assert after.value(f"{NAME}_std") == pytest.approx(
-        calibration.numbers[0].sd / calibration.numbers[0].value
+        calibration.numbers[0].std / calibration.numbers[0].value
     )
     assert "gyro_bias_std" not in after.text  # a rest today does not predict the next bias
     route = circle(0.6, 0.2)

@@ -40,7 +40,7 @@ def test_the_last_round_is_written_and_starts_the_next_fit(baqueano, quick, one_
     text = (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
     assert tomllib.loads(text)["model"]["actuator_matrix"][0][0] == pytest.approx(estimate, rel=1e-6)
     assert estimate != load("small").value(NAME)
-    assert rows[2, NAME]["relative_sd"] < rows[1, NAME]["relative_sd"]
+    assert rows[2, NAME]["relative_std"] < rows[1, NAME]["relative_std"]
     paths = sorted((tmp_path / "runs").iterdir())
     assert len(paths) == 2
     assert all(read_run(path).duration_s == pytest.approx(8.0, abs=0.02) for path in paths)

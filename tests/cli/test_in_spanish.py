@@ -28,7 +28,7 @@ TYPED = re.compile(
 INFINITIVE = re.compile(r"\w+(ar|er|ir)(lo|la|los|las)?\b")
 OTHER_DEFAULT = re.compile(r"\b(si falta|por defecto|por omisión|de manera predeterminada)\b", re.IGNORECASE)
 TUTEO = re.compile(r"\b(tú|dale|tienes|puedes|quieres|tu|tus|tenés|podés)\b", re.IGNORECASE)
-FIELD = re.compile(r"(\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd])")
+FIELD = re.compile(r"(\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[std])")
 POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?![\w.]*[./]\w)(?!\w)")
 STRANGE = str.maketrans("abcdefghijklmnopqrstuvwxyz", "αвɔđєƒɢнιʝκʟмиσρφяѕτυνωχуζ")
 SUBCOMMANDS = [

@@ -41,9 +41,9 @@ def test_the_corridor_is_invariant_under_rotation_of_the_map():
     assert turned_corridor.area_m2 == pytest.approx(straight_corridor.area_m2)
 
 
-@pytest.mark.parametrize("sd", [0.51, np.nan])
-def test_the_corridor_ends_at_a_heading_error_of_half_a_radian(sd):
-    P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
+@pytest.mark.parametrize("std", [0.51, np.nan])
+def test_the_corridor_ends_at_a_heading_error_of_half_a_radian(std):
+    P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, std, 0.1)]
     corridor = straight(P)
     assert (corridor.loss_s, len(corridor.t_s)) == (2.0, 2)
     assert (corridor.message.code, corridor.message.figures) == ("corridor.lost", {"t_s": 2.0})

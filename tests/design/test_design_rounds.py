@@ -61,7 +61,7 @@ def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
         patch.setattr(summary, "with_larger_errors", lambda problem, cov, pieces, k, by_segment: cov)
         fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
-        first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
+        first, second = (fit.std[fit.names.index(name)] / fit.value(name) for fit in fits)
         assert 0.0 < second < first < 0.1, name
 
 
@@ -71,7 +71,7 @@ def test_reported_error_bars_after_the_rounds_are_smaller_than_after_the_careful
     """Between two rounds a bar may grow: it contains the scatter between parts of the runs."""
     last, careful = rounds_of_design[0].rounds[-1], careful_drive[1]
     for name in SURE:
-        before = careful.sd[careful.names.index(name)] / abs(careful.value(name))
+        before = careful.std[careful.names.index(name)] / abs(careful.value(name))
         assert 0.0 < last.relative_std(name) < 0.6 * before, name
 
 
@@ -80,8 +80,8 @@ def test_id14_error_bars_of_each_round_cover_the_true_parameters(rounds_of_desig
     rounds, _, _ = rounds_of_design
     for design_round in rounds.rounds:
         true = np.array([truth.value(name) for name in design_round.fit.names])
-        inside = np.abs(design_round.fit.estimate - true) < 1.96 * design_round.fit.sd
-        finite = np.isfinite(design_round.fit.sd)
+        inside = np.abs(design_round.fit.estimate - true) < 1.96 * design_round.fit.std
+        finite = np.isfinite(design_round.fit.std)
         assert np.mean(inside[finite]) > 0.75
         assert np.sum(~inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
         for name in SURE:
@@ -95,7 +95,7 @@ def test_the_last_round_identifies_the_driven_vehicle(rounds_of_design, truth):
         ("[2,2]", truth.vehicle.actuator_matrix[2, 2]),
     ):
         name = f"model.actuator_matrix{name}"
-        assert abs(fit.value(name) - x) < 4.0 * fit.sd[fit.names.index(name)]
+        assert abs(fit.value(name) - x) < 4.0 * fit.std[fit.names.index(name)]
 
 
 def test_no_design_round_touches_a_wall(rounds_of_design):

@@ -80,10 +80,10 @@ def test_whole_turns_on_a_mark_identify_the_gyro_scale(file):
         assert len(mark_times_ns(run)) == 3
         loop = closure(run, file)
         assert loop.turns == 3
-        assert abs(loop.scale - TRUE) < 2.0 * loop.sd < 0.01
+        assert abs(loop.scale - TRUE) < 2.0 * loop.std < 0.01
         assert loop.values == {
             "sensors.imu.gyro_scale": pytest.approx(loop.scale, rel=1e-4),
-            "sensors.imu.gyro_scale_std": pytest.approx(loop.sd / loop.scale, rel=0.05),
+            "sensors.imu.gyro_scale_std": pytest.approx(loop.std / loop.scale, rel=0.05),
         }
         assert f"--set sensors.imu.gyro_scale={loop.values['sensors.imu.gyro_scale']}" in loop.table()
 
@@ -105,7 +105,7 @@ def test_the_speed_keeps_the_error_of_the_old_gyro_scale(file):
 def test_right_turns_identify_the_same_gyro_scale(file):
     loop = closure(drive_of_turns(file, [-4.0 * np.pi]), file)
     assert loop.turns == -2
-    assert abs(loop.scale - TRUE) < 2.0 * loop.sd
+    assert abs(loop.scale - TRUE) < 2.0 * loop.std
 
 
 def test_half_a_turn_is_refused(file):

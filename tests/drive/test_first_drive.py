@@ -149,9 +149,9 @@ def test_a_run_without_estimates_is_refused_as_a_first_drive(first):
         pulses_of(replace(first.run, estimate=None))
 
 
-def estimate(t_s, v=0.0, omega=0.0, sd=1e-3):
+def estimate(t_s, v=0.0, omega=0.0, std=1e-3):
     cov = np.zeros((6, 6))
-    cov[2, 2] = cov[3, 3] = cov[5, 5] = sd**2
+    cov[2, 2] = cov[3, 3] = cov[5, 5] = std**2
     return Estimate(round(t_s * 1e9), np.zeros(3), np.array([v, 0.0, omega]), cov)
 
 

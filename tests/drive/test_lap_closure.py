@@ -87,21 +87,21 @@ def after_another_drive(run):
 
 
 def test_a_lap_identifies_the_gyro_scale_without_marks(result):
-    assert abs(result.scale - TRUE) < 3.0 * result.sd < 0.02
-    assert result.values["sensors.imu.gyro_scale_std"] == pytest.approx(result.sd / result.scale, rel=0.05)
+    assert abs(result.scale - TRUE) < 3.0 * result.std < 0.02
+    assert result.values["sensors.imu.gyro_scale_std"] == pytest.approx(result.std / result.scale, rel=0.05)
 
 
 def test_the_motion_before_the_first_mark_does_not_count(file, lap, result):
     second = lap_closure(after_another_drive(lap), file)
-    assert second.sd == pytest.approx(result.sd, rel=0.05)
-    assert second.scale == pytest.approx(result.scale, abs=0.3 * result.sd)
+    assert second.std == pytest.approx(result.std, rel=0.05)
+    assert second.scale == pytest.approx(result.scale, abs=0.3 * result.std)
     assert second.gap_m == pytest.approx(result.gap_m, rel=0.2)
 
 
 def test_a_scale_without_a_standard_deviation_in_the_file_does_not_bound_the_lap(file, lap, result):
     free = lap_closure(lap, file.with_values({"sensors.imu.gyro_scale_std": 0.0}))
-    assert abs(free.scale - TRUE) < 3.0 * free.sd
-    assert free.sd >= result.sd
+    assert abs(free.scale - TRUE) < 3.0 * free.std
+    assert free.std >= result.std
 
 
 @pytest.mark.parametrize("std", [0.0, 0.03])
@@ -167,7 +167,7 @@ def test_a_lap_that_closes_in_its_estimate_only_confirms_a_wrong_scale(file):
     run = teach(file, eight(0.4, 0.3), world=world, backend="python").run
     closure = lap_closure(run, file)
     assert np.hypot(*(run.truth.eta[-1] - run.estimate.eta[-1])[:2]) > 0.06
-    assert abs(closure.scale - file.sensors.imu.gyro_scale) < 3.0 * closure.sd < 0.5 * (1.0 - TRUE)
+    assert abs(closure.scale - file.sensors.imu.gyro_scale) < 3.0 * closure.std < 0.5 * (1.0 - TRUE)
 
 
 @pytest.mark.parametrize(("scale", "std", "most"), [(1.0, 0.001, 1.5), (1.11 * TRUE, 0.0, 10.0)])

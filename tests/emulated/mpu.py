@@ -257,9 +257,9 @@ class MpuEmulator:
         if self.noise:
             draw = self.random.gauss
             # 400 µg/√Hz and 0.005 °/s/√Hz over the 500 Hz that 1 kHz shows
-            accel_sd = self.noise * 400e-6 * STANDARD_GRAVITY * math.sqrt(500.0)
-            gyro_sd = self.noise * math.radians(0.005) * math.sqrt(500.0)
-            values = [v + draw(0.0, accel_sd if n < 3 else gyro_sd) for n, v in enumerate(values)]
+            accel_std = self.noise * 400e-6 * STANDARD_GRAVITY * math.sqrt(500.0)
+            gyro_std = self.noise * math.radians(0.005) * math.sqrt(500.0)
+            values = [v + draw(0.0, accel_std if n < 3 else gyro_std) for n, v in enumerate(values)]
         for number, shift in enumerate(self._self_test()):
             values[number] += shift
         values = [channel.step(v) for channel, v in zip(self.channels, values, strict=True)]

@@ -193,8 +193,8 @@ def test_noise_at_the_default_filter_equals_the_data_sheet_value():
     for column, lsb, density, width in ((0, 16384, 400e-6, 44.0), (1, 131, 0.005, 42.0)):
         values = [row[column] / lsb for row in rows]
         mean = sum(values) / len(values)
-        sd = math.sqrt(sum((v - mean) ** 2 for v in values) / len(values))
-        assert sd == pytest.approx(density * math.sqrt(width * math.pi / 2), rel=0.12)
+        std = math.sqrt(sum((v - mean) ** 2 for v in values) / len(values))
+        assert std == pytest.approx(density * math.sqrt(width * math.pi / 2), rel=0.12)
 
 
 def test_two_chips_with_the_same_seed_give_the_same_bytes():

@@ -138,10 +138,10 @@ def test_two_contradicting_tags_widen_the_region_and_the_third_decides(driving):
 def test_contradicting_tags_do_not_widen_scales_or_biases_beyond_their_prior(driving):
     wide = after(after(driving, LATER, np.array([50.0, 0.0])), LATER, np.array([-50.0, 0.0]))
     start = np.sqrt(np.diag(ekf().init().cov))
-    sd = np.sqrt(np.diag(wide.cov))
-    assert np.all(sd[SCALE_INDEX:] <= start[SCALE_INDEX:] * (1.0 + 1e-9))
-    assert sd[2] <= TURN_STD * 1.01
-    assert len(sd) == BIAS_INDEX + 3
+    std = np.sqrt(np.diag(wide.cov))
+    assert np.all(std[SCALE_INDEX:] <= start[SCALE_INDEX:] * (1.0 + 1e-9))
+    assert std[2] <= TURN_STD * 1.01
+    assert len(std) == BIAS_INDEX + 3
     assert np.linalg.eigvalsh(wide.cov)[0] > 0.0
 
 

@@ -227,7 +227,7 @@ def vehicle(folder: Path) -> Iterator[Callable[[int], object]]:
     """A vehicle file, and the blocks that it describes."""
     originals = [load(name).text for name in ("small", "car", "case-study-1")]
     fitted = load("small").with_values(
-        {"model.mass_kg": 0.6}, {"model.mass_kg": {"run": "a", "sd": 0.1, "verdict": "USABLE"}}
+        {"model.mass_kg": 0.6}, {"model.mass_kg": {"run": "a", "std": 0.1, "verdict": "USABLE"}}
     )
     originals.append(
         fitted.text

@@ -33,11 +33,11 @@ def small():
 
 @pytest.fixture(scope="session")
 def off():
-    """Return the function (fit, file) → (estimate − truth) / sd of the observable parameters."""
+    """Return the function (fit, file) → (estimate − truth) / std of the observable parameters."""
 
     def errors(fit, file):
         truth = np.array([file.value(name) for name in fit.names])
-        z = (fit.estimate - truth) / fit.sd
+        z = (fit.estimate - truth) / fit.std
         return z[np.isfinite(z)]
 
     return errors

@@ -51,5 +51,5 @@ def test_a_run_that_begins_in_motion_identifies_the_true_parameters(moving_run):
     file, run = moving_run
     fit = identify(run.cut(4.2), file, FREE, use=("odometer", "imu[2]"), options=FitOptions(diagnose=False))
     truth = np.array([file.value(name) for name in fit.names])
-    assert np.all(np.abs(fit.estimate - truth) < 4.0 * fit.sd)
+    assert np.all(np.abs(fit.estimate - truth) < 4.0 * fit.std)
     np.testing.assert_allclose(fit.estimate, truth, rtol=0.1)  # the gain was 1.4 times as large

@@ -122,5 +122,5 @@ def test_block_solver_and_whole_matrix_give_the_same_segmented_fit(case, case_ru
     monkeypatch.setattr(simulated, "arrow_layout", lambda layout: None)
     whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     assert pieces.evaluations == whole.evaluations
-    np.testing.assert_allclose((pieces.estimate - whole.estimate) / whole.sd, 0.0, atol=1e-5)
+    np.testing.assert_allclose((pieces.estimate - whole.estimate) / whole.std, 0.0, atol=1e-5)
     np.testing.assert_allclose(pieces.cov, whole.cov, rtol=1e-6)

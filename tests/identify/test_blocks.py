@@ -85,9 +85,9 @@ def test_block_errors_have_coverage_with_floor_disturbance_and_outliers(drives):
     for drive in drives:
         channels = {}
         for name, channel in drive.run.sensors.items():
-            sd = np.sqrt(np.diagonal(getattr(drive.file.sensors, name).cov))
+            std = np.sqrt(np.diagonal(getattr(drive.file.sensors, name).cov))
             hit = (rng.random(channel.z.shape) < 0.1) * rng.choice([-20.0, 20.0], channel.z.shape)
-            channels[name] = channel._replace(z=channel.z + hit * sd)
+            channels[name] = channel._replace(z=channel.z + hit * std)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(module, "fit_by_simulation", lambda task: task)
             search = identify(replace(drive.run, sensors=channels), drive.file)
@@ -101,7 +101,7 @@ def test_block_errors_have_coverage_with_floor_disturbance_and_outliers(drives):
         truth = np.array([drive.true.get(name, np.nan) for name in fit.names])[finite]
         inner = np.isfinite(truth) & (fit.bound[finite] == 0)
         off = np.abs(fit.estimate[finite] - truth)[inner]
-        inside += (off < 1.96 * fit.sd[finite][inner]).tolist()
+        inside += (off < 1.96 * fit.std[finite][inner]).tolist()
         before += (off < 1.96 * white[inner]).tolist()
     assert 0.88 < np.mean(inside) <= 1.0
     assert np.mean(before) < np.mean(inside) - 0.04

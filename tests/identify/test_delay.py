@@ -22,7 +22,7 @@ def fit_delay(delay_s, start_s, seed):
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
     fit = identify(run, small, FREE, options=FitOptions(start={DELAY_PATH: start_s}))
     k = fit.names.index(DELAY_PATH)
-    return fit, fit.estimate[k], fit.sd[k], fit.bound[k]
+    return fit, fit.estimate[k], fit.std[k], fit.bound[k]
 
 
 @pytest.mark.parametrize(
@@ -32,10 +32,10 @@ def fit_delay(delay_s, start_s, seed):
 def test_id8_a_delay_is_identified_within_its_error_from_any_start(delay_s, start_s):
     """0.05 and 0.2 s are whole ticks, 0.001 s is a tenth of one."""
     for seed in (1, 2):
-        fit, estimate, sd, bound = fit_delay(delay_s, start_s, seed)
+        fit, estimate, std, bound = fit_delay(delay_s, start_s, seed)
         assert fit.converged
         assert fit.verdict == "USABLE", fit.reasons
-        assert abs(estimate - delay_s) < SIGMAS * sd < 1e-3, "the error must be at most a tenth of a tick"
+        assert abs(estimate - delay_s) < SIGMAS * std < 1e-3, "the error must be at most a tenth of a tick"
         assert bound == 0
 
 
@@ -62,8 +62,8 @@ def test_delay_and_lag_of_the_motors_are_identified_together():
         fit = identify(run, small, (*FREE, LAG_PATH), options=FitOptions(diagnose=False))
         at = [fit.names.index(path) for path in (DELAY_PATH, LAG_PATH)]
         assert fit.converged
-        far += [(fit.estimate[at] - [delay_s, lag_s]) / fit.sd[at]]
-        assert np.all(fit.sd[at] < [1e-3, 3e-3])
+        far += [(fit.estimate[at] - [delay_s, lag_s]) / fit.std[at]]
+        assert np.all(fit.std[at] < [1e-3, 3e-3])
     assert np.max(np.abs(far)) < 3.0
     assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.4
 

@@ -67,15 +67,15 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     names = ["model.actuator_matrix[1,2]", "model.actuator_matrix[2,2]"]
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
-    blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
-    findings = gain_findings(blocks, names, np.array([sideways, turning]), sd)
+    blocks, std = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
+    findings = gain_findings(blocks, names, np.array([sideways, turning]), std)
     assert [finding.code for finding in findings] == ["file.lever-arm"]
     assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
     no_imu = blocks._replace(sensors=sensor_slots(("wheels",))(Wheels(0.12)))
-    assert gain_findings(no_imu, names, np.array([sideways, turning]), sd)[0].fix == (
+    assert gain_findings(no_imu, names, np.array([sideways, turning]), std)[0].fix == (
         "--free +model.centre_of_mass_x_m"
     )
-    findings = gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    findings = gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), std)
     assert [finding.code for finding in findings] == ["file.swapped"]
     assert {"expected", "value"} <= findings[0].figures.keys()  # fields of its template
 
@@ -92,7 +92,7 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     run = counterpart.run_of_vehicle(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     k = fit.names.index("sensors.imu.heading_rad")
-    assert abs(fit.estimate[k] - q.imu.turn_rad[0]) < 3.0 * fit.sd[k]
+    assert abs(fit.estimate[k] - q.imu.turn_rad[0]) < 3.0 * fit.std[k]
     assert fit.verdict == "WARN"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}
 

@@ -92,7 +92,7 @@ def test_the_errors_by_a_missing_effect_are_correlated(case, u):
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
     fit = identify(simulate(rough, u, 0), case)
     i, j = (fit.names.index(f"model.friction.{name}[0]") for name in ("linear", "quadratic"))
-    assert fit.cov[i, j] < -0.9 * fit.sd[i] * fit.sd[j]
+    assert fit.cov[i, j] < -0.9 * fit.std[i] * fit.std[j]
 
 
 def test_a_parameter_change_within_a_run_is_reported(case, u):
@@ -107,7 +107,7 @@ def test_a_parameter_change_within_a_run_is_reported(case, u):
     assert "residual.parts-differ" in codes(fit.reasons)
     k = fit.names.index("model.friction.linear[0]")
     assert (
-        fit.interval[k, 0] < 7.0 < 9.0 < fit.interval[k, 1] or fit.sd[k] > 0.5
+        fit.interval[k, 0] < 7.0 < 9.0 < fit.interval[k, 1] or fit.std[k] > 0.5
     )  # it includes the result of the halves
 
 
@@ -181,8 +181,8 @@ def test_unmodelled_tyre_slip_drag_widens_the_errors(soft_tyres):
     off = fit.estimate[k] - float(car_values(car)[DRAG][0])
     assert fit.verdict == "WARN"
     assert "slip, x" in [reason.figures.get("term") for reason in fit.reasons]
-    assert abs(off) < 1.96 * fit.sd[k]
-    assert np.isfinite(fit.sd[k])
+    assert abs(off) < 1.96 * fit.std[k]
+    assert np.isfinite(fit.std[k])
     assert "--free +model.understeer" in [reason.fix for reason in fit.reasons]
 
 

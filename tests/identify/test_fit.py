@@ -71,11 +71,11 @@ def test_id14_standard_errors_are_near_the_cramer_rao_bound(case, fits):
     for name, bound in BOUND.items():
         k = fits[0].names.index(f"model.{name}")
         truth = case.value(f"model.{name}")
-        sd = 100.0 * np.mean([fit.sd[k] for fit in fits]) / truth
-        assert 0.85 * bound < sd < 1.4 * bound, (
+        std = 100.0 * np.mean([fit.std[k] for fit in fits]) / truth
+        assert 0.85 * bound < std < 1.4 * bound, (
             name
         )  # Huber 1.03; biases, start and T's other entries; the signal
-        assert sd < 1.0 or name == "friction.quadratic[1]"
+        assert std < 1.0 or name == "friction.quadratic[1]"
 
 
 def test_gains_of_an_absent_command_are_null_and_reported_once(fits):
@@ -112,7 +112,7 @@ def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, off):
     spoilt = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
     clean, fit = identify(run, case), identify(spoilt, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    assert np.nanmax(fit.sd / clean.sd) < 1.35
+    assert np.nanmax(fit.std / clean.std) < 1.35
     assert fit.verdict == "USABLE"
     assert "outliers.both-sides" in [note.code for note in fit.notes]
 
@@ -140,7 +140,7 @@ def test_biases_and_initial_speed_are_estimated_with_the_parameters(case, case_r
         "sensors.imu.accel_bias[1]",
         "sensors.imu.gyro_bias",
     )
-    assert np.max(np.abs((fit.run_entries[0] - truth) / fit.run_entry_sd[0])) < 4.5
+    assert np.max(np.abs((fit.run_entries[0] - truth) / fit.run_entry_std[0])) < 4.5
     assert fit.blocks.sensors.imu.gyro_bias == fit.run_entries[0, 2]
 
 
@@ -153,7 +153,7 @@ def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, off
     )
     both, single = identify([a, b], case), identify(a, case)
     assert np.max(np.abs(off(both, case))) < 4.5
-    assert np.nanmedian(both.sd / single.sd) == pytest.approx(np.sqrt(0.5), rel=0.2)
+    assert np.nanmedian(both.std / single.std) == pytest.approx(np.sqrt(0.5), rel=0.2)
     np.testing.assert_allclose(both.run_entries[:, 2], [0.0, 0.1], atol=5e-3)
 
 
@@ -178,8 +178,8 @@ def test_both_back_ends_give_the_same_fit(case, case_run):
         for name in ("auto", "python")
     )
     assert b.backend == "python"
-    assert np.max(np.abs(a.estimate - b.estimate) / a.sd) < 1e-3  # the search ends at 3e-4
-    np.testing.assert_allclose(a.sd, b.sd, rtol=5e-3)  # σ settles to 0.5 %
+    assert np.max(np.abs(a.estimate - b.estimate) / a.std) < 1e-3  # the search ends at 3e-4
+    np.testing.assert_allclose(a.std, b.std, rtol=5e-3)  # σ settles to 0.5 %
 
 
 def test_free_and_fixed_parameters_and_bounds_are_given_by_path(case, case_run):
@@ -217,7 +217,7 @@ def test_the_matrix_of_a_kinematic_vehicle_is_identified(case, case_run):
         case_run(8, 20.0, file), file, options=FitOptions(start={"model.velocity_matrix[0,0]": 0.3})
     )
     k = [fit.names.index(f"model.velocity_matrix[{i},{i}]") for i in (0, 2)]
-    assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.sd[k])) < 4.5
+    assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.std[k])) < 4.5
     cut = identify(
         case_run(8, 20.0, file), file, options=FitOptions(segment_s=5.0)
     )  # a segment does not start with a velocity
@@ -231,7 +231,7 @@ def test_a_car_is_identified_from_odometer_and_gyro():
     fit = identify(drive.run, drive.file, use=["odometer", "imu[2]"])
     for name in ("throttle_gain", "linear_drag", "steering_gain", "steering_offset_rad"):
         k = fit.names.index(f"model.{name}")
-        assert abs(fit.estimate[k] - drive.true[fit.names[k]]) < 4.5 * fit.sd[k], name
+        assert abs(fit.estimate[k] - drive.true[fit.names[k]]) < 4.5 * fit.std[k], name
     assert {c.sensor for c in fit.channels if np.isfinite(c.explained_fraction)} == {"imu", "odometer"}
     assert [np.isnan(c.explained_fraction) for c in fit.channels if c.sensor == "imu"] == [True, True, False]
 
@@ -286,4 +286,4 @@ def test_scipy_reaches_the_same_cost_and_parameters(case, case_run):
         ftol=1e-10,
     )
     assert fit.cost == pytest.approx(peer.cost, rel=1e-8)
-    assert np.max(np.abs(fit.estimate - peer.x * first) / fit.sd) < 1e-2
+    assert np.max(np.abs(fit.estimate - peer.x * first) / fit.std) < 1e-2

@@ -37,7 +37,7 @@ def logs():
 
 def off(fit, q, name):
     """Return the deviation of the parameter `name` from the truth, in standard errors."""
-    return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.sd[fit.names.index(name)]
+    return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.std[fit.names.index(name)]
 
 
 def test_an_undeclared_low_pass_gives_a_warning_and_a_remedy(logs):
@@ -86,7 +86,7 @@ def test_only_the_sum_of_tilt_and_bias_is_identified_by_default(logs):
 def test_a_low_pass_can_be_fitted(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], options=FitOptions(diagnose=False))
-    assert abs(fit.value(LOW_PASS) - HZ) < 4.0 * fit.sd[fit.names.index(LOW_PASS)]
+    assert abs(fit.value(LOW_PASS) - HZ) < 4.0 * fit.std[fit.names.index(LOW_PASS)]
     assert off(fit, q, DELAY_PATH) < 3.0
 
 

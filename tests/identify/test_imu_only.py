@@ -40,8 +40,8 @@ def drive_seed(seed, seconds=60.0, changes=None):
     run = simulate(file.with_values(QUIET | (changes or {})), u, seed)
     channel = run.sensors["imu"]
     v = np.abs(np.interp(channel.t_ns, run.truth.t_ns, run.truth.nu[:, 0]))
-    sd = np.stack([0.05 + 0.6 * v, 0.05 + 1.2 * v, 0.02 + 0.03 * v], axis=1)
-    noisy = channel._replace(z=channel.z + sd * rng.normal(size=channel.z.shape))
+    std = np.stack([0.05 + 0.6 * v, 0.05 + 1.2 * v, 0.02 + 0.03 * v], axis=1)
+    noisy = channel._replace(z=channel.z + std * rng.normal(size=channel.z.shape))
     return file, replace(run, sensors={"imu": noisy})
 
 
@@ -71,7 +71,7 @@ def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
     wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
-    part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / std_of_tolerance(0.1)
+    part = np.sqrt(np.maximum(wide.std**2 - exact.std**2, 0.0)) / std_of_tolerance(0.1)
     changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
@@ -80,7 +80,7 @@ def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     slope = np.abs(changes_by_scale[0] - changes_by_scale[1]) / 0.04
     gain = fit.names.index("model.steering_gain")
     assert part[gain] == pytest.approx(slope[gain], rel=0.2)
-    assert np.all(np.abs(part - slope) < 0.2 * slope + 2.0 * exact.sd)
+    assert np.all(np.abs(part - slope) < 0.2 * slope + 2.0 * exact.std)
 
 
 def test_a_measured_scale_has_priority_over_a_data_sheet():
@@ -105,7 +105,7 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
     narrow, higher, lower = (
         fit_imu_only(
             run,
-            file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
+            file.with_values({path: x}, {path: origin._replace(std=0.0)}),
             LONGITUDINAL + YAW,
             tolerance=EXACT,
         )
@@ -114,10 +114,10 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
     wide = fit_imu_only(
         run, file.with_values({path: at[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
     )
-    part = np.sqrt(np.maximum(wide.sd**2 - narrow.sd**2, 0.0))
+    part = np.sqrt(np.maximum(wide.std**2 - narrow.std**2, 0.0))
     slope = 0.02 * np.abs(higher.estimate - lower.estimate) / 0.01
     offset = narrow.names.index("model.steering_offset_rad")
-    assert part[offset] > 3.0 * narrow.sd[offset]
+    assert part[offset] > 3.0 * narrow.std[offset]
     assert part[offset] == pytest.approx(slope[offset], rel=0.1)
 
 
@@ -137,9 +137,9 @@ def test_a_fit_started_at_its_estimate_returns_the_same_estimate():
     free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
     first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
     second = fit_imu_only(run, first.vehicle_file, free)
-    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
+    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.std) <= 0.3
     assert first.value("model.drivetrain.delay_s") == pytest.approx(
-        0.08, abs=3.0 * first.sd[first.names.index(free[-1])]
+        0.08, abs=3.0 * first.std[first.names.index(free[-1])]
     )
 
 
@@ -190,7 +190,7 @@ def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
     fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
     true = {**car_values(car), "model.drivetrain.lag_s": car.lag_s}
     names = ("model.throttle_gain", "model.linear_drag", "model.drivetrain.lag_s")
-    off = [(fit.value(n) - float(true[n][0])) / fit.sd[fit.names.index(n)] for n in names]
+    off = [(fit.value(n) - float(true[n][0])) / fit.std[fit.names.index(n)] for n in names]
     assert np.all(np.abs(off) < 2.5), off
 
 
@@ -210,7 +210,7 @@ def test_the_gyro_fit_of_a_two_wheeled_vehicle_identifies_the_true_parameters():
     free = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
     led = identify(run, file, free, use=("imu",), options=FitOptions(gyro_leads=True))
     truth = np.array([*file.vehicle.friction.linear, *np.diagonal(file.vehicle.actuator_matrix)[[0, 2]]])
-    assert np.all(np.abs(led.estimate[:5] - truth) < 3.0 * led.sd[:5])
+    assert np.all(np.abs(led.estimate[:5] - truth) < 3.0 * led.std[:5])
     np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
 
 
@@ -306,7 +306,7 @@ def test_gyro_noise_does_not_bias_lever_arm_or_speed_towards_zero():
         file, run = drive_seed(seed)
         fit = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
         at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
-        off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.sd[at])
+        off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.std[at])
     assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), (
         off
     )  # the lever arm was 4 standard errors too short

@@ -84,7 +84,9 @@ def of_car(seconds, seed):
 
 
 def off(truth, fit):
-    errors = {n: (x - truth.value(n)) / sd for n, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)}
+    errors = {
+        n: (x - truth.value(n)) / std for n, x, std in zip(fit.names, fit.estimate, fit.std, strict=True)
+    }
     return max(map(abs, errors.values())), errors
 
 
@@ -107,7 +109,7 @@ def test_a_camera_identifies_wheels_gyro_and_the_camera_clock():
         worst, errors = off(truth, fit)
         assert worst < SIGMAS, errors
         clock = fit.run_entry_names.index("clock.truth")
-        assert abs(fit.run_entries[0, clock] - late_s) < SIGMAS * fit.run_entry_sd[0, clock] < 0.005
+        assert abs(fit.run_entries[0, clock] - late_s) < SIGMAS * fit.run_entry_std[0, clock] < 0.005
 
 
 def with_mark_at(run, ahead, left, turned_rad):
@@ -132,7 +134,7 @@ def test_the_position_of_a_mark_is_identified_but_not_written(turned_rad):
     for key, value in mount.items():
         if np.isfinite(value):
             k = fit.names.index(f"sensors.truth.{key}")
-            assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.01
+            assert abs(fit.estimate[k] - value) < SIGMAS * fit.std[k] < 0.01
     assert fit.notes[0].code == "truth.horizon-of-pieces"
     assert fit.notes[0].figures == {
         "span_s": pytest.approx(5.0, abs=0.05),
@@ -164,7 +166,7 @@ def test_the_position_of_a_mark_is_identified_from_its_velocity():
     )
     for key, value in (("lever_arm_m[0]", 0.06), ("lever_arm_m[1]", -0.03)):
         k = fit.names.index(f"sensors.truth.{key}")
-        assert abs(fit.estimate[k] - value) < SIGMAS * fit.sd[k] < 0.02
+        assert abs(fit.estimate[k] - value) < SIGMAS * fit.std[k] < 0.02
     assert fit.notes[0].code == "truth.horizon"
     assert fit.notes[0].figures == {
         "span_s": pytest.approx(20.0, abs=0.5),
@@ -181,7 +183,7 @@ def test_an_imu_clock_offset_of_whole_ticks_is_identified():
         fit = identify(run, small, USUAL, options=FitOptions(clocks=("imu",)))
         assert fit.converged
         clock = fit.run_entry_names.index("clock.imu")
-        assert abs(fit.run_entries[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.run_entry_sd[0, clock] < 1e-3
+        assert abs(fit.run_entries[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.run_entry_std[0, clock] < 1e-3
         assert off(small, fit)[0] < SIGMAS
 
 
@@ -217,7 +219,7 @@ def test_a_tape_measurement_at_the_end_identifies_the_gyro_scale():
         )
         worst, errors = off(car, fit)
         assert worst < SIGMAS, errors
-        assert fit.sd[fit.names.index(GYRO)] < 0.01
+        assert fit.std[fit.names.index(GYRO)] < 0.01
 
 
 def test_the_error_of_a_tape_includes_the_floor_disturbance():
@@ -264,7 +266,7 @@ def test_a_mark_passed_each_lap_reduces_speed_and_gyro_errors():
         worst, errors = off(truth, with_mark)
         assert worst < SIGMAS, errors
         k = with_mark.names.index(GYRO)
-        assert not with_mark.sd[k] > 0.5 * without.sd[k], "without the mark the value is unknown (NaN)"
+        assert not with_mark.std[k] > 0.5 * without.std[k], "without the mark the value is unknown (NaN)"
 
 
 class Ten:
@@ -275,7 +277,7 @@ class Ten:
 
 
 @pytest.mark.parametrize(
-    ("line", "kind", "z", "sd"),
+    ("line", "kind", "z", "std"),
     [
         ("4 s: 2.31 m", "tape", [2.31], 0.01),
         ("0s..4s: 231 cm", "tape", [2.31], 0.01),
@@ -286,11 +288,11 @@ class Ten:
         ("monday 4 s: 0 mm", "back_on_mark", [0.0, 0.0], 0.01),
     ],
 )
-def test_a_handwritten_measurement_line_is_parsed(line, kind, z, sd):
+def test_a_handwritten_measurement_line_is_parsed(line, kind, z, std):
     run, (place,) = read_line(line, [Ten("monday")])
     assert (run, place.kind, place.t_ns) == (0, kind, 5 + 4_000_000_000)
     assert place.z == pytest.approx(z, abs=1e-12)
-    assert place.std == pytest.approx(sd)
+    assert place.std == pytest.approx(std)
 
 
 def test_a_line_may_contain_a_length_and_an_angle():

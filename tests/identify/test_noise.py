@@ -84,8 +84,8 @@ def noise_at_rest(small):
 
 def test_the_identified_noise_equals_the_sensor_noise_in_motion_and_at_rest(noise_at_rest):
     noise = measure_noise(noise_at_rest[1], noise_at_rest[0])
-    sd = np.sqrt(np.diagonal(noise.in_motion["imu"]))
-    np.testing.assert_allclose(sd, [0.1, 0.1, 0.004], rtol=0.08)  # the floor noise adds a little
+    std = np.sqrt(np.diagonal(noise.in_motion["imu"]))
+    np.testing.assert_allclose(std, [0.1, 0.1, 0.004], rtol=0.08)  # the floor noise adds a little
     resting = noise.at_rest["imu"]
     np.testing.assert_allclose(np.sqrt(np.diagonal(resting)), [0.1, 0.1, 0.004], rtol=0.2)
 
@@ -212,7 +212,7 @@ def test_a_fit_of_one_of_two_sensors_gives_the_noise_of_both():
     car = load("car")
     run = simulate(car, random_steps([0.5, 0.8], 10.0, car.rate_hz, 0))
     noise = measure_noise(identify(run, car, ["model.throttle_gain"], use=["odometer"]), run)
-    units = {row["name"]: (row["unit"], row["sd_at_rest"]) for row in noise.rows()}
+    units = {row["name"]: (row["unit"], row["std_at_rest"]) for row in noise.rows()}
     assert units["imu[2]"] == ("rad/s", None)
 
 

@@ -59,7 +59,7 @@ def test_the_identified_velocity_walk_equals_the_true_floor_noise(measured):
 def test_the_noise_table_shows_the_values_written_to_the_file(measured):
     _, file, noise = measured
     written_data = noise.updated_file(file).data
-    deviations = {row["name"]: row["sd"] for row in noise.rows()}
+    deviations = {row["name"]: row["std"] for row in noise.rows()}
     for name in ("imu", "odometer"):
         for k, variance in enumerate(np.diagonal(written_data["sensors"][name]["measurement_noise_cov"])):
             assert deviations[f"{name}[{k}]"] == pytest.approx(np.sqrt(variance))

@@ -41,7 +41,7 @@ def test_unobservable_parameters_retain_their_start_value_and_are_marked_unknown
     assert fit.blocks.model.friction.linear[2] == 500.553
     row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
     assert row["estimate"] is None
-    assert row["sd"] is None
+    assert row["std"] is None
     assert "not identifiable" in fit.table()
 
 
@@ -159,5 +159,5 @@ def test_a_wrong_dry_friction_that_cannot_be_separated_does_not_bias_the_gain():
     start = car.with_values({"model.coulomb_m_s2": 1.0})
     fit = identify(run, start, [f"model.{name}" for name in names], use=("odometer",))
     error = [fit.value(f"model.{name}") - car.value(f"model.{name}") for name in names[:3]]
-    assert np.all(np.abs(error) < 3.5 * fit.sd[:3])
+    assert np.all(np.abs(error) < 3.5 * fit.std[:3])
     assert np.isnan(fit.value(f"model.{names[3]}"))

@@ -58,7 +58,7 @@ def test_separate_stages_give_the_same_result_as_the_fit(small, run):
 def test_a_custom_solver_gives_the_same_estimate(small, run, examples):
     fit, own_fit = (identify(run, small, FREE, **options) for options in ({}, {"solver": examples.by_scipy}))
     assert own_fit.converged
-    assert np.max(np.abs(own_fit.estimate - fit.estimate) / fit.sd) < 0.02
+    assert np.max(np.abs(own_fit.estimate - fit.estimate) / fit.std) < 0.02
 
 
 def test_a_search_out_of_evaluations_continues_in_another_round(small, run):

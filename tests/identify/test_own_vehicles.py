@@ -109,7 +109,7 @@ def test_each_example_class_has_at_most_forty_lines_and_passes_the_check(files, 
 def test_unmeasured_parameters_are_free_by_default_and_estimated_within_their_intervals(fits, name):
     fit, truth = fits[name], CASES[name][1]
     assert fit.names == tuple(f"model.{key}" for key in truth)
-    z = (fit.estimate - np.array(list(truth.values()))) / fit.sd
+    z = (fit.estimate - np.array(list(truth.values()))) / fit.std
     assert np.max(np.abs(z)) < 3.0  # by chance in 2 % of all seeds
     assert fit.verdict == "USABLE", fit.reasons
 

@@ -71,10 +71,10 @@ def fitted(small, values, seed, **options):
 
 
 def off(truth, fit):
-    """Return (estimate − truth) / sd by name."""
+    """Return (estimate − truth) / std by name."""
     return {
-        name: (x - truth.value(name)) / sd
-        for name, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)
+        name: (x - truth.value(name)) / std
+        for name, x, std in zip(fit.names, fit.estimate, fit.std, strict=True)
     }
 
 
@@ -146,7 +146,7 @@ def test_dry_friction_of_a_car_is_identified_forward_and_backward(seed):
     fit = identify(run, car, [*CAR_USUAL, *CAR_WAYS], options=FitOptions(diagnose=False))
     errors = off(truth, fit)
     assert all(abs(errors[name]) < SIGMAS for name in CAR_WAYS), errors
-    assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
+    assert all(fit.std[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
 
 
 def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):

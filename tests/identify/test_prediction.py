@@ -149,8 +149,8 @@ def test_errors_of_drag_and_floor_noise_equal_the_cramer_rao_bound(cart):
     bound = np.linalg.inv(fisher_of(run, x, [0, 1, 3, 6]))
     expected = bound[0, 2] / np.sqrt(bound[0, 0] * bound[2, 2])
     assert expected > 0.3
-    assert fit.cov[0, 2] / (fit.sd[0] * fit.sd[2]) == pytest.approx(expected, abs=0.05)
-    assert fit.sd[0] == pytest.approx(np.sqrt(bound[0, 0]), rel=0.08)
+    assert fit.cov[0, 2] / (fit.std[0] * fit.std[2]) == pytest.approx(expected, abs=0.05)
+    assert fit.std[0] == pytest.approx(np.sqrt(bound[0, 0]), rel=0.08)
 
 
 def test_the_mean_curvature_of_the_cost_equals_the_fisher_information(cart, gauss):
@@ -201,9 +201,9 @@ def test_floor_noise_and_sensor_noise_are_identified(cart):
     prediction = of_cart(cart, cart_run(cart, 11, 1200))
     low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
     likely = maximum_likelihood(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
-    v, sd = likely.noise.floor[0], likely.floor_std[0]
+    v, std = likely.noise.floor[0], likely.floor_std[0]
     assert likely.solution.converged
-    assert abs(v - 0.04) < 4.0 * sd < 0.04
+    assert abs(v - 0.04) < 4.0 * std < 0.04
     assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)
     assert likely.noise.floor[1:] == pytest.approx([0.0, 0.0])  # the odometer does not measure them
     assert likely.p_value < 1e-6

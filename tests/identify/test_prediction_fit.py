@@ -26,14 +26,14 @@ def both(drive):
 
 
 def offs(fit, file, names):
-    """Return (estimate − truth)/sd, and estimate − truth, of the parameters `names`."""
+    """Return (estimate − truth)/std, and estimate − truth, of the parameters `names`."""
     index = [fit.names.index(name) for name in names]
     error = fit.estimate[index] - np.array([file.value(name) for name in names])
-    return error / fit.sd[index], error
+    return error / fit.std[index], error
 
 
 def interior_names(fit):
-    return [name for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and fit.bound[k] == 0]
+    return [name for k, name in enumerate(fit.names) if np.isfinite(fit.std[k]) and fit.bound[k] == 0]
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +51,8 @@ def disturbed_fits(disturbed_drives):
 def test_without_floor_noise_both_costs_agree_and_simulation_is_chosen():
     for drive in case_drives(SEEDS, 60.0, case_file()):
         first, second = both(drive)
-        k = np.isfinite(first.sd)
-        distance = (second.estimate[: len(first.sd)] - first.estimate)[k] / first.sd[k]
+        k = np.isfinite(first.std)
+        distance = (second.estimate[: len(first.std)] - first.estimate)[k] / first.std[k]
         assert np.sqrt(np.mean(distance**2)) < 0.25  # the weights of Huber and of baqueano: 0.09 over 8 seeds
         assert second.notes[0].code in ("cost.floor-still", "cost.too-short", "cost.simulation")
         assert np.all(second.estimate[-3:] < 0.005)

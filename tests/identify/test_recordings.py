@@ -70,4 +70,4 @@ def test_a_repeated_imu_fit_of_a_recording_gives_the_same_estimate(runs):
     first = fit_imu_only(runs[0], raw, [f"model.{name}" for name in free])
     second = fit_imu_only(runs[0], first.vehicle_file, [f"model.{name}" for name in free])
     assert np.isfinite(second.estimate).all()
-    assert np.max(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
+    assert np.max(np.abs(second.estimate - first.estimate) / first.std) <= 0.3

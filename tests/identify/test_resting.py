@@ -29,9 +29,9 @@ def test_the_gyro_bias_is_measured_while_the_car_is_at_rest():
     fit = identify(run, car, use=["odometer", "imu[2]"])
     file = fit.vehicle_file
     assert "sensors.imu.gyro_bias" not in fit.run_entry_names
-    sd = file.provenance["sensors.imu.gyro_bias"].sd
-    assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * sd  # fails once in 150,000 seeds
-    assert 0.0 < sd < 0.01
+    std = file.provenance["sensors.imu.gyro_bias"].std
+    assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * std  # fails once in 150,000 seeds
+    assert 0.0 < std < 0.01
     assert fit.notes[0].code == "bias.at-rest"
 
 
@@ -47,8 +47,8 @@ def test_each_rest_is_tested_alone_by_its_duration(every):
     z[channel.t_ns > run.t_ns[-1] - 500_000_000, -1] += 3.0 * std
     short = channel._replace(t_ns=channel.t_ns[::every], arrival_ns=channel.arrival_ns[::every], z=z[::every])
     file, _ = with_gyro_bias_at_rest(car, [replace(run, sensors={**run.sensors, "imu": short})])
-    sd = file.provenance["sensors.imu.gyro_bias"].sd
-    assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * sd
+    std = file.provenance["sensors.imu.gyro_bias"].std
+    assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * std
 
 
 def test_without_a_rest_the_gyro_bias_of_the_file_is_used():
@@ -58,14 +58,14 @@ def test_without_a_rest_the_gyro_bias_of_the_file_is_used():
     assert "bias.at-rest" not in [note.code for note in fit.notes]
 
 
-def offset(car, run, zero, sd):
-    """Return estimate and standard error of the steering offset, with a gyro bias that is measured ± sd or
+def offset(car, run, zero, std):
+    """Return estimate and standard error of the steering offset, with a gyro bias that is measured ± std or
     unmeasured."""
     path = "sensors.imu.gyro_bias"
-    provenance = {} if sd is None else {path: Provenance("a rest", date(2026, 1, 1), sd, "USABLE")}
+    provenance = {} if std is None else {path: Provenance("a rest", date(2026, 1, 1), std, "USABLE")}
     fit = identify(run, car.with_values({path: zero}, provenance), use=["odometer", "imu[2]"])
     k = fit.names.index("model.steering_offset_rad")
-    return fit.estimate[k], fit.sd[k]
+    return fit.estimate[k], fit.std[k]
 
 
 def test_the_steering_error_includes_the_gyro_bias_error():
@@ -125,7 +125,7 @@ def fit():
 
 def test_a_gyro_bias_from_the_run_is_less_certain_than_the_file(fit):
     k, imu = fit.run_entry_names.index(PATH), fit.file.sensors.imu
-    assert fit.run_entry_sd[0, k] > 5.0 * imu.gyro_bias_std
+    assert fit.run_entry_std[0, k] > 5.0 * imu.gyro_bias_std
     assert abs(fit.run_entries[0, k]) > 10.0 * imu.gyro_bias_std
 
 
@@ -143,7 +143,7 @@ def test_a_bias_that_contradicts_the_file_is_written_with_its_error():
     k = fit.run_entry_names.index(PATH)
     fitted_file = fit.vehicle_file
     assert fitted_file.value(PATH) == pytest.approx(fit.run_entries[0, k], rel=1e-4)
-    assert fitted_file.sensors.imu.gyro_bias_std == pytest.approx(fit.run_entry_sd[0, k], rel=1e-2)
+    assert fitted_file.sensors.imu.gyro_bias_std == pytest.approx(fit.run_entry_std[0, k], rel=1e-2)
     assert ("bias.contradicts-file", PATH) in [(note.code, note.subject) for note in fit.notes]
 
 
@@ -151,6 +151,6 @@ def test_a_bias_measured_at_rest_replaces_that_of_a_drive_on_a_rough_floor():
     fit = fitted(bias=0.03, rest_s=3.0)
     fitted_file = fit.vehicle_file
     assert fitted_file.value(PATH) == pytest.approx(0.03, abs=0.002)
-    assert fitted_file.provenance[PATH].sd < 0.1 * fit.run_entry_sd[0, fit.run_entry_names.index(PATH)]
+    assert fitted_file.provenance[PATH].std < 0.1 * fit.run_entry_std[0, fit.run_entry_names.index(PATH)]
     assert fitted_file.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
     assert not {"bias.file-better", "bias.contradicts-file"} & {note.code for note in fit.notes}

@@ -27,7 +27,7 @@ def test_rows_are_flat_and_serialisable_to_json(fit):
     rows = fit.rows()
     assert json.loads(json.dumps(rows)) == rows
     assert [row["name"] for row in rows] == list(fit.names)
-    assert set(rows[0]) == {"name", "estimate", "sd", "unit", "start", "bound", "identifiable"}
+    assert set(rows[0]) == {"name", "estimate", "std", "unit", "start", "bound", "identifiable"}
 
 
 def test_table_has_estimate_deviation_unit_and_verdict(fit):
@@ -59,7 +59,7 @@ def test_parameters_of_single_runs_are_reported(case, case_run):
     plain = identify(case_run(0, 10.0), case)
     rows = [row for row in fit.run_by_run() if row["name"] == "clock.truth"]
     assert len(rows) == 1
-    assert set(rows[0]) == {"run", "name", "estimate", "sd"}
+    assert set(rows[0]) == {"run", "name", "estimate", "std"}
     assert json.loads(json.dumps(rows)) == rows
     assert f"clock.truth of {fit.runs[0]}: " in fit.table()
     assert "s, to be added to its timestamps" in fit.table()
@@ -67,11 +67,11 @@ def test_parameters_of_single_runs_are_reported(case, case_run):
 
 
 def test_intervals_and_correlations_match_the_covariance(fit):
-    k = np.flatnonzero(np.isfinite(fit.sd))
+    k = np.flatnonzero(np.isfinite(fit.std))
     C = fit.correlation[np.ix_(k, k)]
     np.testing.assert_allclose(np.diagonal(C), 1.0)
     assert np.linalg.eigvalsh(C)[0] > 0.0
-    np.testing.assert_allclose(fit.interval[k, 1] - fit.interval[k, 0], 2.0 * 1.96 * fit.sd[k], rtol=1e-4)
+    np.testing.assert_allclose(fit.interval[k, 1] - fit.interval[k, 0], 2.0 * 1.96 * fit.std[k], rtol=1e-4)
 
 
 def test_each_channel_of_a_fit_contains_data_and_predictions(fit):
@@ -88,7 +88,7 @@ def test_the_file_receives_values_provenance_and_covariance(fit, case):
     origin = file.provenance["model.friction.linear"]
     assert origin.run == "simulation"
     assert origin.verdict == "USABLE"
-    assert np.isnan(file.provenance["model.actuator_matrix"].sd[1][1])
+    assert np.isnan(file.provenance["model.actuator_matrix"].std[1][1])
     assert file.parameter_cov is not None
     assert len(file.parameter_cov.names) == 12
     assert file.value("sensors.imu.gyro_bias") == pytest.approx(fit.run_entries[0, 2], abs=1e-4)
@@ -158,7 +158,7 @@ def test_a_run_without_readings_among_others_is_refused_by_name(small):
         identify(runs, small, use=("imu",), options=FitOptions(diagnose=False))
         for runs in (run, [run, empty])
     )
-    off = np.abs(both.estimate - single.estimate) / single.sd
+    off = np.abs(both.estimate - single.estimate) / single.std
     assert np.nanmax(off) < 1e-2
 
 
@@ -224,7 +224,7 @@ def test_samples_at_the_end_of_the_range_are_excluded_from_the_fit(small):
         text(reason.figures["ends"]) for reason in fit.reasons if reason.code == "data.clipped"
     ]
     truth = np.array([file.value(name) for name in fit.names])
-    z = (fit.estimate - truth) / fit.sd
+    z = (fit.estimate - truth) / fit.std
     assert np.nanmax(np.abs(z)) < 5.0
 
 

@@ -106,4 +106,4 @@ def test_many_short_runs_at_constant_speed_identify_the_gain():
         )
     fit = identify(runs, parse(CART, "cart"), ["model.velocity_matrix[0,0]"])
     assert fit.verdict == "USABLE"
-    assert abs(fit.value("model.velocity_matrix[0,0]") - 0.04) < 4.0 * fit.sd[0]
+    assert abs(fit.value("model.velocity_matrix[0,0]") - 0.04) < 4.0 * fit.std[0]

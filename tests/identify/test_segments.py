@@ -110,8 +110,8 @@ def test_a_segmented_fit_is_correct_with_slightly_larger_errors(case, case_run, 
     whole = identify(run, case, FREE)
     pieces = identify(run, case, FREE, options=FitOptions(segment_s=4.0))
     assert np.max(np.abs(off(pieces, case))) < 4.0
-    assert np.all(pieces.sd > 0.9 * whole.sd)
-    assert np.all(pieces.sd < 4.0 * whole.sd)
+    assert np.all(pieces.std > 0.9 * whole.std)
+    assert np.all(pieces.std < 4.0 * whole.std)
     assert pieces.channels[0].t_s.shape == whole.channels[0].t_s.shape
     assert pieces.runs == whole.runs
     assert pieces.run_entries.shape == (1, 3)  # biases; the starts are of no interest
@@ -142,8 +142,8 @@ def test_a_parameter_may_have_a_different_value_in_each_run(case, case_run):
         runs, case, ["model.friction.linear[0]"], options=FitOptions(per_run=["sensors.imu.gyro_scale"])
     )
     k = fit.run_entry_names.index("sensors.imu.gyro_scale")
-    assert np.max(np.abs(fit.run_entries[:, k] - scales) / fit.run_entry_sd[:, k]) < 4.0
-    assert np.all(fit.run_entry_sd[:, k] < 0.01)
+    assert np.max(np.abs(fit.run_entries[:, k] - scales) / fit.run_entry_std[:, k]) < 4.0
+    assert np.all(fit.run_entry_std[:, k] < 0.01)
 
 
 @pytest.fixture(scope="module")
@@ -172,10 +172,10 @@ def test_a_camera_identifies_the_gyro_scale_and_the_camera_clock(filmed_run, sma
         options=FitOptions(clocks=("truth",), segment_s=2.0),
     )
     k, c = fit.names.index("sensors.imu.gyro_scale"), fit.run_entry_names.index("clock.truth")
-    assert abs(fit.estimate[k] - 1.04) < 4.0 * fit.sd[k] + 1e-3
-    assert fit.sd[k] < 0.005
+    assert abs(fit.estimate[k] - 1.04) < 4.0 * fit.std[k] + 1e-3
+    assert fit.std[k] < 0.005
     assert abs(fit.run_entries[0, c] - 0.040) < 0.005
-    assert fit.run_entry_sd[0, c] < 0.005
+    assert fit.run_entry_std[0, c] < 0.005
 
 
 def test_a_free_clock_of_an_unused_sensor_is_refused(case, case_run):

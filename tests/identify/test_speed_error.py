@@ -24,10 +24,10 @@ FORCE = "model.actuator_matrix[0,0]"
 CONSTANT_SPEED = 0.3  # m/s
 
 
-def fit_with(names, sd):
+def fit_with(names, std):
     """Return what `with_speed_error` reads of a fit with independent errors."""
     return SimpleNamespace(
-        names=tuple(names), sd=np.array(sd), cov=np.diag(np.square(sd)), backend="auto", always_unobservable=(),
+        names=tuple(names), std=np.array(std), cov=np.diag(np.square(std)), backend="auto", always_unobservable=(),
         gyro_shift=np.zeros(len(names)), blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
     )  # fmt: skip
 

@@ -76,6 +76,6 @@ def test_a_fit_gives_fast_driving_less_weight_if_noise_grows_with_speed(small):
         identify(run, small, free),
         identify(run, small, free, options=FitOptions(speed_noise=True)),
     )
-    assert np.all(growing.sd < 0.9 * steady.sd)
+    assert np.all(growing.std < 0.9 * steady.std)
     truth = np.array([small.value(name) for name in growing.names])
-    assert np.max(np.abs(growing.estimate - truth) / growing.sd) < 4.5
+    assert np.max(np.abs(growing.estimate - truth) / growing.std) < 4.5

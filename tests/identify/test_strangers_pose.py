@@ -85,14 +85,14 @@ def fit():
 
 def test_radii_track_and_slip_of_an_unknown_vehicle_are_identified(fit):
     assert fit.verdict != "REFUSED"
-    assert np.max(np.abs(fit.estimate - TRUE) / fit.sd) < 4.0
-    assert np.max(fit.sd / fit.estimate) < 0.1
+    assert np.max(np.abs(fit.estimate - TRUE) / fit.std) < 4.0
+    assert np.max(fit.std / fit.estimate) < 0.1
 
 
 def test_the_camera_delay_of_40_ms_is_identified(fit):
     clock = fit.run_entry_names.index("clock.truth")
-    assert np.max(np.abs(fit.run_entries[:, clock] + LATE_S) / fit.run_entry_sd[:, clock]) < 4.0
-    assert np.max(fit.run_entry_sd[:, clock]) < 0.05
+    assert np.max(np.abs(fit.run_entries[:, clock] + LATE_S) / fit.run_entry_std[:, clock]) < 4.0
+    assert np.max(fit.run_entry_std[:, clock]) < 0.05
 
 
 def test_the_error_bars_include_the_autocorrelated_floor_disturbance():
@@ -102,7 +102,7 @@ def test_the_error_bars_include_the_autocorrelated_floor_disturbance():
         fit = identify(
             runs, file, FREE, use=("truth",), options=FitOptions(clocks=("truth",), diagnose=False)
         )
-        off.append((fit.estimate - TRUE) / fit.sd)
+        off.append((fit.estimate - TRUE) / fit.std)
     assert 0.5 < float(np.sqrt(np.mean(np.square(off)))) < 1.5
 
 

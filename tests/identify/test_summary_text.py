@@ -15,9 +15,9 @@ MOST = 15  # lines in addition to the tables of parameters and channels
 
 
 def row(
-    estimate: float | None, sd: float | None, bound: str | None = None, identifiable: str = "yes"
+    estimate: float | None, std: float | None, bound: str | None = None, identifiable: str = "yes"
 ) -> dict[str, Any]:
-    return {"estimate": estimate, "sd": sd, "bound": bound, "identifiable": identifiable, "start": 0.0}
+    return {"estimate": estimate, "std": std, "bound": bound, "identifiable": identifiable, "start": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_a_row_whose_interval_includes_zero_is_marked(of, mark):
 def test_the_table_marks_every_row_that_may_be_zero(case_run, case):
     fit = identify(case_run(0, 4.0), case)
     table = " ".join(fit.table().split())
-    doubtful = [row["name"] for row in fit.rows() if row["sd"] and abs(row["estimate"]) < 1.96 * row["sd"]]
+    doubtful = [row["name"] for row in fit.rows() if row["std"] and abs(row["estimate"]) < 1.96 * row["std"]]
     assert doubtful
     for name in doubtful:
         row = table.partition(f" {name.removeprefix('model.')} ")[2]

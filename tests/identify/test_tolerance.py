@@ -40,7 +40,7 @@ def test_a_given_tolerance_is_written_with_its_provenance():
         "sensors.imu.gyro_scale"
     ]
     assert provenance.run == "stated, ± 1 %"
-    assert provenance.sd == pytest.approx(0.01 / np.sqrt(3.0) * load("car").sensors.imu.gyro_scale, rel=5e-3)
+    assert provenance.std == pytest.approx(0.01 / np.sqrt(3.0) * load("car").sensors.imu.gyro_scale, rel=5e-3)
 
 
 @pytest.mark.parametrize(

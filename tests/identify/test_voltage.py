@@ -42,7 +42,7 @@ def test_the_effect_of_the_battery_voltage_is_identified(small, effect):
         fit = identify(emptied(small, effect, seed), begin, FREE)
         k = fit.names.index(EFFECT)
         assert fit.verdict == "USABLE", fit.reasons
-        assert abs(fit.estimate[k] - effect) < 3.5 * fit.sd[k] < 0.05
+        assert abs(fit.estimate[k] - effect) < 3.5 * fit.std[k] < 0.05
 
 
 def test_a_constant_voltage_does_not_identify_its_effect(small):

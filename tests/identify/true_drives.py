@@ -47,9 +47,9 @@ class TrueDrive(NamedTuple):
         return int(self.run.name.removeprefix("run "))
 
     def off(self, fit: Fit) -> np.ndarray:
-        """Return (estimate − truth)/sd of the parameters with a true value and an estimate inside its bounds."""
+        """Return (estimate − truth)/std of the parameters with a true value and an estimate inside its bounds."""
         truth = np.array([self.true.get(name, np.nan) for name in fit.names])
-        z = (fit.estimate - truth) / fit.sd
+        z = (fit.estimate - truth) / fit.std
         return z[np.isfinite(z) & (fit.bound == 0)]
 
 

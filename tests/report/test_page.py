@@ -87,8 +87,8 @@ def test_a_caption_is_escaped_in_the_label_of_its_drawing():
 
 def test_an_unknown_value_is_printed_as_a_dash_and_never_nan():
     rows = [
-        {"name": "a", "value": np.nan, "sd": None, "seen": True},
-        {"name": "b", "value": 1.23456789, "sd": 0.5},
+        {"name": "a", "value": np.nan, "std": None, "seen": True},
+        {"name": "b", "value": 1.23456789, "std": 0.5},
     ]
     page = Page("t", "s", "WARN", [Headline("h", "1")], [Section("x", parts=[Table(rows)])])
     text = page.html()

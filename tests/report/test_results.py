@@ -84,10 +84,10 @@ def results():
 
 def history(fit) -> ParameterHistory:
     """Two runs; the second parameter changed between them."""
-    estimate, sd = np.stack([fit.estimate, 1.2 * fit.estimate]), np.stack([fit.sd, fit.sd])
+    estimate, std = np.stack([fit.estimate, 1.2 * fit.estimate]), np.stack([fit.std, fit.std])
     change = ParameterChange(fit.names[1], "N", "step", ("a", "b"), 1.0, 0.1, 1.2, 0.1, 3.0)
-    return ParameterHistory(fit.names, ("N", "N s/m"), ("a", "b"), ("", ""), estimate, sd, estimate, sd, fit.cov,
-                            estimate, sd, np.zeros(2), (change,), (), fit)  # fmt: skip
+    return ParameterHistory(fit.names, ("N", "N s/m"), ("a", "b"), ("", ""), estimate, std, estimate, std, fit.cov,
+                            estimate, std, np.zeros(2), (change,), (), fit)  # fmt: skip
 
 
 NAMES = ("run", "fit", "comparison", "tuning", "forecast", "corridor", "many", "first drive", "validation",
@@ -196,7 +196,7 @@ def test_the_figure_of_a_route_shows_the_limits_of_its_vehicle(results):
 def test_the_figure_of_the_noise_has_a_row_per_standard_deviation(results):
     axes = results["noise"].plot().axes[0]
     rows = [row for row in results["noise"].rows() if row["unit"] != "s"]
-    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [row["sd"] for row in rows])
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [row["std"] for row in rows])
     assert axes.get_yticklabels()[0].get_text() == "imu[0] [m/s²]"
 
 

@@ -21,16 +21,16 @@ VEHICLES = {"planar": load("small").vehicle, "kinematic": Kinematic(np.eye(3)), 
 KNOWN = {kind: FittedBlocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}
 
 ROWS = [
-    {"name": "model.friction.linear[0]", "estimate": 7.0012, "sd": 0.0098, "unit": "N s/m", "weak": False},
+    {"name": "model.friction.linear[0]", "estimate": 7.0012, "std": 0.0098, "unit": "N s/m", "weak": False},
     {
         "name": "model.actuator_matrix[2,2]",
         "estimate": 29.99,
-        "sd": 0.0042,
+        "std": 0.0042,
         "unit": "N m per unit of u",
         "weak": False,
     },
-    {"name": "model.actuator_matrix[1,1]", "estimate": None, "sd": None, "unit": "N", "weak": False},
-    {"name": "sensors.imu.gyro_scale", "estimate": 1.0, "sd": float("nan"), "unit": "1", "weak": True},
+    {"name": "model.actuator_matrix[1,1]", "estimate": None, "std": None, "unit": "N", "weak": False},
+    {"name": "sensors.imu.gyro_scale", "estimate": 1.0, "std": float("nan"), "unit": "1", "weak": True},
 ]
 
 
@@ -39,7 +39,7 @@ def test_a_csv_table_is_read_back_unchanged():
     assert [row["name"] for row in back] == [row["name"] for row in ROWS]
     assert float(back[0]["estimate"]) == 7.0012
     assert back[2]["estimate"] == ""
-    assert back[3]["sd"] == ""
+    assert back[3]["std"] == ""
 
 
 def test_latex_uses_the_symbols_of_the_paper_and_significant_digits():
@@ -85,15 +85,15 @@ def test_parameters_have_the_symbols_of_fossen(path, letter):
 
 
 @pytest.mark.parametrize(
-    ("value", "sd", "cells"),
+    ("value", "std", "cells"),
     [
         (1234.5, 20.0, ("$1234$", "$20$")),
         (0.5, 0.031, ("$0.500$", "$0.031$")),
         (3.2e-9, 1e-10, (r"$3.2 \cdot 10^{-9}$", r"$1 \cdot 10^{-10}$")),
     ],
 )
-def test_the_number_of_printed_digits_depends_on_the_standard_error(value, sd, cells):
-    assert with_error(value, sd) == cells
+def test_the_number_of_printed_digits_depends_on_the_standard_error(value, std, cells):
+    assert with_error(value, std) == cells
 
 
 def test_the_file_format_follows_the_file_extension(tmp_path):

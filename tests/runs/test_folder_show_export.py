@@ -206,7 +206,7 @@ def test_a_csv_contains_exact_numbers_and_empty_cells_for_unknown_values(run, tm
     assert [row["odometer.z1"] != "" for row in rows[:7]] == [True, False, False, False, False, True, False]
     assert float(rows[0]["odometer.t_s"]) == -0.007
     assert {row["truth.nu_psi_dot_rad_s2"] for row in rows} == {""}
-    assert float(rows[9]["estimate.sd_psi_rad"] or "nan") == pytest.approx(
+    assert float(rows[9]["estimate.std_psi_rad"] or "nan") == pytest.approx(
         run.estimate.cov[9, 2, 2] ** 0.5, nan_ok=True
     )
 

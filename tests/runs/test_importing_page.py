@@ -81,8 +81,8 @@ def test_the_commands_of_the_importing_page_give_runs_and_a_model(folder, capsys
         ("model.drivetrain.dead_zone_forward", (0,), 0.12),
         ("model.drivetrain.dead_zone_backward", (1,), 0.14),
     ):
-        estimate, sd = (np.array(x)[index] for x in (fitted.value(name), fitted.provenance[name].sd))
-        assert abs(estimate - true) < 4.0 * sd + 0.02 * true, (name, estimate, sd)
+        estimate, std = (np.array(x)[index] for x in (fitted.value(name), fitted.provenance[name].std))
+        assert abs(estimate - true) < 4.0 * std + 0.02 * true, (name, estimate, std)
     printed = capsys.readouterr()
     assert "held out" in printed.out + printed.err
     for line in of_page("sh", 2).splitlines():

@@ -92,9 +92,9 @@ def test_dry_friction_and_dead_zone_are_chosen_and_rarely_others(dry, file, choi
 
 def test_chosen_terms_get_true_values_and_other_terms_neutral_values(choice, file):
     fit = choice.fit
-    assert abs(fit.value("model.coulomb_m_s2") - 0.4) < 4.0 * fit.sd[fit.names.index("model.coulomb_m_s2")]
+    assert abs(fit.value("model.coulomb_m_s2") - 0.4) < 4.0 * fit.std[fit.names.index("model.coulomb_m_s2")]
     name = "model.drivetrain.dead_zone_backward[0]"
-    assert abs(fit.value(name) - 0.08) < 4.0 * fit.sd[fit.names.index(name)]
+    assert abs(fit.value(name) - 0.08) < 4.0 * fit.std[fit.names.index(name)]
     assert file.value("model.quadratic_drag") > 0.0
     assert choice.vehicle_file.value("model.quadratic_drag") == 0.0
     assert choice.vehicle_file.value("model.drivetrain.delay_s") == 0.0
@@ -295,13 +295,13 @@ def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file
 
 
 @pytest.mark.parametrize(
-    ("x", "sd", "separable"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
+    ("x", "std", "separable"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
 )
-def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, sd, separable):
+def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, std, separable):
     battery = Term("battery voltage", (BATTERY_EFFECT,), (0.0,), ((0.5,),))
-    assert (separation_problem(battery, np.array([x]), np.array([sd])) is None) == separable
+    assert (separation_problem(battery, np.array([x]), np.array([std])) is None) == separable
     assert (
-        separation_problem(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd]))
+        separation_problem(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([std]))
         is None
     )
 

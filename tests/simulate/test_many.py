@@ -61,20 +61,20 @@ def test_the_number_of_chunks_does_not_change_the_result(vehicle, monkeypatch):
 
 
 def test_the_scatter_of_vehicles_matches_the_process_noise(vehicle):
-    """A free walk of ν_ψ has sd σ √t except for friction. A deviation of 4 σ over 400 vehicles occurs once in 16
+    """A free walk of ν_ψ has std σ √t except for friction. A deviation of 4 σ over 400 vehicles occurs once in 16
     000."""
     friction = replace(vehicle.vehicle.friction, linear=np.zeros(3), quadratic=np.zeros(3))
     vehicle.vehicle = replace(vehicle.vehicle, friction=friction)
     many = simulate_many(vehicle, 0 * U, 400, vary={}, process_noise=True, seed=3)
-    sd = np.std(many.nu[:, -1, 2])
-    assert sd == pytest.approx(0.1 * np.sqrt(1.0), rel=4 / np.sqrt(2 * 400))
+    std = np.std(many.nu[:, -1, 2])
+    assert std == pytest.approx(0.1 * np.sqrt(1.0), rel=4 / np.sqrt(2 * 400))
 
 
 def test_the_table_shows_mean_and_standard_deviation(vehicle):
     many = simulate_many(vehicle, U, vary={"model.mass_kg": np.linspace(0.5, 0.7, 5)})
     row = many.rows()[-1]
     assert row["vehicles"] == 5
-    assert row["x_m_sd"] > 0
+    assert row["x_m_std"] > 0
     assert "model.mass_kg" in many.table()
     assert many.verdict == "DONE"
 

@@ -87,8 +87,8 @@ def test_noise_has_the_standard_deviation_of_the_file(vehicle):
     vehicle.sensors = vehicle.sensors._replace(imu=imu)
     vehicle.vehicle = replace(vehicle.vehicle, process_noise_std=np.zeros(3))
     z = simulate(vehicle, zero, seed=11).sensors["imu"].z
-    sd = np.sqrt(np.mean(z**2, axis=0))
-    np.testing.assert_allclose(sd, [0.05, 0.05, 0.002], rtol=4.5 / np.sqrt(2 * 3000))
+    std = np.sqrt(np.mean(z**2, axis=0))
+    np.testing.assert_allclose(std, [0.05, 0.05, 0.002], rtol=4.5 / np.sqrt(2 * 3000))
 
 
 def test_a_simulation_without_noise_is_deterministic(vehicle):

@@ -11,21 +11,21 @@ from baqueano.vehicle_file import load
 class FitResult:
     """The attributes of a fit that the table of the demo uses."""
 
-    def __init__(self, names, estimate, sd):
+    def __init__(self, names, estimate, std):
         self.names, self.verdict, self.reasons = names, "USABLE", ("converged",)
-        self.estimate, self.sd = np.array(estimate), np.array(sd)
+        self.estimate, self.std = np.array(estimate), np.array(std)
 
     def rows(self):
         return [
-            {"name": n, "estimate": None if np.isnan(e) else e, "sd": None if np.isnan(e) else s}
-            for n, e, s in zip(self.names, self.estimate, self.sd, strict=True)
+            {"name": n, "estimate": None if np.isnan(e) else e, "std": None if np.isnan(e) else s}
+            for n, e, s in zip(self.names, self.estimate, self.std, strict=True)
         ]
 
 
-def demo_of(names, estimate, sd) -> Demo:
+def demo_of(names, estimate, std) -> Demo:
     demo = object.__new__(Demo)
     object.__setattr__(demo, "truth", load("small"))
-    object.__setattr__(demo, "fit", FitResult(names, estimate, sd))
+    object.__setattr__(demo, "fit", FitResult(names, estimate, std))
     return demo
 
 

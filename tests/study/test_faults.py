@@ -118,9 +118,9 @@ def case_study():
 
 
 def test_an_estimate_is_wrong_beyond_five_errors_and_five_percent():
-    truth, sd = np.array([1.0, 1.0, 0.0, 1.0, np.nan]), np.array([1e-3, 0.05, 0.01, 0.1, 0.1])
+    truth, std = np.array([1.0, 1.0, 0.0, 1.0, np.nan]), np.array([1e-3, 0.05, 0.01, 0.1, 0.1])
     estimate = np.array([1.04, 1.2, 0.1, np.nan, 1.0])
-    assert wrong_mask(estimate, sd, truth).tolist() == [False, False, True, False, False]
+    assert wrong_mask(estimate, std, truth).tolist() == [False, False, True, False, False]
 
 
 def test_the_study_contains_every_specified_fault():

@@ -34,13 +34,13 @@ from baqueano.sweep.workers import run_in_processes
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
 
 
-def outcome_of(case="clean", verdict="USABLE", reasons=(), sd=1.0, off=0.0, seed=0, within_limits=True):
-    """Return an outcome with random errors in bounds of 0.01 and with standard errors of `sd` bounds."""
+def outcome_of(case="clean", verdict="USABLE", reasons=(), std=1.0, off=0.0, seed=0, within_limits=True):
+    """Return an outcome with random errors in bounds of 0.01 and with standard errors of `std` bounds."""
     truth, rng = np.array([3.0, 0.05]), np.random.default_rng(seed)
     estimate = truth + 0.01 * (off + rng.normal(size=2))
     bound = np.full(2, 0.01 if case in ("clean", "rough") else np.nan)
     return TrialOutcome(
-        case, seed, NAMES, truth, estimate, np.full(2, 0.01 * sd), bound, verdict, reasons, within_limits
+        case, seed, NAMES, truth, estimate, np.full(2, 0.01 * std), bound, verdict, reasons, within_limits
     )
 
 
@@ -145,11 +145,11 @@ def test_a_study_that_meets_every_limit_is_usable():
 @pytest.mark.parametrize(
     ("bars", "message"),
     [
-        ({"sd": 0.7}, "of the intervals contain the truth"),
-        ({"sd": 1.6}, "of the intervals contain the truth"),
-        ({"off": 3.0, "sd": 3.0}, "bounds"),
+        ({"std": 0.7}, "of the intervals contain the truth"),
+        ({"std": 1.6}, "of the intervals contain the truth"),
+        ({"off": 3.0, "std": 3.0}, "bounds"),
         ({"verdict": "WARN"}, "0 % USABLE, expected 95 %"),
-        ({"case": "rough", "sd": 1.8}, "standard errors of 1.80 bounds"),
+        ({"case": "rough", "std": 1.8}, "standard errors of 1.80 bounds"),
         ({"case": "floor", "off": 30.0}, "wrong fits were called USABLE"),
         ({"case": "wrong start", "within_limits": False}, "200 ended in another minimum without a warning"),
         ({"case": "understeer", "off": 3.0}, "are in their interval or named"),

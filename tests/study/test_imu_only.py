@@ -61,7 +61,7 @@ def test_a_fit_started_at_its_estimate_returns_the_same_estimate(cpm_recordings,
     free = (*FREE, "model.drivetrain.delay_s")
     first = identify(recorded_run, car, free, use=("imu",))
     second = identify(recorded_run, first.vehicle_file, free, use=("imu",))
-    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
+    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.std) <= 0.3
 
 
 @pytest.mark.parametrize(("run", "held_out"), [("a", "b"), ("b", "a")])
@@ -101,14 +101,14 @@ def test_steady_speed_and_its_error_are_computed_from_gain_and_friction():
     mean, root = np.array([7.4, 1.8, 0.6, 0.2]), 0.01 * rng.normal(size=(4, 4))
     cov = root @ root.T
     fit = SimpleNamespace(
-        names=DRIVE_PARAMETERS, estimate=mean, cov=cov, sd=np.sqrt(np.diag(cov)),
+        names=DRIVE_PARAMETERS, estimate=mean, cov=cov, std=np.sqrt(np.diag(cov)),
         value=lambda name: float(mean[DRIVE_PARAMETERS.index(name)]),
     )  # fmt: skip
     motion = fitted_drive(fit, load("car"))
     draws = rng.multivariate_normal(mean, cov, size=40_000)
     speeds = (draws[:, 0] * (0.4 - 0.03) - draws[:, 2]) / draws[:, 1]
     assert motion.value[4] == pytest.approx((7.4 * 0.37 - 0.6) / 1.8)
-    assert motion.sd[4] == pytest.approx(np.std(speeds), rel=0.03)
+    assert motion.std[4] == pytest.approx(np.std(speeds), rel=0.03)
 
 
 def test_the_command_prints_its_rows(study, capsys, monkeypatch):

@@ -111,8 +111,8 @@ def test_two_turns_on_a_mark_calibrate_the_gyro():
     for run, scale in zip(team.simulate_two_turns(robots, range(3)), robots.imu.gyro_scale, strict=True):
         result = closure(run, initial_file())
         assert result.turns == 2
-        assert result.scale == pytest.approx(scale, abs=3.0 * result.sd)
-        assert result.sd < 0.004
+        assert result.scale == pytest.approx(scale, abs=3.0 * result.std)
+        assert result.std < 0.004
 
 
 @pytest.mark.long
@@ -180,10 +180,10 @@ def test_tags_limit_the_errors_and_a_drive_without_tags_stops(monkeypatch):
 TAGS = LapCase("eight", "tags", "calibrated", "no reading lost")
 
 
-def study_of(error_m, sd_m, laps=5, across_m=0.02, stops=False, case=TAGS, forecast=float("nan")):
+def study_of(error_m, std_m, laps=5, across_m=0.02, stops=False, case=TAGS, forecast=float("nan")):
     """Return a study of two robots with a constant error in x. Robot 3 is `across_m` off the route, and may stop."""
     error, drives = np.tile([error_m, 0.0, 0.0], (10 * laps, 2, 1)), np.ones((10 * laps, 2), bool)
-    cov = np.tile(np.diag([sd_m**2, sd_m**2, 1e-4]), (10 * laps, 2, 1, 1))
+    cov = np.tile(np.diag([std_m**2, std_m**2, 1e-4]), (10 * laps, 2, 1, 1))
     across = np.tile([across_m, -0.01], (10 * laps, 1))
     drives[15 if stops else 10 * laps :, 0] = False
     driven = Laps(error, cov, across, drives, np.zeros(2, bool), ())

@@ -31,7 +31,7 @@ def study():
 def test_rows_have_the_order_and_values_of_the_paper(study):
     rows = study.rows()
     assert [row["name"] for row in rows] == NAMES
-    assert all(set(row) == {"name", "truth", "paper", "estimate", "sd"} for row in rows)
+    assert all(set(row) == {"name", "truth", "paper", "estimate", "std"} for row in rows)
     assert {row["name"]: row["paper"] for row in rows} == PRINTED_VALUES
 
 
@@ -39,7 +39,7 @@ def test_friction_is_negative_as_in_the_paper(study):
     for row in study.rows()[:6]:
         assert row["truth"] < 0
         assert row["estimate"] < 0
-        assert row["sd"] > 0
+        assert row["std"] > 0
 
 
 def test_the_truth_has_the_parameters_of_the_paper(study):
@@ -53,7 +53,7 @@ def test_the_truth_has_the_parameters_of_the_paper(study):
 def test_gains_of_the_absent_sideways_actuator_have_no_estimate(study):
     unseen_names = {row["name"] for row in study.rows() if row["estimate"] is None}
     assert unseen_names == {"T_12", "T_22", "T_32"}
-    assert all(row["sd"] is None for row in study.rows() if row["estimate"] is None)
+    assert all(row["std"] is None for row in study.rows() if row["estimate"] is None)
 
 
 def test_no_parameter_error_exceeds_4_5_standard_errors(study):
@@ -65,7 +65,7 @@ def test_no_parameter_error_exceeds_4_5_standard_errors(study):
 def test_all_standard_errors_except_d_cy_are_below_one_percent(study):
     for row in study.rows():
         if row["truth"] and row["estimate"] is not None and row["name"] != "d_cy":
-            assert row["sd"] < 0.01 * abs(row["truth"]), row
+            assert row["std"] < 0.01 * abs(row["truth"]), row
 
 
 def test_the_table_shows_both_errors_and_unobservable_parameters(study):

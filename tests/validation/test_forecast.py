@@ -78,7 +78,9 @@ def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
     fit, run = each
     route = eight(1.0, 0.25)
     lap = forecast(fit, run, route, "lab").ahead[1]
-    paths = tuple(n for n, sd in zip(fit.names, fit.sd, strict=True) if n.startswith("model.") and sd > 0.0)
+    paths = tuple(
+        n for n, std in zip(fit.names, fit.std, strict=True) if n.startswith("model.") and std > 0.0
+    )
     (_, u), _ = _lap(fit, paths, np.array([value(fit.blocks, path) for path in paths]), route)
     position, heading = spread(fit, u)
     assert lap.message.code == "forecast.off"

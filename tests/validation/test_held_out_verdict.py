@@ -133,7 +133,7 @@ def test_turning_points_are_counted_despite_noise():
 
 
 def test_each_independent_step_counts_for_at_most_two_thirds_of_a_segment():
-    """Of K independent steps, 2 (K − 2)/3 are turning points, without those of small amplitude; 4 sd are 29."""
+    """Of K independent steps, 2 (K − 2)/3 are turning points, without those of small amplitude; 4 std are 29."""
     u = random_steps([1.0, 0.0, 0.0], 600.0, 10.0, 0, hold_s=2.0)
     steps = Run("steps", None, np.arange(len(u)) * 100_000_000, u)
     assert 0.5 * 300 < independent_motion_count([steps], 0) < 200 + 29

@@ -50,18 +50,18 @@ def test_a_parameter_step_is_detected_between_the_right_runs(worn_history):
 def test_the_tracked_parameter_reaches_the_present_value(worn_history, case):
     now = worn_history.vehicle_file.value("model.friction.linear[0]")
     truth = 1.2 * case.value("model.friction.linear[0]")
-    assert abs(now - truth) < 4.0 * worn_history.filtered_sd[-1, 0]
-    assert worn_history.filtered_sd[-1, 0] <= 1.01 * worn_history.single_sd[-1, 0]
+    assert abs(now - truth) < 4.0 * worn_history.filtered_std[-1, 0]
+    assert worn_history.filtered_std[-1, 0] <= 1.01 * worn_history.single_std[-1, 0]
     assert (
         abs(worn_history.smoothed_values[0, 0] - case.value("model.friction.linear[0]"))
-        < 4.0 * worn_history.smoothed_sd[0, 0]
+        < 4.0 * worn_history.smoothed_std[0, 0]
     )
 
 
 def test_the_error_of_a_constant_parameter_shrinks_with_every_run(worn_history):
     k = worn_history.names.index("model.actuator_matrix[0,0]")
     assert worn_history.walk[k] == 0.0
-    assert worn_history.filtered_sd[-1, k] < 0.5 * worn_history.single_sd[-1, k]
+    assert worn_history.filtered_std[-1, k] < 0.5 * worn_history.single_std[-1, k]
 
 
 def test_a_vehicle_that_does_not_age_shows_no_drift():

@@ -96,7 +96,9 @@ def test_a_fitted_value_has_its_provenance():
     )
     provenance = changed_file.provenance["model.friction.linear"]
     assert (provenance.run, provenance.date, provenance.verdict) == (FITTED.run, FITTED.date, "USABLE")
-    assert provenance.sd.tolist() == SD.tolist()
+    assert provenance.std.tolist() == SD.tolist()
+    former_file = parse(changed_file.text.replace("\nstd = [", "\nsd = ["), "of an older run")
+    assert former_file.provenance["model.friction.linear"].std.tolist() == SD.tolist()
 
 
 def test_a_value_is_written_to_a_thousandth_of_its_standard_deviation():
@@ -281,7 +283,7 @@ def history(extra):
         ('[provenance."model.mass_kg"]\nrn = ""', "name.near", {"similar": "run"}),
         ('[provenance."model.mass_kg"]\nrun = 3', "vehicle.not-text", {"value": "3"}),
         ('[provenance."model.mass_kg"]\ndate = "x"', "vehicle.not-date", {"value": "'x'"}),
-        ('[provenance."model.mass_kg"]\nsd = -1', "vehicle.not-sd", {"value": "-1"}),
+        ('[provenance."model.mass_kg"]\nsd = -1', "vehicle.not-std", {"value": "-1"}),
         ("[parameter_cov]\nnames = ['model.nothing']", "vehicle.cov-names", {}),
         (
             "[parameter_cov]\nnames = ['model.mass_kg']\nsd = [1]\ncorrelation = []",

@@ -119,15 +119,15 @@ def row(tick: int, off: float = 0.02) -> list[float]:
     t, noise = tick / RATE, math.sin(12.9898 * tick) * math.cos(78.233 * tick)
     angle, r = SPEED * t, RADIUS + off * (1 + 0.5 * math.sin(0.7 * t))
     x, y, psi = r * math.sin(angle), RADIUS - r * math.cos(angle), math.remainder(angle, 2 * math.pi)
-    sd = 0.01 + 0.0004 * t
+    std = 0.01 + 0.0004 * t
     plain = [
         t,
         x,
         y,
         psi,
-        sd**2,
-        0.2 * sd**2,
-        2 * sd**2,
+        std**2,
+        0.2 * std**2,
+        2 * std**2,
         0.01,
         SPEED * r,
         0.0,

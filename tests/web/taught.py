@@ -44,7 +44,7 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
     now = [min(0.9, 10 ** (-0.35 - 0.27 * j)) for j in range(len(KNOWN))]
     fit = {
         "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in KNOWN[1:])],
-        "sd": [None, *(1.7 * sd for sd in now[1:])], "verdict": "USABLE", "verdict_is": "USABLE",
+        "std": [None, *(1.7 * std for std in now[1:])], "verdict": "USABLE", "verdict_is": "USABLE",
         "why": None,
     }  # fmt: skip
     rate = [round(60 * math.exp(-j / 14) + 3 * (1 + math.sin(0.3 * j)), 2) for j in range(130)]
@@ -52,7 +52,7 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
               "maneje derecho a impulsos, hacia adelante y después hacia atrás, 4 s")  # fmt: skip
     word = {
         "of": "live", "t": 26.0, "start": 0.0 if not live else 34.0, "dt": 0.2, "rate": rate, "bits": 117.3, "now": now,
-        "before": [min(1.0, 1.35 * sd) for sd in now], "compiled": True, "busy": False, "first": 8.0,
+        "before": [min(1.0, 1.35 * std) for std in now], "compiled": True, "busy": False, "first": 8.0,
         "why": None, "fit": fit,
         "parameters": [
             {"path": path, "label": label[k], "unit": unit, "guess": value, "needs": None if j else needs[k]}
@@ -62,5 +62,5 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
     }  # fmt: skip
     if live:
         return {"is": "identify"} | word
-    deviations = [[min(1.0, sd * (41.6 / (0.4 * (j + 1))) ** 0.5) for sd in now] for j in range(104)]
+    deviations = [[min(1.0, std * (41.6 / (0.4 * (j + 1))) ** 0.5) for std in now] for j in range(104)]
     return word | {"expected": deviations, "step_s": 0.4, "fits": [fit | {"t": 8.0}, fit]}

@@ -116,9 +116,9 @@ def test_the_strips_show_measurement_model_innovation_and_command(tab, live):
             assert float(text.replace("−", "-")) == pytest.approx(x[name][-1], rel=0.006, abs=6e-4)
             shown.append((name, kind))
         if band := [mark for mark in marks if mark.get("dash") == [2, 2]]:
-            sd = x[traces[0][0].replace("innov", "S")][-1]
+            std = x[traces[0][0].replace("innov", "S")][-1]
             edges = [low + (height - 3 - mark["path"][0][2]) / (height - 6) * (high - low) for mark in band]
-            assert sorted(edges) == pytest.approx([-1.96 * sd, 1.96 * sd], rel=1e-3)
+            assert sorted(edges) == pytest.approx([-1.96 * std, 1.96 * std], rel=1e-3)
             assert only(marks, kind="area", colour="band")
             shown.append((traces[0][0], "band"))
     assert shown == [

@@ -88,10 +88,10 @@ def test_a_fit_replaces_predicted_errors_with_values_near_the_truth(driven_runs)
     state = fitted(drive)
     assert state["fit"]["verdict"] in ("USABLE", "WARN")
     k = [parameter["path"] for parameter in state["parameters"]].index("actuator_matrix[0,0]")
-    value, sd = state["fit"]["value"][k], state["fit"]["sd"][k]
+    value, std = state["fit"]["value"][k], state["fit"]["std"][k]
     truth = float(small.value("model.actuator_matrix[0,0]"))
     assert abs(value - 2.0) > 0.3  # different from the guess
-    assert abs(value - truth) < 5.0 * sd * truth
+    assert abs(value - truth) < 5.0 * std * truth
     assert state["next"]["to"] < state["next"]["from"]
     drive.close()
 

@@ -33,7 +33,7 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     live.put(word | {"fit": None, "compiled": False})
     tab.wait("document.querySelector('.about').textContent.includes('a fit comes every 15 s')")
     assert kinds(tab) == {"hollow"}
-    live.put(word | {"now": [sd / 3 for sd in word["now"]]})
+    live.put(word | {"now": [std / 3 for std in word["now"]]})
     until(lambda: kinds(tab) == {"hollow", "filled"})  # one of them is unobservable
     assert all(
         now < then for now, then in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if then > 1.0

@@ -6,7 +6,7 @@ samples τ₀ apart, τ = n τ₀ and the temperature T:
     σ²(τ) = Σ_{k=1}^{N+1−2n} (x_{k+2n} − 2 x_{k+n} + x_k)² / (2 τ² (N + 1 − 2n))                           (1)
     σ²(τ) = W²/τ + (2 ln 2/π) B² + K² τ/3      W white noise, B instability and K walk of the bias          (2)
     ν = (3 N / (2 n) − 2 (N − 1)/(N + 1)) · 4 n² / (4 n² + 5),   95 % interval: σ² ν / χ²                  (3)
-    z = b + s (T − T̄),   sd of both from block means                                                      (4)
+    z = b + s (T − T̄),   std of both from block means                                                      (4)
 
 The error of the bias is (1) of an average of that length, not σ/√N: the bias of a cheap sensor drifts. (2) is fitted to
 (1) at octaves of τ, weighted by ν, at most MAX_FREEDOM. A coefficient below twice its error is not measurable.
@@ -158,7 +158,7 @@ class ChannelAtRest(NamedTuple):
     rate_hz: float
     mean: float
     mean_std: float
-    sd: float
+    std: float
     step: float  # smallest change: the step of the converter
     curve: AllanDeviation
     coefficients: Coefficients
@@ -186,13 +186,13 @@ class RestMeasurement(Result):
         out = []
         for c in self.channels:
             row: TableRow = {"name": f"{c.sensor}[{c.entry}]", "samples": c.samples, "rate_hz": c.rate_hz}
-            row |= {"mean": c.mean, "mean_sd": c.mean_std, "sd": c.sd, "step": c.step}
+            row |= {"mean": c.mean, "mean_std": c.mean_std, "std": c.std, "step": c.step}
             columns = NOISE_COLUMNS, *c.coefficients, c.coefficients.is_measurable
-            for name, value, sd, measurable in zip(*columns, strict=True):
-                pair = (float(value), float(sd)) if measurable else (None, None)
-                row |= dict(zip((name, f"{name}_sd"), pair, strict=True))
+            for name, value, std, measurable in zip(*columns, strict=True):
+                pair = (float(value), float(std)) if measurable else (None, None)
+                row |= dict(zip((name, f"{name}_std"), pair, strict=True))
             row["allan_1s"] = c.allan_1s
-            out.append(row | {"temperature_slope": c.slope, "temperature_slope_sd": c.slope_std})
+            out.append(row | {"temperature_slope": c.slope, "temperature_slope_std": c.slope_std})
         return out
 
     def table(self) -> str:
@@ -212,7 +212,7 @@ class RestMeasurement(Result):
             pairs = zip(c.coefficients.value, c.coefficients.is_measurable, strict=True)
             parts = [f"{number(value):.3g}" if measurable else "-" for value, measurable in pairs]
             warm = "" if c.slope is None else f"{number(c.slope):.2g} ± {number(c.slope_std):.1g}"
-            values = f"{number(c.mean):.5g}", f"{number(c.mean_std):.1g}", f"{number(c.sd):.3g}"
+            values = f"{number(c.mean):.5g}", f"{number(c.mean_std):.1g}", f"{number(c.std):.3g}"
             rows.append([f"{c.sensor}[{c.entry}]", *values, *parts, warm])
         lines = [
             _("{run} at rest for {duration_s:.1f} s", run=self.run, duration_s=self.duration_s),
@@ -247,7 +247,7 @@ def measure_at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf"))
     >>> from baqueano.simulate import simulate
     >>> from baqueano.vehicle_file import load
     >>> gyro = measure_at_rest(simulate(load("small"), np.zeros((6000, 3)))).channels[2]
-    >>> print(f"bias {gyro.mean:.4f} ± {gyro.mean_std:.4f} rad/s, noise {gyro.sd:.4f} rad/s")
+    >>> print(f"bias {gyro.mean:.4f} ± {gyro.mean_std:.4f} rad/s, noise {gyro.std:.4f} rad/s")
     bias 0.0150 ± 0.0002 rad/s, noise 0.0042 rad/s
     """
     first_ns, last_ns = _rest_span(run.cut(from_s, to_s))
@@ -293,7 +293,7 @@ def _rest_channel(
 ) -> ChannelAtRest:
     curve = allan_deviation(y, rate_hz)
     changes = np.abs(np.diff(np.unique(y)))
-    slope, slope_sd = _over_temperature(t_ns, y, temperature)
+    slope, slope_std = _over_temperature(t_ns, y, temperature)
     ticks_per_s = max(1, round(rate_hz))
     over_1s = None
     if 2 * ticks_per_s <= len(y):
@@ -301,7 +301,7 @@ def _rest_channel(
     return ChannelAtRest(
         name, entry, len(y), rate_hz, float(np.mean(y)), float(curve.deviation[-1]), float(np.std(y, ddof=1)),
         float(changes.min()) if len(changes) else 0.0, curve, coefficients(curve), over_1s,
-        slope, slope_sd,
+        slope, slope_std,
     )  # fmt: skip
 
 
@@ -349,8 +349,8 @@ def _imu_values(path: str, channels: dict[int, ChannelAtRest]) -> "JsonObject":
     walks = [channels[k].coefficients for k in range(3)]
     walk = [float(c.value[2]) if c.is_measurable[2] else 0.0 for c in walks]
     return {
-        f"{path}.accel_noise_std": [channels[0].sd, channels[1].sd],
-        f"{path}.gyro_noise_std": channels[2].sd,
+        f"{path}.accel_noise_std": [channels[0].std, channels[1].std],
+        f"{path}.gyro_noise_std": channels[2].std,
         f"{path}.accel_bias": [channels[0].mean, channels[1].mean],
         f"{path}.gyro_bias": channels[2].mean,
         f"{path}.accel_bias_walk": max(walk[:2]),

@@ -48,7 +48,7 @@ class Rest(NamedTuple):
     begin_s: float
     end_s: float
     mean: float  # of the gyro [rad/s]
-    sd: float  # of the mean
+    std: float  # of the mean
 
     @property
     def middle_s(self) -> float:
@@ -80,7 +80,7 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
     )
     path, window_means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
     spread = float(np.ptp(window_means)) / np.sqrt(12.0)
-    bias_std = float(np.hypot(np.sqrt(np.mean([rest.sd**2 for rest in rests]) / len(rests)), spread))
+    bias_std = float(np.hypot(np.sqrt(np.mean([rest.std**2 for rest in rests]) / len(rests)), spread))
     return Calibration(
         run.name,
         (
@@ -142,7 +142,7 @@ def _angles(gyro: IntegratedSignal, rests: list[Rest]) -> tuple[np.ndarray, np.n
     middles_s, rates = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
     T = np.diff(middles_s)
     turns_between = np.diff(gyro.integral_until(middles_s)) - 0.5 * (rates[1:] + rates[:-1]) * T
-    var = 0.25 * np.array([x.sd**2 + y.sd**2 for x, y in pairwise(rests)])
+    var = 0.25 * np.array([x.std**2 + y.std**2 for x, y in pairwise(rests)])
     return np.concatenate([[0.0], np.cumsum(turns_between)]), T**2 * (var + np.diff(rates) ** 2 / 12.0)
 
 

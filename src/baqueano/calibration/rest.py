@@ -48,7 +48,7 @@ def with_gyro_bias_at_rest(
             continue
         bias, std = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
         message = note(
-            "bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=std, runs=", ".join(runs_at_rest)
+            "bias.at-rest", subject=name, bias_rad_s=bias, std_rad_s=std, runs=", ".join(runs_at_rest)
         )
         return _file_with_gyro_bias(vehicle_file, name, bias, std, runs_at_rest), message
     return vehicle_file, None

@@ -37,7 +37,7 @@ class CalibratedNumber(NamedTuple):
 
     name: str  # a path of the vehicle file, or clock.truth, mark.…
     value: float
-    sd: float
+    std: float
     half_width: float  # of the 95 % interval
     unit: str
     in_file: float | None  # value in the vehicle file
@@ -100,7 +100,7 @@ class Calibration(Result):
     def rows(self) -> list["TableRow"]:
         """Return one flat row per number."""
         return [{
-            "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half_width,
+            "name": entry.name, "value": entry.value, "std": entry.std, "low": entry.value - entry.half_width,
             "high": entry.value + entry.half_width, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
         } for entry in self.numbers]  # fmt: skip
 
@@ -139,10 +139,12 @@ class Calibration(Result):
             entry for entry in self.numbers if entry.name.rpartition(".")[0] in self._usable_sensors
         ]
         values = {entry.name: entry.value for entry in own_numbers}
-        origins = {entry.name: Provenance(self.run, today(), entry.sd, self.verdict) for entry in own_numbers}
+        origins = {
+            entry.name: Provenance(self.run, today(), entry.std, self.verdict) for entry in own_numbers
+        }
         for entry in own_numbers:
             if (path := scale_std_path(vehicle_file, entry.name)) is not None:
-                values[path] = entry.sd / entry.value
+                values[path] = entry.std / entry.value
         return vehicle_file.with_values(values, origins)
 
 

@@ -75,9 +75,9 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
 def _measured_relative_std(vehicle_file: "VehicleFile", path: str, entry: int) -> float | None:
     """Return the relative standard error of a scale, or None if it was not measured."""
     origin = vehicle_file.provenance.get(path)
-    if origin is None or origin.sd is None:
+    if origin is None or origin.std is None:
         return None
-    std, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, value_at_path(vehicle_file, path)))
+    std, value = (np.ravel(np.asarray(x, float)) for x in (origin.std, value_at_path(vehicle_file, path)))
     relative = float(std[min(entry, len(std) - 1)] / abs(value[min(entry, len(value) - 1)]))
     return relative if np.isfinite(relative) else None
 
@@ -91,5 +91,5 @@ def std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float:
 def measured_std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float | None:
     """Return the standard error of a gyro's zero [rad/s] in the file, or None if it was not measured."""
     origin = vehicle_file.provenance.get(f"sensors.{imu}.gyro_bias")
-    std_rad_s = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
+    std_rad_s = np.nan if origin is None or origin.std is None else float(np.ravel(origin.std)[0])
     return std_rad_s if np.isfinite(std_rad_s) else None

@@ -70,15 +70,15 @@ def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = f
     """Return the corridor of poses (N, 3) at times (N,), until the vehicle is lost.  (1), (2)
     The covariances (N, k, k) begin with the pose.
     """
-    sd = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
-    is_lost = ~(sd <= MAX_HEADING_STD_RAD)  # NaN also means lost
+    std = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
+    is_lost = ~(std <= MAX_HEADING_STD_RAD)  # NaN also means lost
     m = int(np.argmax(is_lost)) if is_lost.any() else len(t_s)
     P, psi = cov[:m, :2, :2], eta[:m, 2]
     left_directions = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
     across_std = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", left_directions, P, left_directions), 0.0))
     area = np.pi * CHI_SQUARE_95 * np.sqrt(np.maximum(np.linalg.det(P), 0.0))
     loss_s = float(t_s[m]) if m < len(t_s) else float("nan")
-    return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across_std, area, QUANTILE_95 * sd[:m], loss_s, lap_s)
+    return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across_std, area, QUANTILE_95 * std[:m], loss_s, lap_s)
 
 
 def corridor_of(run: Run) -> Corridor | None:

@@ -78,10 +78,10 @@ class Plan(NamedTuple):
             _("the expected standard errors are due only to the noise of the sensors"),
             f"{_('parameter'):{width}}  {_('expected standard error')}",
         ]
-        for name, sd in zip(self.names, self.relative_std, strict=True):
+        for name, std in zip(self.names, self.relative_std, strict=True):
             lines.append(
-                f"{name:{width}}  {number(100.0 * sd):.3g} %"
-                + (f" ({_('will hardly be visible')})" if sd > 0.3 else "")
+                f"{name:{width}}  {number(100.0 * std):.3g} %"
+                + (f" ({_('will hardly be visible')})" if std > 0.3 else "")
             )
         lines.append(
             _(

@@ -53,7 +53,7 @@ class Closure(Result):
     turns: int
     turned_rad: float  # measured by the gyro with the scale in the vehicle file
     scale: float  # of the gyro
-    sd: float  # (2) or (5)
+    std: float  # (2) or (5)
     values: dict[str, object]  # of the vehicle file: path → value
     distances_m: dict[str, float]  # speed sensor → metres with its scale in the vehicle file
     length_m: float | None
@@ -64,28 +64,28 @@ class Closure(Result):
     def rows(self) -> list["TableRow"]:
         """Return one flat row per scale."""
         rows: list[TableRow] = [
-            {"name": f"sensors.{self.gyro}.gyro_scale", "value": self.scale, "sd": self.sd}
+            {"name": f"sensors.{self.gyro}.gyro_scale", "value": self.scale, "std": self.std}
         ]
         other_values = {path: value for path, value in self.values.items() if not path.endswith("gyro_scale")}
         return rows + [
-            {"name": path, "value": str(value), "sd": float("nan")} for path, value in other_values.items()
+            {"name": path, "value": str(value), "std": float("nan")} for path, value in other_values.items()
         ]
 
     def table(self) -> str:
         """Return the results as sentences, with the options to type."""
         degrees = np.degrees(self.turned_rad)
-        figures = {"gyro": self.gyro, "degrees": degrees, "scale": self.scale, "sd": self.sd}
+        figures = {"gyro": self.gyro, "degrees": degrees, "scale": self.scale, "std": self.std}
         lines = [
             _(
                 "marks: turned {turns:+d} times between the first and the last; {gyro} measured {degrees:+.1f} deg: "
-                "gyro_scale {scale:.4f} +- {sd:.4f}",
+                "gyro_scale {scale:.4f} +- {std:.4f}",
                 turns=self.turns,
                 **figures,
             )
             if self.gap_m is None
             else _(
                 "the lap returned to its start; with the old scale its end was {gap_m:.2f} m away, and {gyro} "
-                "measured {degrees:+.1f} deg: gyro_scale {scale:.4f} +- {sd:.4f}",
+                "measured {degrees:+.1f} deg: gyro_scale {scale:.4f} +- {std:.4f}",
                 gap_m=self.gap_m,
                 **figures,
             )

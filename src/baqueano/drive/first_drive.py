@@ -326,17 +326,17 @@ def _wiring_faults(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Dia
     If the measured speeds are not significant, only the gyro is used. On a sloping floor the speeds of all pulses have
     errors of the same sign, so the standard deviations are added, not their squares.
     """
-    turn, speed_turn, sd = np.zeros(2), np.zeros(2), np.zeros(2)
+    turn, speed_turn, std = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((commands[0], commands[2])):
             if p.turn_significance > MIN_SIGMA and _is_parallel(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn_rad * np.sign(p.u @ forward) * side
                 speed_turn[wheel] += p.v * p.turn_rad * side  # large pulses have the largest weight
-                sd[wheel] += abs(p.turn_rad * p.v) / max(p.v_significance, 1e-9)
+                std[wheel] += abs(p.turn_rad * p.v) / max(p.v_significance, 1e-9)
     if not np.all(turn != 0.0):
         return ()
-    if np.any(np.abs(speed_turn) < MIN_SIGNIFICANCE * sd):
+    if np.any(np.abs(speed_turn) < MIN_SIGNIFICANCE * std):
         wrong = [side for side, x in zip(("left", "right"), turn, strict=True) if x < 0.0]
         return tuple(fault(f"wiring.turns-wrong-{side}") for side in wrong)
     is_own_wheel = speed_turn > 0.0  # the commanded wheel is the wheel that turned

@@ -79,10 +79,10 @@ class PulsePlanner:
     def _observe(self, state: PulseState, estimate: Estimate) -> PulseState:
         """Return the state with `significance` and `is_limited` updated by an estimate, from the first pulse on."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
-        sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
+        std_v, std_psi, std_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turn = abs(estimate.eta[2] - state.start_pose[2])
-        significance = max(v / max(sd_v, 1e-9), turn / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
-        cut = v > max(self.speed_m_s, MIN_SIGMA * sd_v) or omega > self.turn_rad_s + MIN_SIGMA * sd_omega
+        significance = max(v / max(std_v, 1e-9), turn / max(std_psi, 1e-9)) if std_v > 0.0 else 0.0
+        cut = v > max(self.speed_m_s, MIN_SIGMA * std_v) or omega > self.turn_rad_s + MIN_SIGMA * std_omega
         if state.active < 0 and state.previous < 0:
             return state
         return state._replace(

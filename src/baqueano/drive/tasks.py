@@ -125,7 +125,7 @@ class TeachResult(NamedTuple):
         >>> robot = bq.load("small").with_values({f"estimator.{key}": value for key, value in noise.items()})
         >>> lesson = teach(robot.with_values({"sensors.imu.gyro_scale": 0.97}), eight(0.4, 0.3), closed=True)
         >>> closure = lesson.closure(robot)
-        >>> abs(closure.scale - 0.97) < 3.0 * closure.sd < 0.02
+        >>> abs(closure.scale - 0.97) < 3.0 * closure.std < 0.02
         True
         """
         from baqueano.drive.closure import lap_closure  # it replays the lap with this module

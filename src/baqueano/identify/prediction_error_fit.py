@@ -78,7 +78,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
         units=(*fit.units, *(parameter.unit for parameter in free)),
         start=np.concatenate([fit.start, [value(first.blocks, path) for path in paths]]),
         estimate=np.concatenate([fit.estimate, std]),
-        sd=np.sqrt(np.diagonal(cov)),
+        std=np.sqrt(np.diagonal(cov)),
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
         poorly_identified=np.concatenate([fit.poorly_identified, np.zeros(len(paths), bool)]),
         cov=cov,

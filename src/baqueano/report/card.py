@@ -219,7 +219,7 @@ def _first_drive_card(result: FirstDrive) -> Card:
 
 @card_of.register(Closure)
 def _closure_card(result: Closure) -> Card:
-    rows = [row for row in result.rows() if row["sd"] == row["sd"]]
+    rows = [row for row in result.rows() if row["std"] == row["std"]]
     return Card(
         text(note("front.card-closure")), "", rows, [line.strip() for line in result.table().splitlines()]
     )

@@ -122,13 +122,13 @@ def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
 
 @with_style
 def estimates(
-    names: Sequence[str], value: np.ndarray, sd: np.ndarray, truth: np.ndarray | None = None
+    names: Sequence[str], value: np.ndarray, std: np.ndarray, truth: np.ndarray | None = None
 ) -> "Figure":
     """Draw each estimate with its 95 % interval, relative to the truth [%]; without a truth relative to the
     estimate. An entry that is not finite, or relative to 0, is not drawn."""
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
-    centre, half_width = 100 * (value - base) / scale, 100 * 1.96 * sd / scale
+    centre, half_width = 100 * (value - base) / scale, 100 * 1.96 * std / scale
     finite = np.isfinite(centre) & np.isfinite(half_width)
     labels = [name for name, k in zip(names, finite, strict=True) if k]
     figure, axis = panel((9.2, 0.32 * len(labels) + 1.1))

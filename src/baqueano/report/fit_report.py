@@ -78,12 +78,12 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
-    identifiable = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
+    identifiable = np.isfinite(fit.std) & np.isfinite(fit.estimate)
     names = [without_model_prefix(n) for n, k in zip(fit.names, identifiable, strict=True) if k]
     parts: list[Table | Drawing] = [Table(rows)]
     if identifiable.any():
         true_values = None if truth is None else truth[identifiable]
-        drawing = figures.estimates(names, fit.estimate[identifiable], fit.sd[identifiable], true_values)
+        drawing = figures.estimates(names, fit.estimate[identifiable], fit.std[identifiable], true_values)
         parts.append(
             draw(
                 drawing,
@@ -104,12 +104,12 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
 
 def row_of(row: "TableRow") -> "JsonObject":
     """Return a parameter as a table row with its notes; the digits below its error are omitted."""
-    sd = row["sd"]
-    value = None if row["estimate"] is None else round_to_error(row["estimate"], sd)
+    std = row["std"]
+    value = None if row["estimate"] is None else round_to_error(row["estimate"], std)
     return {
         "parameter": without_model_prefix(row["name"]),
         "estimate": value,
-        "std. error": None if sd is None else float(f"{sd:.2g}"),
+        "std. error": None if std is None else float(f"{std:.2g}"),
         "unit": shown_unit(row["unit"]),
         "start": row["start"],
         "note": row_remarks(row),

@@ -96,7 +96,7 @@ def _first_figure(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figu
 
 @drawings_of.register(Fit)
 def _fit_drawings(result: Fit) -> dict[str, Draw]:
-    identifiable = np.isfinite(result.sd) & np.isfinite(result.estimate)
+    identifiable = np.isfinite(result.std) & np.isfinite(result.estimate)
     names = [
         without_model_prefix(name)
         for name, is_kept in zip(result.names, identifiable, strict=True)
@@ -110,7 +110,9 @@ def _fit_drawings(result: Fit) -> dict[str, Draw]:
     if not channels:
         return {}
     return {
-        "estimates": lambda: figures.estimates(names, result.estimate[identifiable], result.sd[identifiable]),
+        "estimates": lambda: figures.estimates(
+            names, result.estimate[identifiable], result.std[identifiable]
+        ),
         **_channel_drawings(channels),
         "correlation": lambda: figures.correlation(
             names, result.correlation[np.ix_(identifiable, identifiable)]
@@ -178,7 +180,7 @@ def _calibration_drawings(result: Calibration) -> dict[str, Draw]:
 
 @drawings_of.register(Closure)
 def _closure_drawings(result: Closure) -> dict[str, Draw]:
-    names, scale, std = [f"{result.gyro}.gyro_scale"], np.array([result.scale]), np.array([result.sd])
+    names, scale, std = [f"{result.gyro}.gyro_scale"], np.array([result.scale]), np.array([result.std])
     return {"estimates": lambda: figures.estimates(names, scale, std)}
 
 
@@ -318,7 +320,7 @@ def plot_noise(result: Noise) -> "Figure":
     figure, axes = panel((7.2, 0.32 * len(rows) + 1.4))
     at = np.arange(len(rows))[::-1]
     for key, name, colour, marker in (
-        ("sd", _("in motion"), MODEL, "o"), ("sd_at_rest", _("at rest"), MEASURED, "D")
+        ("std", _("in motion"), MODEL, "o"), ("std_at_rest", _("at rest"), MEASURED, "D")
     ):  # fmt: skip
         values = np.array([np.nan if row[key] is None else row[key] for row in rows], dtype=float)
         if np.isfinite(values).any():

@@ -45,7 +45,7 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
         r"    \midrule",
     ]
     for row in rows:
-        value, std = row["estimate"], row["sd"]
+        value, std = row["estimate"], row["std"]
         cells = (r"\multicolumn{2}{c}{not identifiable}",) if value is None else with_error(value, std)
         lines.append(f"    {symbol(row['name'], blocks)} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
     comments = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]

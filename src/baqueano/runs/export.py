@@ -97,7 +97,7 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
         rows = newest_at_ticks(t_ns, run.estimate.t_ns, run.estimate.cov.reshape(-1, 36))
         for i, name in enumerate(POSE_COLUMNS + VELOCITY_COLUMNS):
             variance = rows[:, 7 * i]
-            yield f"estimate.sd_{name}", np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+            yield f"estimate.std_{name}", np.sqrt(np.where(variance >= 0.0, variance, np.nan))
 
 
 def newest_at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:

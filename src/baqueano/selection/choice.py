@@ -74,11 +74,11 @@ class TermResult(NamedTuple):
     without: float  # held-out error of that channel
     with_: float
     gain: float  # relative fall of the held-out error of a block, mean over blocks
-    gain_sd: float
+    gain_std: float
     errors: float  # the gain in its standard errors
     required_errors: float  # standard errors that the rule requires
     estimate: tuple[float, ...]  # on all runs
-    sd: tuple[float, ...]  # by leaving folds out
+    std: tuple[float, ...]  # by leaving folds out
     one_step_without: float
     one_step_with: float
 
@@ -86,7 +86,7 @@ class TermResult(NamedTuple):
     def message(self) -> Diagnostic:
         """Return the decision and its values as a message."""
         details: JsonObject = {"errors": self.errors, "needed": self.required_errors}
-        part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
+        part = {"percent": 100 * self.gain, "percent_std": 100 * self.gain_std}
         name = self.term.name
         details["term"] = name
         if self.verdict == Decision.TAKEN:
@@ -104,9 +104,9 @@ class TermResult(NamedTuple):
         return {
             "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
             "channel": self.channel.name, "unit": self.channel.unit, "error_without": self.without,
-            "error_with": self.with_, "gain": self.gain, "gain_sd": self.gain_sd,
+            "error_with": self.with_, "gain": self.gain, "gain_std": self.gain_std,
             "standard_errors": self.errors, "needed": self.required_errors, "estimate": list(self.estimate),
-            "sd": list(self.sd), "one_step_without": self.one_step_without,
+            "std": list(self.std), "one_step_without": self.one_step_without,
             "one_step_with": self.one_step_with, "text": text(self.message),
         }  # fmt: skip
 

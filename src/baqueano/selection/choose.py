@@ -349,11 +349,11 @@ class _ModelSelection:
         std = jackknife(score, entries.tolist()) if pair else np.full(len(entries), np.nan)
         largest_start = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
         if verdict == Decision.LEFT_OUT and pair and float(np.max(std)) > MAX_ERROR_SHARE * largest_start:
-            fall: JsonObject = {"percent": 100 * test.gain, "percent_sd": 100 * test.sd}
-            reason = note("term.not-identifiable", value=theta[entries[0]], sd=std[0], **fall)
+            fall: JsonObject = {"percent": 100 * test.gain, "percent_std": 100 * test.std}
+            reason = note("term.not-identifiable", value=theta[entries[0]], std=std[0], **fall)
         return TermResult(
             term, verdict, reason, self.channels[c], float(model.score.error[c]), float(score.error[c]),
-            test.gain, test.sd, test.errors, limit, tuple(map(float, theta[entries])), tuple(map(float, std)),
+            test.gain, test.std, test.errors, limit, tuple(map(float, theta[entries])), tuple(map(float, std)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip
 

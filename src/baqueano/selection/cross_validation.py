@@ -2,7 +2,7 @@
 
     L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ of the model to beat                    (1)
     g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = MIN_NOISE_SHARE      (2)
-    "with" is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
+    "with" is better if mean g / (std g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
     pieces = Σ_runs min(1 + turning points, max(1, T / SHORT_BLOCK_S)),  2^−pieces ≤ α ⟺ pieces ≥ MIN_SIGNS     (4)
 
 Fold k holds out every K-th block, and GAP_S on either side is not used. With FOLDS runs or more it holds out
@@ -67,7 +67,7 @@ class PairedComparison(NamedTuple):
     """Comparison of two models on the same blocks."""
 
     gain: float  # relative fall of the error of a block, mean g
-    sd: float  # its standard error
+    std: float  # its standard error
     errors: float  # mean g in standard errors; −inf if a model diverges, at most 0 without a lower total loss
     channel: int  # channel with the largest share of the change
     blocks: int

@@ -96,7 +96,7 @@ class Ensemble(Result):
             std[2] = np.std(np.angle(np.exp(1j * (psi - mean[2]))))
             row: TableRow = {"t_s": float(t_s), "vehicles": len(motion)}
             for name, m, s in zip(columns, mean, std, strict=True):
-                row |= {name: float(m), f"{name}_sd": float(s)}
+                row |= {name: float(m), f"{name}_std": float(s)}
             out.append(row)
         return out
 
@@ -105,9 +105,9 @@ class Ensemble(Result):
         rows = []
         for row in self.rows():
             row = {key: number(value) for key, value in row.items()}
-            psi, psi_std = (number(float(np.degrees(row[key]))) for key in ("psi_rad", "psi_rad_sd"))
-            positions = [f"{row[name]:.3f} ± {row[f'{name}_sd']:.3f}" for name in ("x_m", "y_m")]
-            speed = f"{row['nu_x_m_s']:.3f} ± {row['nu_x_m_s_sd']:.3f}"
+            psi, psi_std = (number(float(np.degrees(row[key]))) for key in ("psi_rad", "psi_rad_std"))
+            positions = [f"{row[name]:.3f} ± {row[f'{name}_std']:.3f}" for name in ("x_m", "y_m")]
+            speed = f"{row['nu_x_m_s']:.3f} ± {row['nu_x_m_s_std']:.3f}"
             rows.append([f"{row['t_s']:.2f}", *positions, f"{psi:.1f} ± {psi_std:.1f}", speed])
         lines = [
             _(

@@ -138,7 +138,7 @@ class CrossValidation:
         for name, first in next(iter(fits.values())).items():
             row = {"name": name, "unit": first["unit"]}
             for run, parameters in fits.items():
-                row |= {run: parameters[name]["estimate"], f"{run}_sd": parameters[name]["sd"]}
+                row |= {run: parameters[name]["estimate"], f"{run}_std": parameters[name]["std"]}
             out.append(row)
         return out
 
@@ -233,7 +233,7 @@ class CrossValidation:
             f"<{'>' * len(runs)}<",
             [_("parameter"), *(_("fit on {run}", run=run) for run in runs), _("unit")],
             *(
-                [row["name"].removeprefix("model."), *(_with_error(row[run], row[f"{run}_sd"]) for run in runs),
+                [row["name"].removeprefix("model."), *(_with_error(row[run], row[f"{run}_std"]) for run in runs),
                  shown_unit(row["unit"])]
                 for row in self.parameters()
             ),
@@ -342,7 +342,7 @@ def _evaluation_title(judgement: RunEvaluation) -> str:
     )
 
 
-def _with_error(estimate: float | None, sd: float | None) -> str:
+def _with_error(estimate: float | None, std: float | None) -> str:
     return (
-        _("not identifiable") if estimate is None else f"{number(estimate):.4g} ± {number(sd or np.nan):.2g}"
+        _("not identifiable") if estimate is None else f"{number(estimate):.4g} ± {number(std or np.nan):.2g}"
     )

@@ -85,10 +85,10 @@ class Demo:
         return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
 
     def rows(self) -> list["TableRow"]:
-        """Return a row per parameter: estimate, sd, truth, their difference in sd, and a verdict."""
+        """Return a row per parameter: estimate, std, truth, their difference in std, and a verdict."""
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
-            z = None if row["estimate"] is None or not row["sd"] else (row["estimate"] - truth) / row["sd"]
+            z = None if row["estimate"] is None or not row["std"] else (row["estimate"] - truth) / row["std"]
             verdict = N_("not identifiable") if z is None else "ok" if abs(z) < 3 else N_("inconsistent")
             out.append({**row, "truth": float(truth), "z": z, "verdict": verdict})
         return out
@@ -103,10 +103,10 @@ class Demo:
         rows = []
         for row in self.rows():
             identifiable = row["estimate"] is not None
-            sd = f"{number(row['sd'] or np.nan):.2g}" if identifiable else ""
+            std = f"{number(row['std'] or np.nan):.2g}" if identifiable else ""
             value = f"{number(row['estimate']):.4g}" if identifiable else "–"
             name = row["name"].removeprefix("model.")
-            rows.append([name, value, sd, f"{number(row['truth']):.4g}", _(row["verdict"])])
+            rows.append([name, value, std, f"{number(row['truth']):.4g}", _(row["verdict"])])
         head = [_("parameter"), _("estimate"), _("std. error"), _("truth"), _("verdict")]
         lines = text_table("<>>><", head, *rows)
         lines += ["", *self._summary()]

@@ -71,7 +71,7 @@ class FittedDrive(NamedTuple):
     """The fitted gains, frictions and steady speed, with their errors."""
 
     value: np.ndarray  # (5,) in the order of QUANTITY_NAMES
-    sd: np.ndarray  # (5,)
+    std: np.ndarray  # (5,)
 
 
 def imu_only_study(
@@ -121,9 +121,9 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
             )
             estimate, truth = fitted_drive(fit, vehicle_file), fitted_drive(reference[name], car)
             fits.append(fit)
-            joint_std = np.hypot(estimate.sd, truth.sd)
+            joint_std = np.hypot(estimate.std, truth.std)
             is_covered.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * joint_std)
-            width.append(QUANTILE_95 * estimate.sd / np.abs(estimate.value))
+            width.append(QUANTILE_95 * estimate.std / np.abs(estimate.value))
     return out + interval_rows(np.array(is_covered), np.array(width)) + message_rows(fits[-1], runs)
 
 
@@ -163,7 +163,7 @@ def fitted_drive(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
     cov = np.nan_to_num(fit.cov[np.ix_(entries, entries)])
     value, stds = (
         np.append(fit.estimate[entries], speed),
-        np.append(fit.sd[entries], np.sqrt(gradient @ cov @ gradient)),
+        np.append(fit.std[entries], np.sqrt(gradient @ cov @ gradient)),
     )
     return FittedDrive(value, stds)
 

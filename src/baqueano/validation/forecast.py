@@ -149,7 +149,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("forecast.refused"))
-    entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
+    entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.std[k])]
     if not entries:
         raise UsageError(fault("forecast.no-errors"))
     paths = tuple(fit.names[k] for k in entries)

@@ -57,16 +57,16 @@ class ParameterChange(NamedTuple):
     how: str  # "step" or "drift"
     between: tuple[str, str]  # runs: before and after the step, or the first and the last
     before: float
-    before_sd: float
+    before_std: float
     after: float
-    after_sd: float
+    after_std: float
     z: float
 
     @property
     def message(self) -> Diagnostic:
         """Return the change as a warning."""
         percent = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
-        details = {key: getattr(self, key) for key in ("before", "before_sd", "after", "after_sd", "unit")}
+        details = {key: getattr(self, key) for key in ("before", "before_std", "after", "after_std", "unit")}
         details |= {"percent": percent, "z": abs(self.z), "first": self.between[0], "second": self.between[1]}
         code = "over-time.step" if self.how == "step" else "over-time.drift"
         return note(code, Severity.WARNING, subject=self.name, **details)
@@ -81,12 +81,12 @@ class ParameterHistory(Result):
     runs: tuple[str, ...]  # (K,) in the order of time
     when: tuple[str, ...]  # (K,) dates, "" if the timestamps are not dates
     single: np.ndarray  # (K, p) fits of single runs; NaN if not identifiable, or if the fit was refused
-    single_sd: np.ndarray  # (K, p)
+    single_std: np.ndarray  # (K, p)
     filtered_values: np.ndarray  # (K, p) after run k, from the runs up to it
-    filtered_sd: np.ndarray  # (K, p)
+    filtered_std: np.ndarray  # (K, p)
     cov: np.ndarray  # (p, p) after the last run
     smoothed_values: np.ndarray  # (K, p) from all runs
-    smoothed_sd: np.ndarray  # (K, p)
+    smoothed_std: np.ndarray  # (K, p)
     walk: np.ndarray  # (p,) q: standard deviation of a parameter's change from run to run
     changes: tuple[ParameterChange, ...]
     refused_runs: tuple[str, ...]  # runs whose fit was refused
@@ -100,12 +100,14 @@ class ParameterHistory(Result):
     @property
     def vehicle_file(self) -> "VehicleFile":
         """Return the file with the parameters after the last run."""
-        value, std = self.filtered_values[-1], self.filtered_sd[-1]
+        value, std = self.filtered_values[-1], self.filtered_std[-1]
         is_measured = np.isfinite(value) & np.isfinite(std)
         paths = [name for name, k in zip(self.names, is_measured, strict=True) if k]
         blocks = substitute(self.last.blocks, paths, [float(x) for x in value[is_measured]])
         cov = np.where(np.outer(is_measured, is_measured), self.cov, np.nan)
-        return replace(self.last, estimate=value, sd=std, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
+        return replace(
+            self.last, estimate=value, std=std, cov=cov, blocks=blocks, runs=self.runs
+        ).vehicle_file
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per run and parameter."""
@@ -115,9 +117,9 @@ class ParameterHistory(Result):
                 out.append(
                     {
                         "run": run, "when": self.when[k] or None, "name": name, "unit": self.units[i],
-                        "estimate": float(self.single[k, i]), "sd": float(self.single_sd[k, i]),
-                        "filtered": float(self.filtered_values[k, i]), "filtered_sd": float(self.filtered_sd[k, i]),
-                        "smoothed": float(self.smoothed_values[k, i]), "smoothed_sd": float(self.smoothed_sd[k, i]),
+                        "estimate": float(self.single[k, i]), "std": float(self.single_std[k, i]),
+                        "filtered": float(self.filtered_values[k, i]), "filtered_std": float(self.filtered_std[k, i]),
+                        "smoothed": float(self.smoothed_values[k, i]), "smoothed_std": float(self.smoothed_std[k, i]),
                     }
                 )  # fmt: skip
         return out
@@ -128,9 +130,9 @@ class ParameterHistory(Result):
         rows = (
             [
                 without_model_prefix(name),
-                _with_error(self.single[0, i], self.single_sd[0, i]),
-                _with_error(self.single[-1, i], self.single_sd[-1, i]),
-                _with_error(self.filtered_values[-1, i], self.filtered_sd[-1, i]),
+                _with_error(self.single[0, i], self.single_std[0, i]),
+                _with_error(self.single[-1, i], self.single_std[-1, i]),
+                _with_error(self.filtered_values[-1, i], self.filtered_std[-1, i]),
                 self.units[i],
             ]
             for i, name in enumerate(self.names)
@@ -159,7 +161,7 @@ class Drift:
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per parameter that changed."""
-        keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
+        keys = ("name", "unit", "how", "before", "before_std", "after", "after_std", "z")
         out = [change._asdict() for change in self.history.changes]
         return [
             {key: row[key] for key in keys} | {"from_run": row["between"][0], "to_run": row["between"][1]}
@@ -207,20 +209,20 @@ def track_parameters(
     """Return the history of the parameters from fits in order of time.  (1), (2)"""
     first = fits[0]
     p, runs = len(first.names), tuple(fit.runs[0] for fit in fits)
-    single, single_sd = np.full((len(fits), p), np.nan), np.full((len(fits), p), np.nan)
+    single, single_std = np.full((len(fits), p), np.nan), np.full((len(fits), p), np.nan)
     covs = np.full((len(fits), p, p), np.nan)
     for k, fit in enumerate(fits):
         if fit.runs[0] not in refused_runs:
-            single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
-    walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
+            single[k], single_std[k], covs[k] = fit.estimate, fit.std, fit.cov
+    walk = np.array([_most_likely_walk(single[:, i], single_std[:, i]) for i in range(p)])
     filtered_values, cov, smoothed_values = _smooth(single, covs, walk)
-    columns = zip(first.names, first.units, single.T, single_sd.T, strict=True)
+    columns = zip(first.names, first.units, single.T, single_std.T, strict=True)
     tests = [_change(name, unit, runs, x, std, p) for name, unit, x, std in columns]
     changes = sorted((one for one in tests if one is not None), key=lambda change: -abs(change.z))
     last = [fit for fit in fits if fit.runs[0] not in refused_runs][-1]
     dates = tuple(when) or ("",) * len(fits)
     return ParameterHistory(
-        first.names, first.units, runs, dates, single, single_sd, *filtered_values, cov, *smoothed_values, walk,
+        first.names, first.units, runs, dates, single, single_std, *filtered_values, cov, *smoothed_values, walk,
         tuple(changes), refused_runs, last,
     )  # fmt: skip
 
@@ -347,5 +349,5 @@ def _date_of(run: "Run") -> str:
     return datetime.fromtimestamp(float(run.t_ns[0]) * 1e-9, UTC).strftime("%Y-%m-%d %H:%M")
 
 
-def _with_error(value: float, sd: float) -> str:
-    return _("not identifiable") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"
+def _with_error(value: float, std: float) -> str:
+    return _("not identifiable") if not np.isfinite(value) else f"{number(value):.4g} ± {number(std):.1g}"

@@ -1,12 +1,12 @@
 """Read the provenance of the values: [provenance."key"] and [parameter_cov].
 
     [provenance."model.friction.linear"]   run = "runs/0001-experiment.mcap", date = 2026-11-21,
-                                           sd = [0.02, 0.1, 0.0001], verdict = "USABLE"
+                                           std = [0.02, 0.1, 0.0001], verdict = "USABLE"
     [provenance.model]                     a whole table: all its values without a separate provenance
     [parameter_cov]                        of the last fit: run, date, names = ["model.friction.linear[0]", …],
-                                           sd = […], correlation = [[1.0], [0.83, 1.0]], the lower triangle
+                                           std = […], correlation = [[1.0], [0.83, 1.0]], the lower triangle
 
-    cov_ij = r_ij sd_i sd_j                                                                                       (1)
+    cov_ij = r_ij std_i std_j                                                                                       (1)
 
 If no value of a model was measured by a fit that was not refused, the model is a guess.
 """
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 GUESS = Verdict.GUESS  # verdict on values that were not measured
 UNMEASURED_VERDICTS = (GUESS, Verdict.REFUSED)
+FORMER_KEYS = {"sd": "std"}  # former name of a key → its present name
 
 
 class Provenance(NamedTuple):
@@ -34,7 +35,7 @@ class Provenance(NamedTuple):
 
     run: str
     date: Date | None = None
-    sd: Any = None  # one number, or an array like the value; None: not known
+    std: Any = None  # one number, or an array like the value; None: not known
     verdict: str = ""
 
 
@@ -80,6 +81,11 @@ def is_measured(provenance: dict[str, Provenance]) -> bool:
     return any(k.startswith("model.") and p.verdict not in UNMEASURED_VERDICTS for k, p in provenance.items())
 
 
+def _with_present_keys(table: "JsonObject") -> "JsonObject":
+    """Return a table whose keys have their present names; the files of older runs contain former names."""
+    return {FORMER_KEYS.get(key, key): value for key, value in table.items()}
+
+
 def _provenance(report: ReadReport, data: "JsonObject", folder: str | None) -> dict[str, Provenance]:
     origins = {}
     for key, table in data.get("provenance", {}).items():
@@ -90,13 +96,14 @@ def _provenance(report: ReadReport, data: "JsonObject", folder: str | None) -> d
         if not isinstance(table, dict):
             report.add_problem(path, "vehicle.provenance-not-table")
             continue
+        table = _with_present_keys(table)
         for name in table:
             if name not in Provenance._fields:
                 report_unknown_key(report, (*path, name), table[name], dict.fromkeys(Provenance._fields, ""))
         origins[key] = Provenance(
             _text(report, path, table, "run"),
             _date(report, path, table),
-            _sd(report, path, table),
+            _std(report, path, table),
             _text(report, path, table, "verdict"),
         )
     return origins
@@ -118,13 +125,13 @@ def _date(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Dat
     return value
 
 
-def _sd(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Any:
-    value = table.get("sd")
+def _std(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Any:
+    value = table.get("std")
     if value is None:
         return None
     array = number_array(value if isinstance(value, list) else [value])
     if array is None or np.any(np.isinf(array)) or np.any(array < 0.0):  # nan: not known
-        report.add_problem((*path, "sd"), "vehicle.not-sd", value=repr(value))
+        report.add_problem((*path, "std"), "vehicle.not-std", value=repr(value))
         return None
     return array if isinstance(value, list) else float(array[0])
 
@@ -136,7 +143,8 @@ def _parameter_cov(report: ReadReport, data: "JsonObject", folder: str | None) -
     if not isinstance(table, dict):
         report.add_problem(path, "vehicle.cov-not-table")
         return None
-    expected_keys = ("run", "date", "names", "sd", "correlation")
+    table = _with_present_keys(table)
+    expected_keys = ("run", "date", "names", "std", "correlation")
     for name in table:
         if name not in expected_keys:
             report_unknown_key(report, (*path, name), table[name], dict.fromkeys(expected_keys, ""))
@@ -155,17 +163,17 @@ def _parameter_cov(report: ReadReport, data: "JsonObject", folder: str | None) -
 def _covariance(
     report: ReadReport, path: tuple[str, ...], table: "JsonObject", size: int
 ) -> np.ndarray | None:
-    """Return cov (size, size) from sd and correlation; None after a problem was added to `report`.  (1)"""
-    sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
-    is_valid_std = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
-    if sd is None or correlation is None or not is_valid_std:
+    """Return cov (size, size) from std and correlation; None after a problem was added to `report`.  (1)"""
+    std, correlation = number_array(table.get("std", [])), _triangle(table.get("correlation", []), size)
+    is_valid_std = std is not None and std.shape == (size,) and bool(np.all(np.isfinite(std) & (std >= 0.0)))
+    if std is None or correlation is None or not is_valid_std:
         report.add_table_problem(path, "vehicle.cov-size", expected=size)
         return None
     smallest = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
     if smallest < -1e-6:
         report.add_problem((*path, "correlation"), "vehicle.correlation", eigenvalue=smallest)
         return None
-    return correlation * np.outer(sd, sd)
+    return correlation * np.outer(std, std)
 
 
 def _triangle(rows: object, size: int) -> np.ndarray | None:

@@ -69,7 +69,7 @@ PLAIN_MEANINGS = {  # keys without a unit: what they mean
     "waves": N_("waves of the radius in a lap"),
     "run": N_("the run from which the value was estimated"),
     "date": N_("the day on which the value was estimated"),
-    "sd": N_("standard deviation; `nan` where not known"),
+    "std": N_("standard deviation; `nan` where not known"),
     "verdict": N_("USABLE, WARN or REFUSED; GUESS if it was not measured"),
     "low": N_("smallest value of each name in the data of the last fit"),
     "high": N_("largest value of each name in the data of the last fit"),
@@ -100,7 +100,7 @@ def rows() -> list["TableRow"]:
             all_rows += _rows(TABLE_OF_ROLE[role], kind, resolve(role, kind))
     for name in Provenance._fields:
         all_rows.append(_row('provenance."KEY"', "", Key(name, None, Any, None)))
-    for name in ("run", "date", "names", "sd", "correlation"):
+    for name in ("run", "date", "names", "std", "correlation"):
         all_rows.append(_row("parameter_cov", "", Key(name, None, Any, None)))
     for name in ("run", "names", "low", "high"):
         all_rows.append(_row("envelope", "", Key(name, None, Any, None)))

@@ -37,7 +37,7 @@ class Round(NamedTuple):
         if name not in self.fit.names:
             return None
         k = self.fit.names.index(name)
-        error = self.fit.sd[k] / abs(self.fit.estimate[k]) if self.fit.estimate[k] else np.nan
+        error = self.fit.std[k] / abs(self.fit.estimate[k]) if self.fit.estimate[k] else np.nan
         return float(error) if np.isfinite(error) else None
 
 
@@ -59,7 +59,7 @@ class Rounds:
             for name, x in zip(iteration.fit.names, iteration.fit.estimate, strict=True):
                 estimate = float(x) if np.isfinite(x) else None
                 row = {"round": k + 1, "run": iteration.run.stem, "name": name, "estimate": estimate}
-                rows.append(row | {"relative_sd": iteration.relative_std(name)})
+                rows.append(row | {"relative_std": iteration.relative_std(name)})
         return rows
 
     def table(self) -> str:

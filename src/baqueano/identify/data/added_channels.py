@@ -46,7 +46,7 @@ LINE_PATTERN = re.compile(
     r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
 )
 NUMBER_PATTERN = re.compile(
-    r"^\s*(?P<x>[+-]?[\d.]+(?:e[+-]?\d+)?)\s*(?:(?:±|\+-|\+/-)\s*(?P<sd>[\d.]+)\s*)?(?P<unit>[a-z°]+)\s*$"
+    r"^\s*(?P<x>[+-]?[\d.]+(?:e[+-]?\d+)?)\s*(?:(?:±|\+-|\+/-)\s*(?P<std>[\d.]+)\s*)?(?P<unit>[a-z°]+)\s*$"
 )
 
 
@@ -253,7 +253,7 @@ def _measurement(text: str, line: str, t_ns: int) -> HandMeasurement:
             fault("tape.no-length", EXAMPLE, line=line, part=text.strip(), units=(*LENGTHS, *ANGLES))
         )
     factor = {**LENGTHS, **ANGLES}[unit]
-    x, std = float(number["x"]) * factor, float(number["sd"] or 0.0) * factor
+    x, std = float(number["x"]) * factor, float(number["std"] or 0.0) * factor
     if x < 0.0 and unit in LENGTHS:
         raise UsageError(fault("tape.negative", line=line, length_m=x))
     kind, z = ("tape", [x]) if x > 0.0 else ("back_on_mark", [0.0, 0.0])

@@ -84,7 +84,8 @@ class Noise(Result):
 
     Examples
     --------
-    >>> Noise({"imu": np.diag([0.04, 0.01])}, {"imu": None}, np.zeros((0, 0)), 100.0, "innovations", ()).rows()[0]["sd"]
+    >>> noise = Noise({"imu": np.diag([0.04, 0.01])}, {"imu": None}, np.zeros((0, 0)), 100.0, "innovations", ())
+    >>> noise.rows()[0]["std"]
     0.2
     """
 
@@ -112,19 +113,19 @@ class Noise(Result):
         for name, q in self.in_motion.items():
             rest = self.at_rest.get(name)
             for i in range(len(q)):
-                sd_at_rest = None if rest is None else float(np.sqrt(rest[i, i]))
-                sd, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
-                out.append({"name": f"{name}[{i}]", "sd": sd, "sd_at_rest": sd_at_rest, "unit": unit})
+                std_at_rest = None if rest is None else float(np.sqrt(rest[i, i]))
+                std, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
+                out.append({"name": f"{name}[{i}]", "std": std, "std_at_rest": std_at_rest, "unit": unit})
         fields_of_filter = dict(parameters(AugmentedEkf))
         for name, values in self.fields.items():
             units = fields_of_filter[name].unit.partition(" (")[0].split(", ")
             for i, value in enumerate(np.atleast_1d(values)):
                 label = f"{name}[{i}]" if np.ndim(values) else name
-                row = {"name": label, "sd": float(value), "sd_at_rest": None}
+                row = {"name": label, "std": float(value), "std_at_rest": None}
                 out.append(row | {"unit": units[i % len(units)]})
         for i, state in enumerate(STATES[: len(self.process)]):
-            sd = float(np.sqrt(self.process[i, i]))
-            out.append({"name": state, "sd": sd, "sd_at_rest": None, "unit": STATE_UNITS[i]})
+            std = float(np.sqrt(self.process[i, i]))
+            out.append({"name": state, "std": std, "std_at_rest": None, "unit": STATE_UNITS[i]})
         return out
 
     def table(self) -> str:
@@ -133,8 +134,8 @@ class Noise(Result):
             "<>><",
             [_("noise"), _("in motion"), _("at rest"), _("unit")],
             *(
-                [row["name"], f"{number(row['sd']):.3g}",
-                 "-" if row["sd_at_rest"] is None else f"{number(row['sd_at_rest']):.3g}", shown_unit(row["unit"])]
+                [row["name"], f"{number(row['std']):.3g}",
+                 "-" if row["std_at_rest"] is None else f"{number(row['std_at_rest']):.3g}", shown_unit(row["unit"])]
                 for row in self.rows()
             ),
         )  # fmt: skip

@@ -154,7 +154,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     speed that is too low, because the fit compares ν_x ν_ψ with a_y. f restores the variance that (3) does not
     describe, as that of turns: with it and σ_s = 0, the mean of (4) over the rows equals that of ∂ν_x P ∂ν_xᵀ.
     """
-    entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
+    entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.std[k])]
     if layout(ekf).speed_is_measured or not entries:
         return ekf
     paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]

@@ -84,7 +84,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     requested_parameters, in_theta = end.parameters.requested_parameters, end.parameters.in_theta
     shared_cov = np.full((len(requested_parameters), len(requested_parameters)), np.nan)
     shared_cov[np.ix_(in_theta, in_theta)] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
-    run_entry_names, run_values, run_entry_sd = _run_entries(
+    run_entry_names, run_values, run_entry_std = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
     sigma_by_sensor = np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1])
@@ -96,14 +96,14 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         units=tuple(parameter.unit for parameter in requested_parameters),
         start=start,
         estimate=evidence.estimate,
-        sd=np.sqrt(np.diagonal(shared_cov)),
+        std=np.sqrt(np.diagonal(shared_cov)),
         bound=evidence.bound,
         poorly_identified=evidence.poorly_identified,
         cov=shared_cov,
         gyro_shift=_in_order(end, basis.diagnosis.gyro_shift, 0.0),
         run_entry_names=run_entry_names,
         run_entries=run_values,
-        run_entry_sd=run_entry_sd,
+        run_entry_std=run_entry_std,
         unobservable=evidence.unobservable,
         always_unobservable=basis.always_unobservable,
         verdict=verdict,
@@ -125,17 +125,17 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     return replace(fit, notes=(*fit.notes, *messages))
 
 
-def _diagnosis(end: FinishedFit, sd: np.ndarray) -> Diagnosis:
+def _diagnosis(end: FinishedFit, std: np.ndarray) -> Diagnosis:
     """Return all diagnostics of the fit, and their consequences for the shared entries of θ."""
     report = end.task.progress or (lambda text: None)
     is_skipped = not end.score_test or end.search.stopped
     if is_skipped or report(_("testing for effects that the model lacks")) is True:
         s = end.task.problem.layout.shared_count
         return Diagnosis(list(end.findings), np.zeros((s, s)), np.zeros(s))
-    return diagnose(end, sd, sigma_of_file(end.blocks.sensors))
+    return diagnose(end, std, sigma_of_file(end.blocks.sensors))
 
 
-def _bound_excess(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
+def _bound_excess(end: FinishedFit, std: np.ndarray) -> np.ndarray:
     """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds.
     It is inf without a requested test or after a stop, and 0 if the search did not converge."""
     s, solution = end.task.problem.layout.shared_count, end.search.solution
@@ -145,7 +145,7 @@ def _bound_excess(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     g = solution.evaluation.gradient[identifiable]
     if solution.converged and len(identifiable) and np.isfinite(g).all():
         inverse = pseudo_inverse(end.info.bread[np.ix_(identifiable, identifiable)])
-        moves = np.abs(inverse @ g) / sd[identifiable]
+        moves = np.abs(inverse @ g) / std[identifiable]
         moves_in_std[identifiable[identifiable < s]] = moves[identifiable < s]
     return moves_in_std
 
@@ -195,19 +195,19 @@ def _covariance(end: FinishedFit) -> np.ndarray:
 
 
 def _run_entries(
-    problem: Residuals, theta: np.ndarray, sd: np.ndarray
+    problem: Residuals, theta: np.ndarray, std: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately. The starts
     are included if the runs are not split."""
     layout, shape = problem.layout, problem.shape
     runs, s = layout.run_count, layout.shared_count
     by_run = theta[s : layout.first_start].reshape(runs, -1)
-    by_run_sd = sd[s : layout.first_start].reshape(runs, -1)
+    by_run_std = std[s : layout.first_start].reshape(runs, -1)
     if layout.has_split_runs:
-        return shape.by_run, by_run, by_run_sd
+        return shape.by_run, by_run, by_run_std
     names = (*shape.by_run, *(f"start.{START_NAMES[i]}" for i in shape.start))
-    starts, starts_sd = (x[layout.first_start :].reshape(runs, -1) for x in (theta, sd))
-    return names, np.hstack([by_run, starts]), np.hstack([by_run_sd, starts_sd])
+    starts, starts_std = (x[layout.first_start :].reshape(runs, -1) for x in (theta, std))
+    return names, np.hstack([by_run, starts]), np.hstack([by_run_std, starts_std])
 
 
 def _runs(problem: Residuals) -> tuple[str, ...]:

@@ -70,7 +70,7 @@ class Fit(Result):
         Dotted paths of the vehicle file, with entries, in the order of `free`; their units.
     start : ndarray (p,)
         Start of the search [unit of each].
-    estimate, sd : ndarray (p,)
+    estimate, std : ndarray (p,)
         Estimates, and their standard errors [unit of each]; NaN if the parameter was not identifiable.
     bound : ndarray (p,)
         −1 at the low bound, 1 at the high one, 0 inside [no unit].
@@ -83,7 +83,7 @@ class Fit(Result):
         faster than measured.
     run_entry_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
-    run_entries, run_entry_sd : ndarray (runs, q)
+    run_entries, run_entry_std : ndarray (runs, q)
         Estimates of these entries, and their standard errors [unit of each].
     unobservable : tuple of Diagnostic
         Parameters that a better run would show.
@@ -128,14 +128,14 @@ class Fit(Result):
     units: tuple[str, ...]
     start: np.ndarray
     estimate: np.ndarray
-    sd: np.ndarray
+    std: np.ndarray
     bound: np.ndarray
     poorly_identified: np.ndarray
     cov: np.ndarray
     gyro_shift: np.ndarray
     run_entry_names: tuple[str, ...]
     run_entries: np.ndarray
-    run_entry_sd: np.ndarray
+    run_entry_std: np.ndarray
     unobservable: tuple[Diagnostic, ...]
     always_unobservable: tuple[Diagnostic, ...]
     verdict: Verdict
@@ -161,12 +161,12 @@ class Fit(Result):
     @property
     def correlation(self) -> np.ndarray:
         """Return the correlation of the estimates (p, p)."""
-        return self.cov / np.outer(self.sd, self.sd)
+        return self.cov / np.outer(self.std, self.std)
 
     @property
     def interval(self) -> np.ndarray:
         """Return the 95 % interval of each parameter (p, 2)."""
-        half_width = QUANTILE_95 * self.sd
+        half_width = QUANTILE_95 * self.std
         return np.stack([self.estimate - half_width, self.estimate + half_width], axis=1)
 
     @property
@@ -227,7 +227,7 @@ class Fit(Result):
                 {
                     "name": name,
                     "estimate": float(self.estimate[k]) if is_identified else None,
-                    "sd": float(self.sd[k]) if is_identified and np.isfinite(self.sd[k]) else None,
+                    "std": float(self.std[k]) if is_identified and np.isfinite(self.std[k]) else None,
                     "unit": self.units[k],
                     "start": float(self.start[k]),
                     "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if is_identified else None,
@@ -247,9 +247,12 @@ class Fit(Result):
         width = max(len(without_model_prefix(row["name"])) for row in rows_)
         rows = []
         for row in (row for row in rows_ if row["estimate"] is not None):
-            value, sd = round_to_error(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
+            value, std = (
+                round_to_error(row["estimate"], row["std"]),
+                np.nan if row["std"] is None else row["std"],
+            )
             rows.append(
-                f"{without_model_prefix(row['name']):{width}}  {number(value):>10.5g} ± {number(sd):<8.2g} "
+                f"{without_model_prefix(row['name']):{width}}  {number(value):>10.5g} ± {number(std):<8.2g} "
                 f"{shown_unit(row['unit'])}"
             )
         return shorten([head], rows, verdict_lines(self)[:3])
@@ -264,9 +267,9 @@ class Fit(Result):
             if row["estimate"] is None:
                 cells.append([name, "–", "", ""])
                 continue
-            sd = f"± {number(row['sd']):.2g}" if row["sd"] is not None else "± ?"
-            value = f"{number(round_to_error(row['estimate'], row['sd'])):.5g}"
-            cells.append([name, value, sd, shown_unit(row["unit"])])
+            std = f"± {number(row['std']):.2g}" if row["std"] is not None else "± ?"
+            value = f"{number(round_to_error(row['estimate'], row['std'])):.5g}"
+            cells.append([name, value, std, shown_unit(row["unit"])])
         table = text_table("<>><", [_("parameter"), _("estimate"), _("std. error"), _("unit")], *cells)
         lines = [
             *(part for row in zip(table, remarks, strict=True) for part in with_remark(*row)),
@@ -279,12 +282,12 @@ class Fit(Result):
         return "\n".join(lines)
 
     def run_by_run(self) -> list["TableRow"]:
-        """Return one flat row per run and entry of the run; sd is None if the run does not determine the entry."""
+        """Return one flat row per run and entry of the run; std is None if the run does not determine the entry."""
         rows: list[TableRow] = []
         for k, name in enumerate(self.run_entry_names):
-            for run, x, sd in zip(self.runs, self.run_entries[:, k], self.run_entry_sd[:, k], strict=False):
-                std = float(sd) if np.isfinite(sd) else None
-                rows.append({"run": run, "name": name, "estimate": float(x), "sd": std})
+            for run, x, std in zip(self.runs, self.run_entries[:, k], self.run_entry_std[:, k], strict=False):
+                std = float(std) if np.isfinite(std) else None
+                rows.append({"run": run, "name": name, "estimate": float(x), "std": std})
         return rows
 
     def _per_run_lines(self) -> list[str]:
@@ -294,9 +297,9 @@ class Fit(Result):
             return self._per_run_summary(rows)
         out = []
         for row in rows:
-            sd = _("not identifiable") if row["sd"] is None else f"± {number(row['sd']):.2g}"
+            std = _("not identifiable") if row["std"] is None else f"± {number(row['std']):.2g}"
             unit = _(" s, to be added to its timestamps") if row["name"].startswith("clock.") else ""
-            out.append(_("{name} of {run}: {estimate:.5g} {sd}{unit}", **row | {"sd": sd, "unit": unit}))
+            out.append(_("{name} of {run}: {estimate:.5g} {std}{unit}", **row | {"std": std, "unit": unit}))
         return [*out, ""] if out else []
 
     def _per_run_summary(self, rows: list["TableRow"]) -> list[str]:
@@ -357,26 +360,26 @@ def is_requested(name: str) -> bool:
     return not name.startswith("start.") and "_bias" not in name
 
 
-def round_to_error(value: float, sd: float | None) -> float:
+def round_to_error(value: float, std: float | None) -> float:
     """Return a value rounded to three digits beyond the first digit of its standard error: 9e-8 ± 0.05 is 0."""
-    if sd is None or not sd > 0.0:
+    if std is None or not std > 0.0:
         return value
-    return round(value, 3 - int(np.floor(np.log10(sd))))
+    return round(value, 3 - int(np.floor(np.log10(std))))
 
 
 def row_remarks(row: dict[str, Any]) -> str:
     """Return the remarks on a row of `Fit.rows()`, or "" without remarks."""
-    value, sd = row["estimate"], row["sd"]
+    value, std = row["estimate"], row["std"]
     if value is None:
         return _("not identifiable, fixed at {start:.4g}", start=row["start"])
     texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
     texts_ += [_("poorly identified")] if row["identifiable"] == "poorly" else []
-    if sd is None:
+    if std is None:
         texts_.append(_("its error is unknown"))
-    elif abs(value) < QUANTILE_95 * sd:
+    elif abs(value) < QUANTILE_95 * std:
         texts_.append(_("may be 0"))
-    elif abs(value) < 2.0 * QUANTILE_95 * sd:
-        texts_.append(_("roughly, ± {percent:.0f} %", percent=100.0 * QUANTILE_95 * sd / abs(value)))
+    elif abs(value) < 2.0 * QUANTILE_95 * std:
+        texts_.append(_("roughly, ± {percent:.0f} %", percent=100.0 * QUANTILE_95 * std / abs(value)))
     return ", ".join(texts_)
 
 

@@ -97,9 +97,9 @@ def _open_loop(comparison: "LeaveOneOutComparison") -> Diagnostic:
 def _process_noise_text(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
     """Return the process noise with its error, axis by axis, as text."""
     messages = []
-    for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_std, strict=True):
+    for axis, v, std in zip(axes, likely.noise.floor, likely.floor_std, strict=True):
         if v > 0.0:
-            error = f" ± {number(sd / (2.0 * np.sqrt(v))):.1g}" if np.isfinite(sd) else ""
+            error = f" ± {number(std / (2.0 * np.sqrt(v))):.1g}" if np.isfinite(std) else ""
             messages.append(f"{number(float(np.sqrt(v))):.2g}{error} {UNITS[axis]}")
     return ", ".join(messages)
 

@@ -42,16 +42,21 @@ class Prior(NamedTuple):
     path: str
     unit: str
     value: float
-    std: float  # s₀
+    prior_std: float  # s₀
     std_path: str  # the field of s₀
-    sd: float  # s
+    std: float  # s
     contradicted: bool
     at_rest: bool  # True if the value was measured at rest in the runs of the fit
 
     @property
     def message(self) -> Diagnostic:
         """Return a message on the value that is written, and the reason."""
-        details: JsonObject = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
+        details: JsonObject = {
+            "value": self.value,
+            "prior_std": self.prior_std,
+            "unit": self.unit,
+            "std": self.std,
+        }
         code = "bias.contradicts-file" if self.contradicted else "bias.file-better"
         return note(code, subject=self.path, **details)
 
@@ -67,19 +72,19 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
     for prior in priors:
         if not prior.contradicted:
             blocks = with_value(blocks, prior.path, prior.value)
-    for field, sd in _fields(fit, [prior.path for prior in priors if not prior.contradicted]).items():
+    for field, std in _fields(fit, [prior.path for prior in priors if not prior.contradicted]).items():
         number = value_at_path(blocks, field)
         values[field] = np.asarray(number, float).tolist() if np.ndim(number) else float(number)
-        provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
+        provenance[field] = {"run": run, "date": on, "std": std, "verdict": fit.verdict}
     for field in dict.fromkeys(prior.std_path.partition("[")[0] for prior in priors if prior.contradicted):
         entries_ = np.array(value_at_path(fit.file, field), dtype=float)
         for prior in (prior for prior in priors if prior.contradicted and prior.std_path.startswith(field)):
-            entries_[_index(prior.std_path)] = max(entries_[_index(prior.std_path)], prior.sd)
+            entries_[_index(prior.std_path)] = max(entries_[_index(prior.std_path)], prior.std)
         values[field] = entries_.tolist()
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
     entries_ = [
-        k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT_PREFIX)
+        k for k, name in enumerate(fit.names) if np.isfinite(fit.std[k]) and not name.startswith(MOUNT_PREFIX)
     ]
     cov = ParameterCov(tuple(fit.names[k] for k in entries_), fit.cov[np.ix_(entries_, entries_)], run, on)
     return fit.file.with_values(values, provenance, cov, fit.envelope)
@@ -88,10 +93,10 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
 def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
     """Return the biases that the file contains more accurately than the fit, even if the fit contradicts them.  (1)"""
     out, rest_messages = [], [message for message in fit.notes if message.code == "bias.at-rest"]
-    for path, x, sd in zip(
+    for path, x, std in zip(
         fit.run_entry_names,
         np.mean(fit.run_entries, axis=0),
-        np.sqrt(np.mean(fit.run_entry_sd**2, axis=0)),
+        np.sqrt(np.mean(fit.run_entry_std**2, axis=0)),
         strict=True,
     ):
         sensor, _, field = path.removeprefix("sensors.").partition(".")
@@ -99,17 +104,19 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
             continue
         name = field.partition("[")[0]
         description = dict(parameters(getattr(fit.file.sensors, sensor))).get(name)
-        if description is None or not description.std or not np.isfinite(sd):
+        if description is None or not description.std or not np.isfinite(std):
             continue
         std_path = f"sensors.{sensor}.{description.std}{field.removeprefix(name)}"
-        prior, std = float(value_at_path(fit.file, path)), float(value_at_path(fit.file, std_path))
+        prior, prior_std = float(value_at_path(fit.file, path)), float(value_at_path(fit.file, std_path))
         at_rest = path in (f"sensors.{message.subject}.gyro_bias" for message in rest_messages)
         if at_rest:
-            std = float(fit.file.provenance[path].sd)
-        if sd > std:
+            prior_std = float(fit.file.provenance[path].std)
+        if std > prior_std:
             unit = description.unit.split(", ")[0]
-            is_contradicted = abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(sd, std)
-            out.append(Prior(path, unit, prior, std, std_path, float(sd), bool(is_contradicted), at_rest))
+            is_contradicted = abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(std, prior_std)
+            out.append(
+                Prior(path, unit, prior, prior_std, std_path, float(std), bool(is_contradicted), at_rest)
+            )
     return tuple(out)
 
 
@@ -120,21 +127,21 @@ def _index(path: str) -> tuple[int, ...]:
 
 def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
     """Return field → standard errors in its shape, NaN for entries without an estimate and for `prior_paths`."""
-    sd_of = dict(zip(fit.names, fit.sd, strict=True))
+    std_of = dict(zip(fit.names, fit.std, strict=True))
     fitted_names = [n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)]
-    for name, sd in zip(fit.run_entry_names, np.sqrt(np.mean(fit.run_entry_sd**2, axis=0)), strict=True):
-        if name.startswith("sensors.") and np.isfinite(sd) and name not in prior_paths:
-            sd_of[name] = sd
+    for name, std in zip(fit.run_entry_names, np.sqrt(np.mean(fit.run_entry_std**2, axis=0)), strict=True):
+        if name.startswith("sensors.") and np.isfinite(std) and name not in prior_paths:
+            std_of[name] = std
             fitted_names.append(name)
     std_of_field: dict[str, Tree] = {}
     for path in (path for path in fitted_names if not path.startswith(MOUNT_PREFIX)):
         field, bracket, _ = path.partition("[")
         if not bracket:
-            std_of_field[field] = float(sd_of[path])
+            std_of_field[field] = float(std_of[path])
             continue
         if field not in std_of_field:
             std_of_field[field] = np.full(np.shape(value_at_path(fit.blocks, field)), np.nan)
-        std_of_field[field][_index(path)] = sd_of[path]
+        std_of_field[field][_index(path)] = std_of[path]
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in std_of_field.items()}
 
 

@@ -107,14 +107,14 @@ TEMPLATES: dict[str, str] = {
         "{percent:.2g} %. Speeds have the same relative error. To measure it, put the vehicle on "
         "a known slope"
     ),
-    "bias.at-rest": "{subject}: gyro_bias = {bias_rad_s:.4f} ± {sd_rad_s:.2g} rad/s was measured at rest, in {runs}",
+    "bias.at-rest": "{subject}: gyro_bias = {bias_rad_s:.4f} ± {std_rad_s:.2g} rad/s was measured at rest, in {runs}",
     "bias.contradicts-file": (
-        "{subject} differs from the file's {value:.4g} ± {std:.2g}{unit} by more than noise explains. The new value is "
-        "written, with its error ± {sd:.2g}"
+        "{subject} differs from the file's {value:.4g} ± {prior_std:.2g}{unit} by more than noise explains. The new "
+        "value is written, with its error ± {std:.2g}"
     ),
     "bias.file-better": (
-        "{subject}: the error from the runs, ± {sd:.2g}{unit}, is larger than the error in the file, ± "
-        "{std:.2g}. The file keeps its value {value:.4g}. To measure the bias, leave the vehicle at "
+        "{subject}: the error from the runs, ± {std:.2g}{unit}, is larger than the error in the file, ± "
+        "{prior_std:.2g}. The file keeps its value {value:.4g}. To measure the bias, leave the vehicle at "
         "rest for 3 s"
     ),
     "delay.sum": (

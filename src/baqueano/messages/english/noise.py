@@ -11,7 +11,7 @@ ERROR_RATIO_TEXT = (
 )
 LAP = "A lap cannot be predicted"
 CHANGE_TEXT = (
-    "{before:.4g} ± {before_sd:.1g} → {after:.4g} ± {after_sd:.1g}{unit} ({percent:+.0f} %, {z:.1f} standard "
+    "{before:.4g} ± {before_std:.1g} → {after:.4g} ± {after_std:.1g}{unit} ({percent:+.0f} %, {z:.1f} standard "
     "errors)"
 )
 
@@ -24,18 +24,18 @@ TEMPLATES: dict[str, str] = {
     "choose.left-out-for": "{term:word} was excluded: {why}",
     "choose.dropped": (
         "{term:word} was added, and then removed: together with the other terms it lowers the error by "
-        "only {percent:.1f} ± {percent_sd:.1f} %, {errors:.1f} standard errors"
+        "only {percent:.1f} ± {percent_std:.1f} %, {errors:.1f} standard errors"
     ),
     "choose.left-out": (
-        "{term:word} was excluded: the held-out error decreases by {percent:.1f} ± {percent_sd:.1f} %, "
+        "{term:word} was excluded: the held-out error decreases by {percent:.1f} ± {percent_std:.1f} %, "
         "{errors:.1f} standard errors ({needed:.1f} needed)"
     ),
     "term.best-without": "the best fit is the model without it",
     "term.brings-little": "it lowers the cost by only {percent:.2f} %",
     "term.same-as-others": "not identifiable: the other parameters of the model have the same effect",
     "term.not-identifiable": (
-        "not identifiable here, {value:.3g} ± {sd:.2g}; the held-out error decreases by {percent:.1f} ± "
-        "{percent_sd:.1f} %"
+        "not identifiable here, {value:.3g} ± {std:.2g}; the held-out error decreases by {percent:.1f} ± "
+        "{percent_std:.1f} %"
     ),
     "term.battery-not-separable": (
         "not identifiable: {value:.2g} ± {half:.2g}, in a range of 0 to 1. This needs a voltage that changes by "

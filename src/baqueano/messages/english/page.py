@@ -22,7 +22,7 @@ TEMPLATES: dict[str, str] = {
     "web.swapped": "From the next mission on, {kind} is the {role}",
     "web.tuned": "The gains are now in {file}",
     "web.lap-closed": (
-        "The scale of {gyro} in {file} was {old:.4f} ± {old_sd:.4f}; now it is {new:.4f} ± {sd:.4f}. Identify the "
+        "The scale of {gyro} in {file} was {old:.4f} ± {old_std:.4f}; now it is {new:.4f} ± {std:.4f}. Identify the "
         "vehicle again, because the model contains the old scale."
     ),
     "web.no-lesson": (

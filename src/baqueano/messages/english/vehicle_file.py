@@ -130,15 +130,15 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.kind-not-text": "{place} = {value}: expected text in quotes, one of {valid}.",
     "vehicle.kind": '{place} = "{kind}": {cause}.',
-    "vehicle.provenance-not-table": "{place} is not a table: it must contain run, date, sd and verdict.",
+    "vehicle.provenance-not-table": "{place} is not a table: it must contain run, date, std and verdict.",
     "vehicle.not-date": "{place} = {value}: expected a date without quotes, as 2026-11-21.",
-    "vehicle.not-sd": "{place} = {value}: expected standard deviations, 0 or more; nan if unknown.",
-    "vehicle.cov-not-table": "{place} is not a table: it must contain run, date, names, sd and correlation.",
+    "vehicle.not-std": "{place} = {value}: expected standard deviations, 0 or more; nan if unknown.",
+    "vehicle.cov-not-table": "{place} is not a table: it must contain run, date, names, std and correlation.",
     "vehicle.cov-names": (
         "{place} contains a parameter that is not in the file. Delete the table: the next fit writes it."
     ),
     "vehicle.cov-size": (
-        "{place} has {expected} names. Expected the same number of sd, 0 or more, and a correlation of "
+        "{place} has {expected} names. Expected the same number of std, 0 or more, and a correlation of "
         "rows of 1, 2, … {expected} numbers from -1 to 1. Delete the table: the next fit writes it."
     ),
     "vehicle.correlation": "{place} has the eigenvalue {eigenvalue:.3g}, which is impossible for a correlation.",

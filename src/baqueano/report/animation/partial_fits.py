@@ -29,7 +29,7 @@ def partial_fits(
     partial_fits = []
     for seconds, fit in fits:
         rows = {row["name"]: row for row in fit.rows()}
-        pairs = [(rows[name]["estimate"], rows[name]["sd"]) for name in names]
+        pairs = [(rows[name]["estimate"], rows[name]["std"]) for name in names]
         value, std = np.array([[np.nan if x is None else x for x in pair] for pair in pairs]).T
         true = np.asarray(truth)
         partial_fits.append(

@@ -38,8 +38,8 @@ def page_of_rest(result: RestMeasurement) -> Page:
         headlines=[
             Headline(
                 f"{c.sensor}[{c.entry}]",
-                f"{number(c.sd):.3g}",
-                _("bias {mean:.3g} ± {mean_sd:.1g}", mean=c.mean, mean_sd=c.mean_std),
+                f"{number(c.std):.3g}",
+                _("bias {mean:.3g} ± {mean_std:.1g}", mean=c.mean, mean_std=c.mean_std),
             )
             for c in result.channels[:4]
         ],

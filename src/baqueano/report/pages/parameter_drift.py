@@ -65,11 +65,11 @@ def curves(history: "ParameterHistory", entries: list[int]) -> "Figure":
     run_numbers = np.arange(len(history.runs))
     for axis, i in zip(axes.ravel(), entries, strict=False):
         low, high = (
-            history.smoothed_values[:, i] + s * QUANTILE_95 * history.smoothed_sd[:, i] for s in (-1, 1)
+            history.smoothed_values[:, i] + s * QUANTILE_95 * history.smoothed_std[:, i] for s in (-1, 1)
         )
         axis.fill_between(run_numbers, low, high, color="#238b45", alpha=0.2, lw=0)
         axis.plot(run_numbers, history.smoothed_values[:, i], color="#238b45", lw=1.4)
-        half_width = QUANTILE_95 * history.single_sd[:, i]
+        half_width = QUANTILE_95 * history.single_std[:, i]
         axis.errorbar(run_numbers, history.single[:, i], half_width, fmt="o", ms=3, color="#3b6fb6", lw=1.0)
         name = history.names[i].removeprefix("model.")
         axis.set_title(name, fontsize=9, color="#c2410c" if history.names[i] in names_moved else "#1d2128")

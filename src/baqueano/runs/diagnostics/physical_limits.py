@@ -129,7 +129,11 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     figures: JsonObject = {"key": entry.key, "unit_read": entry.unit}
     if bias > MAX_BIAS_RAD_S or std > MAX_REST_STD_RAD_S:
         yield ImportFinding(
-            "gyro at rest", "warning", None, note("recording.gyro-at-rest", **figures, off=bias, sd=std), cure
+            "gyro at rest",
+            "warning",
+            None,
+            note("recording.gyro-at-rest", **figures, off=bias, std=std),
+            cure,
         )
     elif peak_rate > MAX_USUAL_TURN_RAD_S:
         reason = note("recording.fast-turns", **figures, most=peak_rate, turns=peak_rate / (2.0 * np.pi))

@@ -106,7 +106,7 @@ def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_UndamagedFit")
         LookupError,
     ) as error:  # a fault of the program, which is part of the verdict of the study
         return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
-    is_wrong = bool(np.any(wrong_mask(fit.estimate, fit.sd, _true_values(fit, inputs.truth))))
+    is_wrong = bool(np.any(wrong_mask(fit.estimate, fit.std, _true_values(fit, inputs.truth))))
     outcome = FaultOutcome(
         job, fit.verdict, is_wrong, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)
     )
@@ -155,7 +155,7 @@ def _true_values(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
 
 
 def _error_rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
-    z = (fit.estimate - _true_values(fit, truth)) / clean.sd
+    z = (fit.estimate - _true_values(fit, truth)) / clean.std
     z = z[np.isfinite(z)]
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
 

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 CASES = (
-    "case", "fits", "holds", "holds_or_named", "rmse", "sd", "usable", "wrongly_usable", "silent", "fits_named",
+    "case", "fits", "holds", "holds_or_named", "rmse", "std", "usable", "wrongly_usable", "silent", "fits_named",
 )  # fmt: skip
-PARAMETERS = ("case", "name", "intervals", "holds", "named", "rmse", "sd")
+PARAMETERS = ("case", "name", "intervals", "holds", "named", "rmse", "std")
 ABOUT_TEXT = N_(
     "holds: fraction of the 95 % intervals that contain the truth. rmse: root mean square error divided by "
-    "the Cramér-Rao bound of the same runs. sd: median of the standard error divided by that bound. named: "
+    "the Cramér-Rao bound of the same runs. std: median of the standard error divided by that bound. named: "
     "fraction of the fits whose verdict names the parameter. wrongly_usable: fits called USABLE although a "
     "parameter has an error above 5 standard errors and 5 %."
 )
@@ -129,7 +129,7 @@ def efficiency(rows: list[dict[str, float]]) -> "Figure":
     axis.bar(positions - 0.2, [row["rmse"] or 0.0 for row in rows], width=0.38, color=MODEL, label="error")
     axis.bar(
         positions + 0.2,
-        [row["sd"] or 0.0 for row in rows],
+        [row["std"] or 0.0 for row in rows],
         width=0.38,
         color=MEASURED,
         label=_("standard error"),

@@ -100,7 +100,7 @@ class Identification:
 
     def table(self) -> str:
         """Return a text table of each case, and of the parameters of the first case."""
-        rows, head = self.rows(), [_("fits"), _("coverage"), _("rmse"), _("sd")]
+        rows, head = self.rows(), [_("fits"), _("coverage"), _("rmse"), _("std")]
         cases = (
             [_(row["case"]), *_figures(row), f"{number(100 * row['usable']):.0f} %", str(row["wrongly_usable"]),
              f"{number(100 * row['named']):.0f} %"]
@@ -120,7 +120,7 @@ class Identification:
         lines += [
             "",
             _(
-                "coverage: of the 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: wrong fits "
+                "coverage: of the 95 % intervals. rmse, std: in Cramér-Rao bounds. wrong: wrong fits "
                 "with the verdict USABLE."
             ),
         ]
@@ -138,12 +138,12 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
     z, reports, ratios, widths = [], [], [], []
     for parameter in names:
         entries = [(o, o.names.index(parameter)) for o in accepted_fits if parameter in o.names]
-        entries = [(o, k) for o, k in entries if np.isfinite(o.sd[k]) and np.isfinite(o.estimate[k])]
-        z += [(o.estimate[k] - o.truth[k]) / o.sd[k] for o, k in entries]
+        entries = [(o, k) for o, k in entries if np.isfinite(o.std[k]) and np.isfinite(o.estimate[k])]
+        z += [(o.estimate[k] - o.truth[k]) / o.std[k] for o, k in entries]
         reports += [_is_reported(o, parameter) for o, _ in entries]
         if entries and np.isfinite(bound := np.array([o.bound[k] for o, k in entries])).all():
             error = np.array([o.estimate[k] - o.truth[k] for o, k in entries])
-            widths.append(float(np.median([o.sd[k] / o.bound[k] for o, k in entries])))
+            widths.append(float(np.median([o.std[k] / o.bound[k] for o, k in entries])))
             if parameter not in LOWER_BOUND_PARAMETERS or len(names) == 1:
                 ratios.append(float(np.sqrt(np.mean(error**2) / np.mean(bound**2))))
     is_covered, is_reported = np.abs(np.array(z)) <= QUANTILE_95, np.array(reports, dtype=bool)
@@ -152,8 +152,8 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
         "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(is_covered),
         "holds_or_named": _mean(is_covered | is_reported), "named": _mean(is_reported),
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
-        "sd": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
-        "wrongly_usable": sum(bool(np.any(wrong_mask(o.estimate, o.sd, o.truth))) for o in usable),
+        "std": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
+        "wrongly_usable": sum(bool(np.any(wrong_mask(o.estimate, o.std, o.truth))) for o in usable),
         "silent": sum(not o.met and o.verdict != Verdict.REFUSED for o in outcomes),
         "fits_named": _mean(np.array([any(_is_reported(o, name) for name in o.names) for o in outcomes])),
     }  # fmt: skip
@@ -173,8 +173,8 @@ def _reasons(row: "TableRow") -> list[str]:
     if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
         reasons.append(_("rmse {rmse:.3f} bounds", rmse=row["rmse"]))
     if is_pool:
-        if row["sd"] is not None and row["sd"] > limit.width:
-            reasons.append(_("standard errors of {sd:.2f} bounds", sd=row["sd"]))
+        if row["std"] is not None and row["std"] > limit.width:
+            reasons.append(_("standard errors of {std:.2f} bounds", std=row["std"]))
         if row["usable"] < limit.usable - LIMIT_SIGMA * np.sqrt(limit.usable * (1.0 - limit.usable) / n):
             reasons.append(
                 _(
@@ -255,8 +255,8 @@ MISSING_TERM_CODES = (
 
 
 def _outcome_z(o: TrialOutcome) -> np.ndarray:
-    identifiable = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
-    return (o.estimate[identifiable] - o.truth[identifiable]) / o.sd[identifiable]
+    identifiable = np.isfinite(o.std) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
+    return (o.estimate[identifiable] - o.truth[identifiable]) / o.std[identifiable]
 
 
 def _is_reported(o: TrialOutcome, name: str) -> bool:
@@ -268,5 +268,5 @@ def _mean(x: np.ndarray) -> float:
 
 
 def _figures(row: "TableRow") -> list[str]:
-    ratios = ("" if row[key] is None else f"{number(row[key]):.2f}" for key in ("rmse", "sd"))
+    ratios = ("" if row[key] is None else f"{number(row[key]):.2f}" for key in ("rmse", "std"))
     return [str(row["fits"]), f"{number(100 * row['holds']):.1f} %", *ratios]

@@ -86,7 +86,7 @@ class TrialOutcome(NamedTuple):
     names: tuple[str, ...]  # (p,)
     truth: np.ndarray
     estimate: np.ndarray
-    sd: np.ndarray
+    std: np.ndarray
     bound: np.ndarray  # NaN without a bound
     verdict: str
     reasons: tuple[tuple[str, str], ...]  # code and subject of each
@@ -261,9 +261,9 @@ def _outcome(
 ) -> TrialOutcome:
     results = {
         **dict(
-            zip(fit.run_entry_names, zip(fit.run_entries[0], fit.run_entry_sd[0], strict=True), strict=True)
+            zip(fit.run_entry_names, zip(fit.run_entries[0], fit.run_entry_std[0], strict=True), strict=True)
         ),
-        **dict(zip(fit.names, zip(fit.estimate, fit.sd, strict=True), strict=True)),
+        **dict(zip(fit.names, zip(fit.estimate, fit.std, strict=True), strict=True)),
     }
     if SPEED in truth:
         results[SPEED] = _speed_estimate(fit)
@@ -295,8 +295,8 @@ def _speed_estimate(fit: Fit) -> tuple[float, float]:
 
 
 def _is_same_end(fit: Fit, clean: Fit) -> bool:
-    is_near = np.abs(fit.estimate - clean.estimate) < SAME_END_SIGMA * clean.sd
-    return bool(np.all(is_near | ~np.isfinite(clean.sd)))
+    is_near = np.abs(fit.estimate - clean.estimate) < SAME_END_SIGMA * clean.std
+    return bool(np.all(is_near | ~np.isfinite(clean.std)))
 
 
 def _steps(vehicle_file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:

@@ -80,29 +80,34 @@ class CaseStudy:
     seeds: tuple[int, ...]
 
     def rows(self) -> list["TableRow"]:
-        """Return name, truth, paper, estimate and sd in the paper's signs; None if it is not identifiable."""
+        """Return name, truth, paper, estimate and std in the paper's signs; None if it is not identifiable."""
         return [
-            {"name": name, "truth": truth, "paper": PRINTED_VALUES[name], "estimate": estimate, "sd": sd}
-            for name, truth, estimate, sd in self._values(self.fits[0])
+            {"name": name, "truth": truth, "paper": PRINTED_VALUES[name], "estimate": estimate, "std": std}
+            for name, truth, estimate, std in self._values(self.fits[0])
         ]
 
     def _values(self, fit: Fit) -> Iterator[tuple[str, float, float | None, float | None]]:
         for name, path, sign in paper_parameters():
             truth = sign * float(fit.file.value(path)) + 0.0
             k = fit.names.index(path)
-            identifiable = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
+            identifiable = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.std[k]))
             yield (
                 name,
                 truth,
                 sign * float(fit.estimate[k]) if identifiable else None,
-                float(fit.sd[k]) if identifiable else None,
+                float(fit.std[k]) if identifiable else None,
             )
 
     @property
     def normalised_errors(self) -> np.ndarray:
-        """Return (estimate − truth) / sd of all observable parameters of all seeds."""
+        """Return (estimate − truth) / std of all observable parameters of all seeds."""
         return np.array(
-            [(e - t) / sd for fit in self.fits for _, t, e, sd in self._values(fit) if e is not None and sd]
+            [
+                (e - t) / std
+                for fit in self.fits
+                for _, t, e, std in self._values(fit)
+                if e is not None and std
+            ]
         )
 
     @property
@@ -129,7 +134,7 @@ class CaseStudy:
             value = (
                 [_("not identifiable"), ""]
                 if estimate is None
-                else [f"{number(estimate):.5g}", f"{number(row['sd']):.2g}"]
+                else [f"{number(estimate):.5g}", f"{number(row['std']):.2g}"]
             )
             paper = [f"{number(truth):.4g}", f"{number(row['paper']):.5g}", _error(row["paper"], truth)]
             rows.append([row["name"], *paper, *value, _error(estimate, truth)])

@@ -58,7 +58,7 @@ def page_of_paper(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend
                 _("{estimates} estimates, {over}", estimates=len(study.normalised_errors), over=seeds_text),
             ),
             Headline(
-                _("within 1.96 sd"), f"{100 * study.share_within_interval:.0f} %", _("95 % are expected")
+                _("within 1.96 std"), f"{100 * study.share_within_interval:.0f} %", _("95 % are expected")
             ),
         ],
         sections=[

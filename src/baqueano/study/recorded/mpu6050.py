@@ -42,7 +42,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         unit = "g" if c.sensor == "accelerometer" else "°/s"
         kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
         pair = author[kind, AXES[c.entry]]
-        for statistic, value, bar in ((N_("mean"), c.mean, pair[0]), (N_("deviation"), c.sd, pair[1])):
+        for statistic, value, bar in ((N_("mean"), c.mean, pair[0]), (N_("deviation"), c.std, pair[1])):
             out.append(
                 _row(
                     f"{_(c.sensor)} {AXES[c.entry]}, {_(statistic)} [{unit}]",

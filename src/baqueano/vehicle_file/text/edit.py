@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 RANGE_DIGITS = 4  # digits of an end of the envelope
 KIND_KEYS = tuple(f"{role}.kind" for role in ("estimator", "guide", "controller", "supervisor"))
-SD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
+STD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
 
 
 def override(vehicle_file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
@@ -108,7 +108,7 @@ def edit_text(
     if not _has_tomlkit():
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
-    rounded_values = {k: _round(v, origins[k].sd if k in origins else None) for k, v in values.items()}
+    rounded_values = {k: _round(v, origins[k].std if k in origins else None) for k, v in values.items()}
     paths = known_paths(_data_with_kinds(vehicle_file.data, values), vehicle_file.folder)
     for key in origins:
         if ".".join(split_key(key)[0]) not in paths:
@@ -280,34 +280,37 @@ def _plain_value(value: object) -> Any:
 
 def _origin_table(origin: Provenance) -> "JsonObject":
     table: JsonObject = {"run": origin.run, "date": origin.date or date.today()}
-    if origin.sd is not None:
-        table["sd"] = _plain_value(_digits(np.asarray(origin.sd, dtype=float), SD_DIGITS))
+    if origin.std is not None:
+        table["std"] = _plain_value(_digits(np.asarray(origin.std, dtype=float), STD_DIGITS))
     return table | ({"verdict": origin.verdict} if origin.verdict else {})
 
 
 def _cov_table(p: ParameterCov) -> "JsonObject":
-    sd = np.sqrt(np.diag(p.cov))
-    r = p.cov / np.where(sd > 0.0, sd, 1.0)[:, None] / np.where(sd > 0.0, sd, 1.0)[None, :]
+    std = np.sqrt(np.diag(p.cov))
+    r = p.cov / np.where(std > 0.0, std, 1.0)[:, None] / np.where(std > 0.0, std, 1.0)[None, :]
     r = np.clip(np.round(r, 8), -1.0, 1.0)
-    rows = [[*map(float, r[i, :i]), 1.0] for i in range(len(sd))]
-    sd_list = [float(f"{s:.10g}") for s in sd]
+    rows = [[*map(float, r[i, :i]), 1.0] for i in range(len(std))]
+    std_list = [float(f"{s:.10g}") for s in std]
     return {
         "run": p.run,
         "date": p.date or date.today(),
         "names": list(p.names),
-        "sd": sd_list,
+        "std": std_list,
         "correlation": rows,
     }
 
 
-def _round(value: Any, sd: Any) -> Any:
+def _round(value: Any, std: Any) -> Any:
     """Return values rounded to about a thousandth of their standard deviation, unchanged if this is unknown."""
-    if sd is None or isinstance(value, str | bool):
+    if std is None or isinstance(value, str | bool):
         return value
-    array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))
+    array, std = (
+        np.asarray(value, dtype=float),
+        np.broadcast_to(np.asarray(std, dtype=float), np.shape(value)),
+    )
     rounded_values = [
-        round(float(v), SD_DIGITS - floor(log10(s))) if isfinite(s) and s > 0.0 else float(v)
-        for v, s in zip(array.ravel(), sd.ravel(), strict=True)
+        round(float(v), STD_DIGITS - floor(log10(s))) if isfinite(s) and s > 0.0 else float(v)
+        for v, s in zip(array.ravel(), std.ravel(), strict=True)
     ]
     return np.array(rounded_values).reshape(array.shape)
 

@@ -90,7 +90,7 @@ class DriveIdentification:
         self._ticks = np.zeros(0, dtype=np.int64)
         self._u, self._z = np.zeros((0, n)), np.zeros((0, m))
         self._information = self._live.begin(self._theta)
-        self._sd: list[np.ndarray] = []  # (p,) after each window
+        self._std: list[np.ndarray] = []  # (p,) after each window
         self._fit_ticks = 0
 
     def compile_kernels(self) -> None:
@@ -109,7 +109,7 @@ class DriveIdentification:
     def is_busy(self) -> bool:
         """Return True while a fit runs, or while rows wait for their window or fit."""
         is_due = self.duration_s >= FIRST_FIT_S and self._fit_ticks < len(self._ticks)
-        return self._job is not None or is_due or len(self._sd) < len(self._ticks) // WINDOW_TICKS
+        return self._job is not None or is_due or len(self._std) < len(self._ticks) // WINDOW_TICKS
 
     def add_rows(self, names: list[str], rows: list[list[float | None]]) -> None:
         """Add the ticks that follow the ticks added before.
@@ -172,10 +172,10 @@ class DriveIdentification:
         if fits:
             self._use_fit(fits[-1])
         self._advance(float("inf"))
-        step = max(1, len(self._sd) // MAX_CURVE_POINTS)
+        step = max(1, len(self._std) // MAX_CURVE_POINTS)
         return self._description() | {
             "fits": [self._fit_json(fit) for fit in fits], "step_s": step * self._window_s,
-            "expected": [_rounded_list(sd) for sd in self._sd[step - 1 :: step]],
+            "expected": [_rounded_list(std) for std in self._std[step - 1 :: step]],
         }  # fmt: skip
 
     def run(self) -> Run:
@@ -235,28 +235,28 @@ class DriveIdentification:
             ]
         )
         self._size = np.where(own_indices > MIN_SIZE_SHARE * parameter_sizes, own_indices, parameter_sizes)
-        self._information, self._sd = self._live.begin(self._theta), []
+        self._information, self._std = self._live.begin(self._theta), []
         self._advance(float("inf"))
-        window_index = min(len(self._sd), round(drive_fit.t_s / self._window_s)) - 1
+        window_index = min(len(self._std), round(drive_fit.t_s / self._window_s)) - 1
         if window_index >= 0:
-            errors = [np.nan if std is None else std for std in self._fit_json(drive_fit)["sd"]]
-            self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[window_index], 1.0)
+            errors = [np.nan if std is None else std for std in self._fit_json(drive_fit)["std"]]
+            self._wider = np.fmax(np.array(errors, dtype=float) / self._std[window_index], 1.0)
 
     def _advance(self, until_s: float) -> None:
         """Add the information of the complete windows that have arrived, at most until the time `until_s`."""
         is_valid = np.isfinite(self._z).astype(float)
-        for start in range(len(self._sd) * WINDOW_TICKS, len(self._ticks) - WINDOW_TICKS + 1, WINDOW_TICKS):
+        for start in range(len(self._std) * WINDOW_TICKS, len(self._ticks) - WINDOW_TICKS + 1, WINDOW_TICKS):
             rows = slice(start, start + WINDOW_TICKS)
             self._information = self._live.add(self._information, self._u[rows], is_valid[rows])
-            self._sd.append(self._live.relative_std(self._information, self._size))
+            self._std.append(self._live.relative_std(self._information, self._size))
             if time.monotonic() > until_s:
                 return
 
     def _description(self) -> "JsonObject":
-        sd = np.array(self._sd) if self._sd else np.ones((1, len(self._free)))
-        ago = max(0, len(sd) - 1 - round(PREVIOUS_BARS_S / self._window_s))
-        windows_per_point = max(1, -(-len(sd) // MAX_CURVE_POINTS))  # windows per point of the curve
-        total = -np.sum(np.log2(sd[windows_per_point - 1 :: windows_per_point]), axis=1)
+        std = np.array(self._std) if self._std else np.ones((1, len(self._free)))
+        ago = max(0, len(std) - 1 - round(PREVIOUS_BARS_S / self._window_s))
+        windows_per_point = max(1, -(-len(std) // MAX_CURVE_POINTS))  # windows per point of the curve
+        total = -np.sum(np.log2(std[windows_per_point - 1 :: windows_per_point]), axis=1)
         rate = np.maximum(np.diff(total, prepend=0.0), 0.0) / (windows_per_point * self._window_s)
         value = (
             [None] * len(self._free) if self._last_fit is None else self._fit_json(self._last_fit)["value"]
@@ -264,9 +264,9 @@ class DriveIdentification:
         return {
             "t": self.duration_s, "start": self._start_s, "dt": windows_per_point * self._window_s,
             "rate": rate.round(2).tolist(),
-            "bits": information_bits(sd[-1]) + 0.0, "now": _rounded_list(sd[-1]), "before": _rounded_list(sd[ago]),
+            "bits": information_bits(std[-1]) + 0.0, "now": _rounded_list(std[-1]), "before": _rounded_list(std[ago]),
             "compiled": self.compiled,
-            "parameters": [self._parameter_json(free, sd[-1, k], value[k]) for k, free in enumerate(self._free)],
+            "parameters": [self._parameter_json(free, std[-1, k], value[k]) for k, free in enumerate(self._free)],
             "fit": None if self._last_fit is None else self._fit_json(self._last_fit), "next": self._advised_motion(),
             "why": None if self._reason is None else self._reason.to_json(), "busy": self.is_busy, "first": FIRST_FIT_S,
         }  # fmt: skip
@@ -275,9 +275,9 @@ class DriveIdentification:
     def _start_s(self) -> float:
         return float(self._ticks[0]) / self.vehicle_file.rate_hz if len(self._ticks) else 0.0
 
-    def _parameter_json(self, free: FreeParameter, sd: float, value: float | None) -> "JsonObject":
+    def _parameter_json(self, free: FreeParameter, std: float, value: float | None) -> "JsonObject":
         is_missing = free.shown_by and (
-            sd > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
+            std > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
         )
         return {
             "path": free.short, "label": label_of(free).to_json(),
@@ -288,18 +288,18 @@ class DriveIdentification:
 
     def _fit_json(self, drive_fit: FitOfDrive) -> "JsonObject":
         """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
-        fit, value, sd = drive_fit.fit, [], []
+        fit, value, std = drive_fit.fit, [], []
         for path in self._drive_information.unknowns.names:
             k = fit.names.index(path) if path in fit.names else None
             x = float("nan") if k is None else float(fit.estimate[k])
             identifiable = np.isfinite(x) and k is not None
             value.append(x if identifiable else None)
-            relative_std = float(fit.sd[k]) / abs(x) if identifiable and x != 0.0 else float("inf")
-            sd.append(min(relative_std, 10.0) if np.isfinite(relative_std) else None)
+            relative_std = float(fit.std[k]) / abs(x) if identifiable and x != 0.0 else float("inf")
+            std.append(min(relative_std, 10.0) if np.isfinite(relative_std) else None)
         reason_json = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
-            "t": drive_fit.t_s, "took_s": drive_fit.computing_s, "value": value, "sd": sd, "verdict": str(fit.verdict),
-            "verdict_is": str(fit.verdict), "why": reason_json,
+            "t": drive_fit.t_s, "took_s": drive_fit.computing_s, "value": value, "std": std,
+            "verdict": str(fit.verdict), "verdict_is": str(fit.verdict), "why": reason_json,
         }  # fmt: skip
 
     def _advised_motion(self) -> "JsonObject | None":
@@ -308,7 +308,7 @@ class DriveIdentification:
         Return None before the first window, or if no motion is advised. Also return None without a compiler, because
         the search would take seconds.
         """
-        if not self.compiled or not self._sd:
+        if not self.compiled or not self._std:
             return None
         advice = self._advisor.next_motion(self._information.F, self._theta, self._size, self._wider)
         if advice is None:
@@ -325,5 +325,5 @@ def label_of(parameter: FreeParameter) -> Diagnostic:
     return note("parameter.label", meaning=parameter.definition.meaning, entry=entry)
 
 
-def _rounded_list(sd: np.ndarray) -> list[float]:
-    return [float(f"{x:.4g}") for x in sd]
+def _rounded_list(std: np.ndarray) -> list[float]:
+    return [float(f"{x:.4g}") for x in std]

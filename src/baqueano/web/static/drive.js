@@ -105,7 +105,7 @@ export class Drive {
 export function drawMap(screen, route, { record, about: { vehicle }, estimate, path, truth }, i, row, ghost = null) {
   const [cross, u, v] = record.values(i, "cross", "nu.u", "nu.v"), [within, unit] = length(record.across(i)[0]);
   put(screen, { away: length(abs(cross)), within: [unit ? `± ${within}` : within, unit], speed: num(Math.hypot(u, v), 2) });
-  const vehicles = [{ pose: record.pose(i), vehicle, sd_psi: Math.sqrt(record.value("P.psi", i)) }], trails = [{ trail: ghost ? path : estimate, style: "estimate", row }];
+  const vehicles = [{ pose: record.pose(i), vehicle, std_psi: Math.sqrt(record.value("P.psi", i)) }], trails = [{ trail: ghost ? path : estimate, style: "estimate", row }];
   if (ghost) {
     trails.unshift({ trail: ghost.path, style: "ghost", row: ghost.row });
     vehicles.push({ pose: ghost.record.pose(ghost.row), vehicle: ghost.about.vehicle, style: "ghost" });

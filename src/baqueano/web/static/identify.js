@@ -72,14 +72,14 @@ export class Identify {
   #fill({ parameters, next, why, compiled, first }, now, before, fit, bits) {
     const trusted = fit && fit.verdict_is !== "REFUSED";
     parameters.forEach((one, k) => {
-      const row = this.rows[k], own = trusted ? fit.sd[k] : null, x = trusted ? fit.value[k] : null, sd = own ?? now[k];
+      const row = this.rows[k], own = trusted ? fit.std[k] : null, x = trusted ? fit.value[k] : null, std = own ?? now[k];
       row.past.style.width = `${share(before[k])}%`;
       row.bar.style.width = `${share(now[k])}%`;
       row.own.style.left = `${share(own ?? 1)}%`;
       show(row.own, own !== null);
-      row.node.dataset.kind = `${x === null ? "hollow" : "filled"} ${sd > POOR ? "poor" : "good"}`;
-      show(row.needs, one.needs && sd > POOR);
-      put(row, { value: x === null ? precise(one.guess, 0.1) : precise(x, sd), error: trusted && x === null ? t("identify.not-seen") : `± ${relative(sd)}`, needs: one.needs });
+      row.node.dataset.kind = `${x === null ? "hollow" : "filled"} ${std > POOR ? "poor" : "good"}`;
+      show(row.needs, one.needs && std > POOR);
+      put(row, { value: x === null ? precise(one.guess, 0.1) : precise(x, std), error: trusted && x === null ? t("identify.not-seen") : `± ${relative(std)}`, needs: one.needs });
     });
     show(this.verdict, fit);
     this.verdict.dataset.verdict = fit?.verdict_is ?? "";
@@ -89,7 +89,7 @@ export class Identify {
     });
     if (fit?.t !== this.order) {
       this.order = fit?.t;
-      const error = (k) => fit?.sd[k] ?? now[k];
+      const error = (k) => fit?.std[k] ?? now[k];
       this.list.replaceChildren(...[...now.keys()].sort((a, b) => error(b) - error(a)).map((k) => this.rows[k].node));
     }
   }
@@ -100,7 +100,7 @@ export class Identify {
     this.shownAt = step;
     const at = (s) => expected[clamp(round((s - start) / step_s) - 1, 0, expected.length - 1)] ?? word.now;
     const now = seconds < step_s ? word.now.map(() => 1) : at(seconds);
-    this.#fill(word, now, at(max(seconds - AGO_S, step_s)), fits.findLast((one) => one.t <= seconds + 0.05), -now.reduce((sum, sd) => sum + Math.log2(sd), 0));
+    this.#fill(word, now, at(max(seconds - AGO_S, step_s)), fits.findLast((one) => one.t <= seconds + 0.05), -now.reduce((sum, std) => sum + Math.log2(std), 0));
   }
 
   key(event, down) { return this.map.key(event, down) || (this.page.recorded && this.replay.key(event, down)); }
@@ -142,8 +142,8 @@ export class Identify {
   }
 }
 
-const share = (sd) => clamp(100 * (1 - log10(sd) / log10(LEAST)), 1, 100);
+const share = (std) => clamp(100 * (1 - log10(std) / log10(LEAST)), 1, 100);
 
-const precise = (x, sd) => (x === 0 ? "0" : num(x, clamp((sd > POOR) - floor(log10(Math.abs(x) * min(sd, 1))), 0, 7)));
+const precise = (x, std) => (x === 0 ? "0" : num(x, clamp((std > POOR) - floor(log10(Math.abs(x) * min(std, 1))), 0, 7)));
 
-const relative = (sd) => percent(min(sd, 1), sd < 0.01 ? 2 : sd < 0.1 ? 1 : 0);
+const relative = (std) => percent(min(std, 1), std < 0.01 ? 2 : std < 0.1 ? 1 : 0);

@@ -102,7 +102,7 @@ export class Map2D {
     this.size = size;
   }
 
-  /** Draw trails {trail, style, row, paint}, and vehicles {vehicle, pose, style: now | ghost | true, sd_psi}. */
+  /** Draw trails {trail, style, row, paint}, and vehicles {vehicle, pose, style: now | ghost | true, std_psi}. */
   draw({ route, trails, vehicles, reference }) {
     if (!this.canvas.fitted) this.#clear();
     const [c, w, h] = begin(this.canvas);
@@ -199,7 +199,7 @@ export class Map2D {
     c.globalAlpha = 1;
   }
 
-  #vehicle(c, { pose, vehicle, style = "now", sd_psi }) {
+  #vehicle(c, { pose, vehicle, style = "now", std_psi }) {
     const whole = size(vehicle), s = max(this.view.scale, SMALLEST / whole), { kind, length_m, width_m } = vehicle.footprint, L = length_m * s, W = width_m * s, car = kind === "car";
     const [long, wide, corner] = car ? [1, 0.8, 0.22] : [0.88, 0.76, 0.28], body = () => box(c, -0.5 * long * L, -0.5 * wide * W, long * L, wide * W, corner * W);
     c.save();
@@ -211,8 +211,8 @@ export class Map2D {
       c.restore();
       return;
     }
-    if (sd_psi > 0) {
-      const far = max(whole * 1.6 * s, 34), wide = min(1.96 * sd_psi, Math.PI), fade = c.createRadialGradient(0, 0, 0, 0, 0, far);
+    if (std_psi > 0) {
+      const far = max(whole * 1.6 * s, 34), wide = min(1.96 * std_psi, Math.PI), fade = c.createRadialGradient(0, 0, 0, 0, 0, far);
       fade.addColorStop(0, colours.band);
       fade.addColorStop(1, "transparent");
       c.beginPath();

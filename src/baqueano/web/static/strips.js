@@ -23,7 +23,7 @@ class Strip {
     this.node = el(`figure.${kind}`, el("figcaption", el("b", title ?? label), " ", el("span.unit", same ? unit : ""), el("span.values", this.values)), this.canvas);
     this.plain = kind !== "strip";
     this.record = record;
-    this.sd = record.has(band) ? band : null;
+    this.std = record.has(band) ? band : null;
   }
 
   draw(from, to, row, cursor = null) {
@@ -31,10 +31,10 @@ class Strip {
     traces.forEach(({ name, source }, k) => write(this.values[k], three(source.value(name, row))));
     const [c, w, h] = begin(this.canvas);
     if (!c) return;
-    const first = max(record.lower(from) - 1, 0), last = record.lower(to), columns = traces.map(({ name, source }) => source.column(name)), sd = record.column(this.sd);
-    this.#range(columns, sd, first, last);
+    const first = max(record.lower(from) - 1, 0), last = record.lower(to), columns = traces.map(({ name, source }) => source.column(name)), std = record.column(this.std);
+    this.#range(columns, std, first, last);
     if (!(this.high > this.low)) return;
-    const X = axis(from, to, 0, w), Y = axis(this.low, this.high, h - 3, 3), edges = sd ? band(record.t, sd, first, last, X, Y, w) : [];
+    const X = axis(from, to, 0, w), Y = axis(this.low, this.high, h - 3, 3), edges = std ? band(record.t, std, first, last, X, Y, w) : [];
     if (!this.plain) this.#grid(c, w, h, X, Y, from, to);
     for (const [upper, lower] of edges) area(c, [...upper, ...lower.toReversed()], "band");
     traces.forEach(({ kind }, k) => {
@@ -48,11 +48,11 @@ class Strip {
   }
 
   /** Take a wider range at once, and a narrower one slowly, so that the picture does not breathe. */
-  #range(columns, sd, first, last) {
+  #range(columns, std, first, last) {
     let low = Infinity, high = -Infinity;
     for (const v of columns) for (let i = first; v && i < last; i++) { if (v[i] < low) low = v[i]; if (v[i] > high) high = v[i]; }
-    if (sd && last > first) {
-      const half = min(1.96 * sd[last - 1], 3 * max(-low, high)); // of now: the first ones may be far wider
+    if (std && last > first) {
+      const half = min(1.96 * std[last - 1], 3 * max(-low, high)); // of now: the first ones may be far wider
       if (half > 0) [low, high] = [min(low, -half), max(high, half)];
     }
     if (!(low <= high)) return;
@@ -97,11 +97,11 @@ function trace(c, time, v, first, last, X, Y) {
 }
 
 /** Return the edges ± 1.96 σ about zero, in pieces where something was predicted. */
-function band(time, sd, first, last, X, Y, w) {
+function band(time, std, first, last, X, Y, w) {
   const pieces = [], every = max(1, floor((last - first) / w));
   let upper = null, lower;
   for (let i = first; i < last; i += every) {
-    const half = 1.96 * sd[i], x = X(time[i]);
+    const half = 1.96 * std[i], x = X(time[i]);
     if (half !== half) { upper = null; continue; }
     if (!upper) pieces.push([upper, lower] = [[], []]);
     upper.push([x, Y(half)]);

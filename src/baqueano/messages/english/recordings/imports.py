@@ -73,7 +73,7 @@ TEMPLATES = {
         "that"
     ),
     "recording.gyro-at-rest": (
-        "{key} with unit = \"{unit_read}\" is {off:.2g} ± {sd:.2g} rad/s before the first command; "
+        "{key} with unit = \"{unit_read}\" is {off:.2g} ± {std:.2g} rad/s before the first command; "
         "small gyros have less noise"
     ),
     "recording.fast-turns": (
