@@ -243,14 +243,29 @@ def test_the_drag_is_that_at_the_command_of_the_runs():
 @pytest.mark.parametrize("decay_rate", [0.5, 20.0])
 def test_an_accelerometer_shows_a_push_against_the_drag(decay_rate):
     """d fades in 1 s, and v̇ = d − λ v. With λ = 20 1/s the push changes the speed within 50 ms, and then not v̇."""
-    dt_s, std, ekf = 0.01, 0.4, load("small").estimator(use=("imu",))
+    dt_s, std = 0.01, 0.4
     fade, rng = np.exp(-dt_s), np.random.default_rng(5)
     d = lfilter([1.0], [1.0, -fade], std * np.sqrt(1.0 - fade**2) * rng.standard_normal(60_000))
-    v = lfilter([dt_s], [1.0, -np.exp(-decay_rate * dt_s)], d)
+    decay = np.exp(-decay_rate * dt_s)
+    v = lfilter([(1.0 - decay) / decay_rate], [1.0, -decay], d)
     r = d - decay_rate * v + 0.03 * rng.standard_normal(len(d))
+    assert push_std_of(r, dt_s, decay_rate) == pytest.approx(std, rel=0.2)
+
+
+def push_std_of(r, dt_s, decay_rate):
+    """Return the standard deviation of the push that residuals (N,) of the forward accelerometer show."""
     channel = ChannelFit("a", "imu", 0, dt_s * np.arange(len(r)), r, np.zeros(len(r)), 1.0, 0.0, 0.0)
-    ekf = _with_misfit_from_accelerometer(ekf, SimpleNamespace(channels=[channel]), {"imu"}, decay_rate)
-    assert ekf.disturbance_std[0] == pytest.approx(std, rel=0.2)
+    ekf, fit = load("small").estimator(use=("imu",)), SimpleNamespace(channels=[channel])
+    return _with_misfit_from_accelerometer(ekf, fit, {"imu"}, decay_rate).disturbance_std[0]
+
+
+def test_white_noise_of_an_accelerometer_leaves_a_push_of_the_size_of_its_error():
+    """One minute of white noise of 0.1 m/s² hides pushes up to about 0.03 m/s² behind a drag of 6 1/s. So a filter
+    must not exclude them, whatever the noise of one run is."""
+    noise = [0.1 * np.random.default_rng(seed).standard_normal(6000) for seed in range(40)]
+    push_std = np.array([push_std_of(r, 0.01, 6.0) for r in noise])
+    assert np.min(push_std) > 0.01
+    assert np.max(push_std) < 0.04  # with every fifth lag and no error: 0.0001 to 0.056
 
 
 @pytest.mark.parametrize(

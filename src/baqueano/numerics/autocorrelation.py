@@ -18,14 +18,14 @@ WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not t
 def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
     """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant. Residuals are
     clipped, and rows without a measurement are excluded."""
-    sums = parallel_map(_lag_products, residuals, has, rows=sum(map(len, has)))
+    sums = parallel_map(_first_lag_products, residuals, has, rows=sum(map(len, has)))
     total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
     threshold = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
     return np.where(np.abs(rho) > threshold, rho, 0.0)
 
 
-def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
+def _first_lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
     """Return (3, m) for residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and the number of values of x."""
     products = np.zeros((3, r.shape[1]))
     for c in range(r.shape[1]):
@@ -41,20 +41,33 @@ def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
     return products
 
 
+def fourier_length(n: int) -> int:
+    """Return the power of 2 that is at least 2 n."""
+    return 1 << int(np.ceil(np.log2(2 * n)))
+
+
+def lag_products(x: np.ndarray, length: int) -> np.ndarray:
+    """Return Σ_t x_t x_{t+l} (length,) of x (N,) for the lags l = 0, 1, …, and the lags −1, −2, … from the end;
+    `length` ≥ 2 N is that of the Fourier transform.
+
+    >>> lag_products(np.array([1.0, 2.0, 3.0]), 8)[:3].round(6)
+    array([14.,  8.,  3.])
+    """
+    return np.asarray(np.fft.irfft(np.abs(np.fft.rfft(x, length)) ** 2, length))
+
+
 def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     """Return B (p, p) for scores ψ (N, m) and derivatives d (N, m, p), from the autocovariance of ψ.  (1)"""
     n, m, p = d.shape
     lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
-    fft_length = 1 << int(np.ceil(np.log2(2 * n)))
+    fft_length = fourier_length(n)
     taper = np.zeros(fft_length)
     taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1.0)
     taper[-lags:] = taper[lags:0:-1]
     B = np.zeros((p, p))
     for c in range(m):
-        spectrum = np.fft.rfft(has[:, c], fft_length)
-        pair_counts = np.fft.irfft(np.abs(spectrum) ** 2, fft_length)
-        cov = np.fft.irfft(np.abs(np.fft.rfft(psi[:, c], fft_length)) ** 2, fft_length)
-        gamma = np.where(pair_counts > 0.5, cov / np.maximum(pair_counts, 0.5), 0.0) * taper
+        products, pair_counts = (lag_products(x[:, c], fft_length) for x in (psi, has))
+        gamma = np.where(pair_counts > 0.5, products / np.maximum(pair_counts, 0.5), 0.0) * taper
         power = np.maximum(np.fft.rfft(gamma).real, 0.0)
         derivatives = np.ascontiguousarray(d[:, c, :])
         filtered_scores = np.fft.irfft(

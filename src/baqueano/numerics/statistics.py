@@ -75,6 +75,19 @@ def white_std(signals: Sequence[np.ndarray]) -> float:
     return MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in signals])))) / np.sqrt(6.0)
 
 
+def expected_variance(estimate: float, std_error: float) -> float:
+    """Return the mean of a variance given its `estimate`, which can be negative, if all positive values are equally
+    likely before: v + s φ(v/s)/Φ(v/s). If v is well above s, it is v.
+
+    >>> [round(expected_variance(v, 1.0), 2) for v in (-1.0, 0.0, 1.0, 5.0)]
+    [0.53, 0.8, 1.29, 5.0]
+    """
+    if not std_error > 0.0:
+        return max(estimate, 0.0)
+    z = max(estimate / std_error, -20.0)
+    return std_error * (z + exp(-0.5 * z**2) * sqrt(2.0 / pi) / erfc(-z / sqrt(2.0)))
+
+
 def covariance_of_changes(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
     """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block. A move is
     A⁻¹ s_b if the number of `parameter_count` parameters is given (2), else the change without the block (3)."""

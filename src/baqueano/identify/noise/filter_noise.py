@@ -34,8 +34,9 @@ from baqueano.identify.noise.process_noise import (
     total_cost,
 )
 from baqueano.identify.noise.speed_error import accelerometer_share, forward_accelerometer, with_speed_error
+from baqueano.numerics.autocorrelation import fourier_length, lag_products
 from baqueano.numerics.coordinate_search import coordinate_search
-from baqueano.numerics.statistics import white_std
+from baqueano.numerics.statistics import expected_variance, white_std
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
@@ -195,30 +196,29 @@ def _with_misfit_from_accelerometer(
     ekf: AugmentedEkf, fit: "Fit", inertial: set[str], decay_rate: float
 ) -> AugmentedEkf:
     """Return the filter with the disturbance from the residuals of the forward accelerometer. With too few residuals
-    the filter is unchanged. (3)"""
+    the filter is unchanged. (3) White noise gives the estimated variance a standard error (`expected_variance`)."""
     accelerometer = forward_accelerometer(ekf, inertial)
     if accelerometer is None:
         return ekf
     sensor, entry, slope = accelerometer
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
     first_s = max(MIN_LAG_S, min(LAGS_S[0], 1.0 / max(decay_rate, 1e-3)))
-    lags = np.unique(np.rint(np.linspace(first_s, LAGS_S[1] * T, 40) / dt_s).astype(int))
-    lags = lags[lags > 0]
+    lags = np.arange(max(1, round(first_s / dt_s)), max(1, round(LAGS_S[1] * T / dt_s)) + 1)
     products, count, residuals = np.zeros(len(lags)), np.zeros(len(lags)), []
     for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
         r = np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
-        residuals.append(r[np.isfinite(r)])
-        for k, lag in enumerate(lags[lags < len(r)]):
-            pairs = r[:-lag] * r[lag:]
-            products[k] += np.nansum(pairs)
-            count[k] += np.isfinite(pairs).sum()
+        has, within, length = np.isfinite(r), lags[lags < len(r)], fourier_length(len(r))
+        residuals.append(r[has])
+        products[: len(within)] += lag_products(np.where(has, r, 0.0), length)[within]
+        count[: len(within)] += lag_products(has.astype(float), length)[within]
     if np.min(count, initial=np.inf) < MIN_RESIDUALS:
         return ekf
-    fading = residual_autocorrelation(lags * dt_s, T, decay_rate)
+    fading, white = residual_autocorrelation(lags * dt_s, T, decay_rate), white_std(residuals)
     variance = float(np.sum(fading * products / count) / np.sum(fading**2))
-    low, high = FORWARD_NOISE[0][1:]
-    ekf = with_value(ekf, "disturbance_std[0]", float(np.clip(np.sqrt(max(variance, 0.0)), low, high)))
-    walk = float(min(ekf.velocity_walk_std[0], white_std(residuals) * np.sqrt(dt_s)))
+    std_error = white**2 * float(np.sqrt(np.sum(fading**2 / count)) / np.sum(fading**2))
+    std, (low, high) = np.sqrt(expected_variance(variance, std_error)), FORWARD_NOISE[0][1:]
+    ekf = with_value(ekf, "disturbance_std[0]", float(np.clip(std, low, high)))
+    walk = float(min(ekf.velocity_walk_std[0], white * np.sqrt(dt_s)))
     return with_value(ekf, "velocity_walk_std[0]", walk)
 
 
