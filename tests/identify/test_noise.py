@@ -260,8 +260,9 @@ def push_std_of(r, dt_s, decay_rate):
 
 
 def test_white_noise_of_an_accelerometer_leaves_a_push_of_the_size_of_its_error():
-    """One minute of white noise of 0.1 m/s² hides pushes up to about 0.03 m/s² behind a drag of 6 1/s. So a filter
-    must not exclude them, whatever the noise of one run is."""
+    """One minute of white noise of 0.1 m/s² hides pushes up to about 0.03 m/s² behind a drag of 6 1/s. A filter must
+    allow for such pushes in each run.
+    """
     noise = [0.1 * np.random.default_rng(seed).standard_normal(6000) for seed in range(40)]
     push_std = np.array([push_std_of(r, 0.01, 6.0) for r in noise])
     assert np.min(push_std) > 0.01
