@@ -11,9 +11,11 @@ import pytest
 import baqueano as bq
 from baqueano.calibration.at_rest import RestMeasurement
 from baqueano.calibration.result import Calibration
+from baqueano.contracts.result import pandas
 from baqueano.errors import FileError, Misuse, NoAttribute
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.result.fit_result import Fit
+from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.runs.run import Run
 from baqueano.tune.tune_result import TuneResult
 
@@ -56,6 +58,7 @@ def code_of(call) -> str:
         ("call.kind", lambda: Calibration.updated_file(None, RUN)),
         ("call.kind", lambda: bq.identify(RUN, ROBOT, options={"segment_s": 3.0})),
         ("call.kind", lambda: bq.import_run(3)),
+        ("call.kind", lambda: bq.import_run(pandas().DataFrame({"t": [0.0]}))),
         ("call.kind", lambda: ROBOT.save(3)),
         ("call.kind", lambda: RUN.plot("path", ax=3)),
         ("call.kind", lambda: RUN.plot(3)),
@@ -109,6 +112,9 @@ def test_a_result_in_place_of_its_part_is_answered_with_the_part():
     with pytest.raises(Misuse) as error:
         bq.repeat(ROBOT, taught)
     assert error.value.diagnostic.fix == "bq.repeat(robot, result.route)"
+    with pytest.raises(Misuse) as error:
+        bq.identify(ImportedRun(RUN, ()), ROBOT)
+    assert error.value.diagnostic.fix == "bq.identify(result.run, robot)"
 
 
 def test_an_unknown_kind_of_a_call_does_not_name_the_vehicle_file():
@@ -142,10 +148,17 @@ def test_the_options_of_a_function_are_part_of_its_signature_and_of_its_errors()
 
 def test_an_unknown_attribute_of_a_result_is_answered_with_its_methods():
     with pytest.raises(NoAttribute) as error:
-        RUN.save("run.mcap")
+        RUN.parameters  # noqa: B018
     assert error.value.diagnostic.code == "front.no-attribute"
     assert "table" in error.value.diagnostic.figures["near"].figures["valid"]
     assert copy.deepcopy(RUN) == RUN
+    with pytest.raises(NoAttribute) as error:
+        RUN.tables  # noqa: B018
+    assert error.value.diagnostic.figures["near"].figures["similar"] == "table"
+
+
+def test_a_run_in_memory_is_saved(tmp_path):
+    assert bq.read_run(RUN.save(tmp_path / "mine.mcap")) == RUN
 
 
 def test_correct_calls_are_not_changed():

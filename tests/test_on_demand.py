@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import baqueano
+from baqueano import guides
 from baqueano.cli import SUBCOMMANDS as COMMANDS
 from baqueano.messages.language import use_language
 from baqueano.on_demand import MODULE_OF, on_demand
@@ -105,9 +106,10 @@ def test_the_top_level_functions_match_the_command_line():
 
 
 @pytest.mark.parametrize("name", MODULE_OF)
-def test_a_name_of_another_module_is_reported_with_its_import(name):
+@pytest.mark.parametrize("package", [baqueano, guides])
+def test_a_name_of_another_module_is_reported_with_its_import(package, name):
     with pytest.raises(AttributeError) as raised:
-        getattr(baqueano, name)
+        getattr(package, name)
     namespace: dict[str, object] = {}
     exec(str(raised.value).partition(": ")[2], namespace)
     assert callable(namespace[name])

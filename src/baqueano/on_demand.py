@@ -43,6 +43,15 @@ def on_demand(
     return get
 
 
+def unknown_names(package: str) -> "Callable[[str], object]":
+    """Return the `__getattr__` of a package that imports all its names: it suggests a name, or an import to type."""
+
+    def get(name: str) -> object:
+        raise AttributeError(_no_such_name(package, name) + _suggestion(name, dir(sys.modules[package])))
+
+    return get
+
+
 def _no_such_name(package: str, name: str) -> str:
     if name.startswith("_"):  # Python itself looks it up
         return f"{package}.{name}"

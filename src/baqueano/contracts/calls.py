@@ -35,7 +35,8 @@ class ArgumentKind(NamedTuple):
 
 
 MAX_REPR = 40  # characters of an argument that a message shows
-LIBRARIES = {"baqueano", "numpy", *sys.stdlib_module_names} - {"types"}  # a SimpleNamespace is of the user
+LIBRARIES = {"baqueano", "numpy", "pandas", "polars", "scipy", "torch", "xarray", *sys.stdlib_module_names}
+LIBRARIES -= {"types"}  # a SimpleNamespace is of the user
 
 
 def _has_class(name: str) -> Callable[[object], bool]:
@@ -217,9 +218,10 @@ def _refuse_kind(
     is_text = isinstance(value, str | PurePath)
     value_text = f'"{value}"' if is_text else _short_repr(value)
     fix = reader.format(value_text, name=name) if is_text and reader else example
-    part = getattr(value, name, None)  # such as the route of the result of `teach`
-    if part is not None and any(kind.accepts(part) for kind in kinds[name]):
-        fix = re.sub(rf"\b{name}\b", f"result.{name}", example)
+    for part_name in (name, name.removesuffix("s")):  # such as the route of the result of `teach`
+        part = getattr(value, part_name, None)
+        if part is not None and any(kind.accepts(part) for kind in kinds[name]):
+            fix = re.sub(rf"\b{part_name}\b", f"result.{part_name}", example)
     expected_kind = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
     raise Misuse(
         fault("call.kind", fix, call=call, name=label, value=value_text, expected=expected_kind.name)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 MAX_LINES, MAX_LETTERS = 12, 110  # lines, and characters of a line, of a short print
+MIN_PREFIX = 3  # letters of a short name, such as cov of covariance
 MAX_SENTENCE = 80  # characters of a line of sentences below a table
 
 
@@ -100,7 +101,8 @@ def no_attribute(owner: object, name: str, label: str) -> NoAttribute:
     """Return the error for a missing attribute of `owner`, whose name is `label`: it lists methods, then values."""
     names = [attribute for attribute in dir(owner) if not attribute.startswith("_")]
     names.sort(key=lambda attribute: not callable(getattr(type(owner), attribute, None)))
-    return NoAttribute(fault("front.no-attribute", of=label, value=name, near=nearest(name, names)))
+    short_name = next((n for n in names if len(n) >= MIN_PREFIX and name.startswith(n)), name)
+    return NoAttribute(fault("front.no-attribute", of=label, value=name, near=nearest(short_name, names)))
 
 
 def shorten(

@@ -26,6 +26,7 @@ from baqueano.guides.route import Route, closed_up, end_gap, run_through
 from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
+from baqueano.runs.show import short_text
 from baqueano.signals import seconds
 from baqueano.standstill import with_usual_rest
 from baqueano.vehicle_file.file import VehicleFile, parse
@@ -105,7 +106,7 @@ class TeachResult(NamedTuple):
     route: Route
 
     def __repr__(self) -> str:
-        return self.run.short_text(repr(self.route))
+        return short_text(self.run, repr(self.route))
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per topic of the run."""
@@ -181,8 +182,7 @@ def drive_with_driver(
     estimator: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
     """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
-    n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
-    hand = None
+    n, rate_hz, hand = vehicle_file.vehicle.commands, vehicle_file.rate_hz, None
     if isinstance(driver, Route | type):
         guide = Repeat.along(driver) if isinstance(driver, Route) else vehicle_file.guide(kind=driver)
     elif callable(driver):

@@ -20,6 +20,7 @@ from baqueano.guides.repeat_by_progress import ProgressState, RepeatByProgress
 from baqueano.guides.route import Route
 from baqueano.guides.sequence import GuideSequence
 from baqueano.guides.shapes import SinuousCircle
+from baqueano.on_demand import unknown_names
 
 __all__ = [
     "DriveTo",
@@ -34,3 +35,5 @@ __all__ = [
     "Route",
     "SinuousCircle",
 ]
+
+__getattr__ = unknown_names(__name__)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.contracts.result import Result, pandas, shorten
+from baqueano.contracts.calls import checked_call
+from baqueano.contracts.result import Result, pandas
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import Diagnostic
 from baqueano.runs.logs import (
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 MEANS_KEY = "means"  # in the metadata: the names of the channels whose readings are means over an interval
 REST_KEY = "rest_s"  # of the metadata
-INDENT_OF_EVENT = 10  # letters before the second line of an event in the table
 MAX_AGE_S = 0.25  # an older measurement has the timestamp of another clock
 
 
@@ -134,19 +134,16 @@ class Run(Result):
         ) and list(self.sensors) == list(other.sensors)
 
     def __repr__(self) -> str:
-        return self.short_text()
+        from baqueano.runs.show import short_text
 
-    def short_text(self, *head: str) -> str:
-        """Return the text that `print` shows: `head`, the topics, and the events, errors first."""
-        from baqueano.runs.show import show
+        return short_text(self)
 
-        lines = show(self).table(is_by_severity=True).splitlines()
-        topics = len(self.rows()) + 2  # the name, the head of the columns
-        events, count = lines[topics:], 0
-        if any(event.level == "error" for event in self.events):
-            is_further = [line[:INDENT_OF_EVENT].isspace() for line in events[1:]]
-            count = 1 + (is_further.index(False) if False in is_further else len(is_further))
-        return shorten([*head, lines[0], *events[:count]], [*lines[1:topics], *events[count:]], [])
+    @checked_call('run.save("runs/0001-mine.mcap")')
+    def save(self, path: Path | str) -> Path:
+        """Write the run to a new file and return its path; see `write_run`."""
+        from baqueano.runs.container.writer import write_run
+
+        return write_run(self, path)
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per topic; an unknown value is None."""

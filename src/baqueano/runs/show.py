@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.result import shorten
 from baqueano.messages import texts
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -28,6 +29,7 @@ COMMAND_TITLES = {
     "applied": N_("command applied"), "requested": N_("command requested"), "sent": N_("command sent"),
 }  # fmt: skip
 MAX_SHOWN_EVENTS = 20
+INDENT_OF_EVENT = 10  # letters before the second line of an event in the table
 SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
     "recovered_from": N_("recovered from"), "map": N_("map"), "commands": N_("commands"), "files": N_("files"),
@@ -144,6 +146,17 @@ def _topic(name: str) -> str:
     """Return the name of a topic for display; sensor names are not translated."""
     stage, _space, sensor = name.partition(" ")
     return f"{_(stage)} {sensor}" if stage == N_("sensor") else _(name)
+
+
+def short_text(run: "Run", *head: str) -> str:
+    """Return the text that `print` shows: `head`, the topics, and the events, errors first."""
+    lines = show(run).table(is_by_severity=True).splitlines()
+    topics = len(run.rows()) + 2  # the name, the head of the columns
+    events, count = lines[topics:], 0
+    if any(event.level == "error" for event in run.events):
+        is_further = [line[:INDENT_OF_EVENT].isspace() for line in events[1:]]
+        count = 1 + (is_further.index(False) if False in is_further else len(is_further))
+    return shorten([*head, lines[0], *events[:count]], [*lines[1:topics], *events[count:]], [])
 
 
 def show(run: "Run") -> ShownRun:
