@@ -98,7 +98,9 @@ def test_the_vehicle_file_receives_the_scales_and_their_provenance(assumed_file,
     assert file.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
     assert file.provenance["sensors.odometer.scale"].run == run.name
     second = {row["name"]: row for row in calibrate(run, file).rows()}
-    assert second["sensors.imu.gyro_scale"]["in_file"] == pytest.approx(fit.value("sensors.imu.gyro_scale"))
+    assert second["sensors.imu.gyro_scale"]["file_value"] == pytest.approx(
+        fit.value("sensors.imu.gyro_scale")
+    )
 
 
 def test_the_odometer_identifies_the_clock_without_a_gyro(assumed_file, drive):

@@ -31,10 +31,10 @@ def test_a_fit_to_one_run_predicts_the_other_run(study):
 def test_the_filter_error_is_below_one_percent_of_the_distance(study):
     for validation in study.evaluations:
         row = validation.row()
-        assert row["driven_m"] == pytest.approx(74.6, abs=1.0)
-        assert row["ate_m"] < 0.01 * row["driven_m"]
+        assert row["distance_m"] == pytest.approx(74.6, abs=1.0)
+        assert row["ate_m"] < 0.01 * row["distance_m"]
         assert np.degrees(row["ate_heading_rad"]) < 10.0
-        assert not row["lost"]
+        assert not row["is_lost"]
 
 
 def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
@@ -56,7 +56,7 @@ def test_both_fits_give_similar_parameters(study):
 
 def test_rows_table_and_page_report_the_cross_validation(study):
     assert study.verdict == "WARN"
-    assert [(row["fitted_on"], row["judged_on"]) for row in study.rows()] == [("a", "b"), ("b", "a")]
+    assert [(row["fit_run"], row["test_run"]) for row in study.rows()] == [("a", "b"), ("b", "a")]
     assert json.dumps(study.rows(), allow_nan=False)
     table = study.table()
     assert "a → b" in table

@@ -34,13 +34,13 @@ def test_no_wrong_fit_is_called_usable_and_no_sound_run_refused(study):
 
 def test_a_repaired_time_jump_gives_nearly_the_same_errors(study):
     rows = {row["fault"]: row for row in study.rows()}
-    assert 0.5 < rows["time jumps a day"]["over_clean"] < 2.0
+    assert 0.5 < rows["time jumps a day"]["error_ratio_clean"] < 2.0
 
 
 def test_a_fit_to_a_run_split_in_two_converges(study):
     (row,) = [row for row in study.rows() if row["fault"] == "time jumps seconds"]
     assert row["refused"] == 0
-    assert row["over_clean"] < 1.5
+    assert row["error_ratio_clean"] < 1.5
 
 
 def test_the_table_names_each_fault_and_ends_with_the_verdict(study):
@@ -75,17 +75,17 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
 def test_a_fit_without_parameters_is_excluded_from_the_ratio():
     none = outcome_of("stuck", "REFUSED", False)._replace(undamaged_error_rms=1.0)
     some = none._replace(error_rms=3.0, undamaged_error_rms=2.0)
-    assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
-    assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
+    assert Faults((none, some), 2, 2).rows()[0]["error_ratio_clean"] == 1.5
+    assert Faults((none,), 1, 1).rows()[0]["error_ratio_clean"] is None
 
 
 def test_repeated_samples_do_not_reduce_the_information_of_other_samples(study):
     """The remaining readings equal, one by one, the readings of the clean run without the repeated ones."""
     rows = {row["fault"]: row for row in study.rows()}
-    assert 0.3 < rows["repeated samples"]["lost"] < 0.9
-    assert 0.02 < rows["frames as zero"]["lost"] < 0.35
+    assert 0.3 < rows["repeated samples"]["loss_share"] < 0.9
+    assert 0.02 < rows["frames as zero"]["loss_share"] < 0.35
     for fault in ("repeated samples", "frames as zero"):
-        assert rows[fault]["over_left"] == pytest.approx(1.0, abs=0.01)
+        assert rows[fault]["error_ratio_reduced"] == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_sound_reference_run_lacks_the_same_readings_as_the_damaged_run(case_study):

@@ -171,8 +171,8 @@ def test_tags_limit_the_errors_and_a_drive_without_tags_stops(monkeypatch):
     study = laps_over_fixes(1, 40, 4, cases=cases)
     assert study.refused_robots == ()
     alone, tags = study.rows()
-    assert alone["touched"] == 0
-    assert tags["kept"] == 1.0
+    assert alone["wall_contacts"] == 0
+    assert tags["success_share"] == 1.0
     assert tags["position_worst_m"] < 0.05
     assert tags["last_across_p95_m"] < 0.05
 
@@ -193,13 +193,13 @@ def study_of(error_m, std_m, laps=5, across_m=0.02, stops=False, case=TAGS, fore
 
 def test_a_stop_or_a_large_distance_fails_the_study_despite_faults():
     study = study_of(0.02, 0.02, across_m=-0.12, case=TAGS._replace(read="faults"))
-    assert study.rows()[0]["kept"] == 0.5
+    assert study.rows()[0]["success_share"] == 0.5
     assert (
         "eight, tags, calibrated, faults: 50% of the robots keep to the route; expected 90 %" in study.reasons
     )
-    assert study_of(0.02, 0.02).rows()[0]["kept"] == 1.0
+    assert study_of(0.02, 0.02).rows()[0]["success_share"] == 1.0
     (row,) = study_of(0.02, 0.02, stops=True).rows()
-    assert (row["kept"], row["stopped"], row["stop_lap_median"]) == (0.5, 1, 2.0)
+    assert (row["success_share"], row["stopped"], row["stop_lap_median"]) == (0.5, 1, 2.0)
     far = study_of(0, 1, 3, 0.2).reasons
     assert (
         "eight, tags, calibrated, no reading lost: lap 3: 19 cm from the route; expected at most 10 cm" in far

@@ -101,7 +101,8 @@ class Calibration(Result):
         """Return one flat row per number."""
         return [{
             "name": entry.name, "value": entry.value, "std": entry.std, "low": entry.value - entry.half_width,
-            "high": entry.value + entry.half_width, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
+            "high": entry.value + entry.half_width, "unit": entry.unit, "file_value": entry.in_file,
+            "text": entry.words,
         } for entry in self.numbers]  # fmt: skip
 
     def table(self) -> str:

@@ -111,12 +111,16 @@ class RunEvaluation:
             self.prediction.explained_variance,
             self.figures,
         )
-        row = {"fitted_on": self.fit_run, "judged_on": self.test_run, "held_out": self.is_held_out}
+        row = {"fit_run": self.fit_run, "test_run": self.test_run, "is_held_out": self.is_held_out}
         row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(explained_variance[0])}
         row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained_variance[1])}
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
         row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
-        row |= {"driven_m": self.distance_m, "duration_s": self.replay_run.duration_s, "lost": self.is_lost}
+        row |= {
+            "distance_m": self.distance_m,
+            "duration_s": self.replay_run.duration_s,
+            "is_lost": self.is_lost,
+        }
         return row | {key: figures[key] for key in ("nees_pose", "nees_pose_verdict", "nis", "nis_verdict")}
 
 
@@ -250,7 +254,7 @@ _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
     (N_("  of its variance [%]"), lambda r: f"{number(100 * r['speed_explained']):.1f}"),
     (N_("model, yaw rate [rad/s rms]"), lambda r: f"{number(r['yaw_rate_rmse_rad_s']):.3f}"),
     (N_("  of its variance [%]"), lambda r: f"{number(100 * r['yaw_rate_explained']):.1f}"),
-    (N_("driven [m]"), lambda r: f"{number(r['driven_m']):.1f}"),
+    (N_("driven [m]"), lambda r: f"{number(r['distance_m']):.1f}"),
     (N_("EKF, position [m rms]"), lambda r: f"{number(r['ate_m']):.3f}"),
     (N_("EKF, position at the end [m]"), lambda r: f"{number(r['end_error_m']):.3f}"),
     (N_("EKF, heading [° rms]"), lambda r: f"{number(np.degrees(r['ate_heading_rad'])):.2f}"),

@@ -138,7 +138,7 @@ class Driving:
             for shape in SHAPES:
                 for speed in speeds:
                     if laps := self.laps_of(case, shape, speed):
-                        row = {"case": case, "shape": shape, "asked_m_s": speed, "laps": len(laps)}
+                        row = {"case": case, "shape": shape, "requested_m_s": speed, "laps": len(laps)}
                         out.append(row | _figures(laps))
         return out
 
@@ -152,10 +152,10 @@ class Driving:
         )
         for row in self.rows():
             case_text = _(
-                "{case}, {shape} at {asked_m_s:g} m/s",
+                "{case}, {shape} at {requested_m_s:g} m/s",
                 case=row["case"],
                 shape=row["shape"],
-                asked_m_s=row["asked_m_s"],
+                requested_m_s=row["requested_m_s"],
             )
             for limit in LIMITS[row["case"]]:
                 if row[f"{limit.figure}_p95"] > limit.max_value:
@@ -198,7 +198,7 @@ class Driving:
                 for figure, scale in (("speed_error", 100.0), ("unevenness", 100.0), ("across_m", 1000.0))
             )
             limits = f"{number(100.0 * r['at_limit_worst']):.1f}%", f"{number(r['sign_changes_worst']):.0f}"
-            where = _(r["case"]), _(r["shape"]), f"{number(r['asked_m_s']):.1f}"
+            where = _(r["case"]), _(r["shape"]), f"{number(r['requested_m_s']):.1f}"
             rows.append([*where, speed, uneven, across, *limits])
         head = [
             _("case"), _("shape"), "m/s", _("speed error %"), _("uneven %"), _("across mm"), _("limit"), _("sign"),

@@ -83,8 +83,8 @@ def _headlines(judgement: RunEvaluation) -> list[Headline]:
     row, title = judgement.row(), f"{judgement.fit_run} → {judgement.test_run}"
     position_text = _(
         "{percent:.2g} % of the {driven_m:.0f} m driven",
-        percent=100 * row["ate_m"] / row["driven_m"],
-        driven_m=row["driven_m"],
+        percent=100 * row["ate_m"] / row["distance_m"],
+        driven_m=row["distance_m"],
     )
     yaw_rate_text = _("yaw rate {percent:.1f} %", percent=100 * row["yaw_rate_explained"])
     return [

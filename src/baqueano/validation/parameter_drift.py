@@ -116,10 +116,12 @@ class ParameterHistory(Result):
             for i, name in enumerate(self.names):
                 out.append(
                     {
-                        "run": run, "when": self.when[k] or None, "name": name, "unit": self.units[i],
+                        "run": run, "date": self.when[k] or None, "name": name, "unit": self.units[i],
                         "estimate": float(self.single[k, i]), "std": float(self.single_std[k, i]),
-                        "filtered": float(self.filtered_values[k, i]), "filtered_std": float(self.filtered_std[k, i]),
-                        "smoothed": float(self.smoothed_values[k, i]), "smoothed_std": float(self.smoothed_std[k, i]),
+                        "filtered_value": float(self.filtered_values[k, i]),
+                        "filtered_std": float(self.filtered_std[k, i]),
+                        "smoothed_value": float(self.smoothed_values[k, i]),
+                        "smoothed_std": float(self.smoothed_std[k, i]),
                     }
                 )  # fmt: skip
         return out

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 
+RATIO_KEYS = ("error_ratio_clean", "error_ratio_reduced")
 DRIVE_S = 30.0
 FAULTS_AT_ONCE = 16  # faults of a vehicle and seed that share their simulations
 UNDAMAGED = (
@@ -276,10 +277,10 @@ class Faults:
             "usable": sum(o.verdict == Verdict.USABLE for o in own_outcomes),
             "warn": sum(o.verdict == Verdict.WARN for o in own_outcomes),
             "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes),
-            "crashed": sum(o.verdict == "CRASH" for o in own_outcomes),
-            "over_clean": _ratio([(o.error_rms, o.undamaged_error_rms) for o in own_outcomes]),
-            "lost": float(np.median(losses)) if losses else None,
-            "over_left": _ratio([(o.error_rms, o.reduced_error_rms) for o in own_outcomes]),
+            "crashes": sum(o.verdict == "CRASH" for o in own_outcomes),
+            "error_ratio_clean": _ratio([(o.error_rms, o.undamaged_error_rms) for o in own_outcomes]),
+            "loss_share": float(np.median(losses)) if losses else None,
+            "error_ratio_reduced": _ratio([(o.error_rms, o.reduced_error_rms) for o in own_outcomes]),
         }
 
     @property
@@ -296,9 +297,9 @@ class Faults:
             if r["wrongly_usable"]
         ]
         reasons_found += [
-            _("{crashed} fits with {fault} crashed", crashed=r["crashed"], fault=_(r["fault"]))
+            _("{crashed} fits with {fault} crashed", crashed=r["crashes"], fault=_(r["fault"]))
             for r in rows
-            if r["crashed"]
+            if r["crashes"]
         ]
         undamaged_fits = sum(r["fits"] for r in rows if r["fault"] in UNDAMAGED)
         refusals = sum(r["wrongly_refused"] for r in rows)
@@ -329,14 +330,12 @@ class Faults:
         ]  # fmt: skip
         rows = []
         for r in self.rows():
-            ratio_texts = [
-                "" if r[key] is None else f"{number(r[key]):.2f}" for key in ("over_clean", "over_left")
-            ]
-            loss = "" if r["lost"] is None else f"{number(100 * r['lost']):.0f} %"
+            ratio_texts = ["" if r[key] is None else f"{number(r[key]):.2f}" for key in RATIO_KEYS]
+            loss = "" if r["loss_share"] is None else f"{number(100 * r['loss_share']):.0f} %"
             verdicts = (
                 f"{r['usable']}/{r['warn']}/{r['refused']}"
                 + " "
-                + _("{crashed} crashed", crashed=r["crashed"]) * bool(r["crashed"])
+                + _("{crashed} crashed", crashed=r["crashes"]) * bool(r["crashes"])
             )
             counts = [str(r[key]) for key in ("fits", "wrong", "wrongly_usable", "wrongly_refused")]
             rows.append([_(r["fault"]), *counts, verdicts, ratio_texts[0], loss, ratio_texts[1]])

@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 CASES = (
-    "case", "fits", "holds", "holds_or_named", "rmse", "std", "usable", "wrongly_usable", "silent", "fits_named",
+    "case", "fits", "coverage", "coverage_or_report", "rmse", "std", "usable", "wrongly_usable", "silent_failures",
+    "fits_with_reports",
 )  # fmt: skip
-PARAMETERS = ("case", "name", "intervals", "holds", "named", "rmse", "std")
+PARAMETERS = ("case", "name", "intervals", "coverage", "report_share", "rmse", "std")
 ABOUT_TEXT = N_(
-    "holds: fraction of the 95 % intervals that contain the truth. rmse: root mean square error divided by "
-    "the Cramér-Rao bound of the same runs. std: median of the standard error divided by that bound. named: "
+    "coverage: fraction of the 95 % intervals that contain the truth. rmse: root mean square error divided by "
+    "the Cramér-Rao bound of the same runs. std: median of the standard error divided by that bound. report_share: "
     "fraction of the fits whose verdict names the parameter. wrongly_usable: fits called USABLE although a "
     "parameter has an error above 5 standard errors and 5 %."
 )
@@ -73,7 +74,7 @@ def page_of_identification(study: Identification) -> Page:
                 _("{case}, all parameters", case=rows[0]["case"]),
             ),
             Headline(
-                _("within the interval"), f"{number(100 * rows[0]['holds']):.1f} %", _("95 % are expected")
+                _("within the interval"), f"{number(100 * rows[0]['coverage']):.1f} %", _("95 % are expected")
             ),
             Headline(
                 Verdict.USABLE,
@@ -109,7 +110,7 @@ def histogram(z: np.ndarray) -> "Figure":
 @with_style
 def coverage(rows: list[dict[str, float]]) -> "Figure":
     """Draw the fraction of the intervals that contain the truth, by parameter."""
-    covered_fraction = np.array([row["holds"] for row in rows])
+    covered_fraction = np.array([row["coverage"] for row in rows])
     count = np.array([max(row["intervals"], 1) for row in rows])
     figure, axis = panel((9.2, 3.4))
     axis.axhspan(100 * LIMITS["clean"].coverage_each, 100.0, color=REFERENCE, alpha=0.25)

@@ -103,7 +103,7 @@ class Identification:
         rows, head = self.rows(), [_("fits"), _("coverage"), _("rmse"), _("std")]
         cases = (
             [_(row["case"]), *_figures(row), f"{number(100 * row['usable']):.0f} %", str(row["wrongly_usable"]),
-             f"{number(100 * row['named']):.0f} %"]
+             f"{number(100 * row['report_share']):.0f} %"]
             for row in rows if row["name"] == POOL
         )  # fmt: skip
         first, parameters = rows[0]["case"], (row for row in rows if row["name"] != POOL)
@@ -149,13 +149,13 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
     is_covered, is_reported = np.abs(np.array(z)) <= QUANTILE_95, np.array(reports, dtype=bool)
     usable = [o for o in outcomes if o.verdict == Verdict.USABLE]
     return {
-        "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(is_covered),
-        "holds_or_named": _mean(is_covered | is_reported), "named": _mean(is_reported),
+        "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "coverage": _mean(is_covered),
+        "coverage_or_report": _mean(is_covered | is_reported), "report_share": _mean(is_reported),
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
         "std": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
         "wrongly_usable": sum(bool(np.any(wrong_mask(o.estimate, o.std, o.truth))) for o in usable),
-        "silent": sum(not o.met and o.verdict != Verdict.REFUSED for o in outcomes),
-        "fits_named": _mean(np.array([any(_is_reported(o, name) for name in o.names) for o in outcomes])),
+        "silent_failures": sum(not o.met and o.verdict != Verdict.REFUSED for o in outcomes),
+        "fits_with_reports": _mean(np.array([any(_is_reported(o, name) for name in o.names) for o in outcomes])),
     }  # fmt: skip
 
 
@@ -166,10 +166,10 @@ def _reasons(row: "TableRow") -> list[str]:
     by_chance = 1.0 + LIMIT_SIGMA / np.sqrt(2.0 * max(row["intervals"], 1))
     min_coverage, rmse = (limit.coverage, limit.rmse) if is_pool else (limit.coverage_each, limit.rmse_each)
     reasons = []
-    if row["holds"] < min(min_coverage, 0.95 - few) or (
-        is_pool and row["holds"] > max(limit.max_coverage, 0.95 + few)
+    if row["coverage"] < min(min_coverage, 0.95 - few) or (
+        is_pool and row["coverage"] > max(limit.max_coverage, 0.95 + few)
     ):
-        reasons.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["holds"]))
+        reasons.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["coverage"]))
     if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
         reasons.append(_("rmse {rmse:.3f} bounds", rmse=row["rmse"]))
     if is_pool:
@@ -183,23 +183,27 @@ def _reasons(row: "TableRow") -> list[str]:
                     expected=100 * limit.usable,
                 )
             )
-        if row["holds_or_named"] < min(limit.covered_or_named, 0.95 - few):
+        if row["coverage_or_report"] < min(limit.covered_or_named, 0.95 - few):
             reasons.append(
                 _(
                     "{percent:.0f} % of the parameters are in their interval or named",
-                    percent=100 * row["holds_or_named"],
+                    percent=100 * row["coverage_or_report"],
                 )
             )
-        if row["fits_named"] > limit.named_fraction + LIMIT_SIGMA * np.sqrt(
+        if row["fits_with_reports"] > limit.named_fraction + LIMIT_SIGMA * np.sqrt(
             limit.named_fraction * (1.0 - limit.named_fraction) / n
         ):
-            reasons.append(_("{percent:.0f} % of the fits name a parameter", percent=100 * row["fits_named"]))
+            reasons.append(
+                _("{percent:.0f} % of the fits name a parameter", percent=100 * row["fits_with_reports"])
+            )
         if row["wrongly_usable"]:
             reasons.append(
                 _("{wrongly_usable} wrong fits were called USABLE", wrongly_usable=row["wrongly_usable"])
             )
-        if row["silent"]:
-            reasons.append(_("{silent} ended in another minimum without a warning", silent=row["silent"]))
+        if row["silent_failures"]:
+            reasons.append(
+                _("{silent} ended in another minimum without a warning", silent=row["silent_failures"])
+            )
     return [f"{_(row['case'])}, {row['name'].removeprefix('model.')}: {text}" for text in reasons]
 
 
@@ -269,4 +273,4 @@ def _mean(x: np.ndarray) -> float:
 
 def _figures(row: "TableRow") -> list[str]:
     ratios = ("" if row[key] is None else f"{number(row[key]):.2f}" for key in ("rmse", "std"))
-    return [str(row["fits"]), f"{number(100 * row['holds']):.1f} %", *ratios]
+    return [str(row["fits"]), f"{number(100 * row['coverage']):.1f} %", *ratios]

@@ -123,17 +123,17 @@ class LapStudy:
         ]
         return case._asdict() | {
             "robots": len(wholes),
-            "kept": float(np.mean(keeps)),
+            "success_share": float(np.mean(keeps)),
             "forecast": float(np.mean([w.forecast for w in wholes])),
             "first_across_p95_m": _quantile([d.across_m for d in first], 0.95),
             "last_across_p95_m": _quantile([d.across_m for d in last], 0.95),
             "across_worst_m": _quantile([d.across_m for d in laps_of_case], 1.0),
             "position_worst_m": _quantile([d.position_m for d in later], 1.0),
-            "within": _mean([d.within for d in laps_of_case]),
+            "region_share": _mean([d.within for d in laps_of_case]),
             "nees": _mean([d.nees for d in laps_of_case]),
             "stopped": len(stops),
             "stop_lap_median": _quantile([float(lap) for lap in stops], 0.5),
-            "touched": sum(w.touches for w in wholes),
+            "wall_contacts": sum(w.touches for w in wholes),
         }
 
     def _is_whole(self, laps_of_case: list[Lap], seed: int) -> bool:
@@ -177,8 +177,12 @@ class LapStudy:
                 _cm_text(r[name]) for name in ("first_across_p95_m", "last_across_p95_m", "across_worst_m")
             )
             stops = f"{r['stopped']}, {number(r['stop_lap_median']):.0f}" if r["stopped"] else "0"
-            chance = f"{number(r['kept']):.0%}", _share_text(r["forecast"])
-            estimate = _cm_text(r["position_worst_m"]), _share_text(r["within"]), f"{number(r['nees']):.2f}"
+            chance = f"{number(r['success_share']):.0%}", _share_text(r["forecast"])
+            estimate = (
+                _cm_text(r["position_worst_m"]),
+                _share_text(r["region_share"]),
+                f"{number(r['nees']):.2f}",
+            )
             cells.append(
                 [*(_(r[name]) for name in LapCase._fields), *chance, cross_track_text, *estimate, stops]
             )
@@ -195,20 +199,22 @@ class LapStudy:
 def _missed_bounds(row: "TableRow", laps: int) -> list[str]:
     """Return a sentence for each bound that a row misses."""
     problems = []
-    if row["touched"]:
-        problems.append(_("{robots} robots touched a wall", robots=row["touched"]))
-    if row["within"] < MIN_WITHIN_SHARE:
-        problems.append(_("{within:.0%} are within the 95 % region; expected 90 %", within=row["within"]))
+    if row["wall_contacts"]:
+        problems.append(_("{robots} robots touched a wall", robots=row["wall_contacts"]))
+    if row["region_share"] < MIN_WITHIN_SHARE:
+        problems.append(
+            _("{within:.0%} are within the 95 % region; expected 90 %", within=row["region_share"])
+        )
     if row["nees"] > MAX_NEES:
         problems.append(_("NEES {nees:.2f}; expected at most {most:g}", nees=row["nees"], most=MAX_NEES))
     if row["fix"] != "tags":
         return problems
     if row["gyro"] == "uncalibrated":
-        if abs(row["forecast"] - row["kept"]) > MAX_FORECAST_ERROR:
+        if abs(row["forecast"] - row["success_share"]) > MAX_FORECAST_ERROR:
             problems.append(
                 _(
                     "{kept:.0%} of the robots keep to the route; the forecast was {forecast:.0%}",
-                    kept=row["kept"],
+                    kept=row["success_share"],
                     forecast=row["forecast"],
                 )
             )
@@ -223,8 +229,10 @@ def _missed_bounds(row: "TableRow", laps: int) -> list[str]:
         problems.append(
             _("the error of the estimate is {distance}; expected at most 10 cm", distance=distance)
         )
-    if row["route"] != "sinuous" and row["kept"] < MIN_KEPT_SHARE:
-        problems.append(_("{kept:.0%} of the robots keep to the route; expected 90 %", kept=row["kept"]))
+    if row["route"] != "sinuous" and row["success_share"] < MIN_KEPT_SHARE:
+        problems.append(
+            _("{kept:.0%} of the robots keep to the route; expected 90 %", kept=row["success_share"])
+        )
     if row["stopped"]:
         problems.append(_("{stopped} drives were stopped", stopped=row["stopped"]))
     return problems
