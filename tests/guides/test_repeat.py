@@ -7,7 +7,7 @@ from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides import Repeat, Route, SinuousCircle
 from baqueano.guides.repeat import with_laps
-from baqueano.guides.route import closed_up, end_gap, move_route
+from baqueano.guides.route import end_gap, move_route, with_closed_gap
 from baqueano.guides.shapes import circle
 from baqueano.signals import Estimate
 from tests.codes import refused
@@ -74,8 +74,8 @@ def test_closing_a_route_distributes_the_drift_along_the_route():
         eta=route.eta + np.outer(route.t_s / route.t_s[-1], [0.03, -0.02, 0.1]), closed=False
     )
     assert end_gap(drifted) == pytest.approx((np.hypot(0.03, 0.02), 0.1))
-    np.testing.assert_allclose(closed_up(drifted).eta, route.eta, atol=1e-12)
-    assert closed_up(drifted).closed
+    np.testing.assert_allclose(with_closed_gap(drifted).eta, route.eta, atol=1e-12)
+    assert with_closed_gap(drifted).closed
 
 
 def test_a_route_is_placed_at_the_vehicle_pose():

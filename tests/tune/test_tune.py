@@ -221,7 +221,7 @@ def test_robust_gains_are_not_worse_than_nominal_gains_for_other_vehicles(identi
         gains=["alpha", "beta"],
     )
     assert tuning.worst_case is not None
-    assert (tuning.worst_case.draws, tuning.worst_case.judges) == (4, 200)
+    assert (tuning.worst_case.draws, tuning.worst_case.test_vehicles) == (4, 200)
     assert tuning.worst_case.cost <= tuning.worst_case.nominal
     assert f"worst of 200 other vehicles: {tuning.worst_case.cost:.4g} m²" in tuning.table()
     assert tuning.rows()[0]["worst_cost"] == tuning.worst_case.cost

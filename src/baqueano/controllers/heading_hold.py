@@ -115,14 +115,14 @@ class HeadingHold:
         u, t_ns = command.u, estimate.t_ns
         dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
         missing_rate = self._missing_yaw_rate(estimate)
-        out_s = state.rejected_s + dt_s if missing_rate else 0.0
-        missing_rate = missing_rate if out_s > MIN_REJECTED_S else 0.0
+        rejected_s = state.rejected_s + dt_s if missing_rate else 0.0
+        missing_rate = missing_rate if rejected_s > MIN_REJECTED_S else 0.0
         v, r = float(estimate.nu[0]), float(estimate.nu[2]) + missing_rate
         forward_sign = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
         if not forward_sign or not isfinite(v + r + float(estimate.eta[2])):
-            return HeadingHoldState(hand, t_ns, out_s), command
+            return HeadingHoldState(hand, t_ns, rejected_s), command
         if forward_sign != state.forward_sign:
-            state = HeadingHoldState(hand, t_ns, out_s, forward_sign, t_ns)
+            state = HeadingHoldState(hand, t_ns, rejected_s, forward_sign, t_ns)
         missing_angle = state.missing_angle + missing_rate * dt_s
         psi, psi_r = float(estimate.eta[2]) + missing_angle, state.psi
         is_quiet = abs(r) < MAX_QUIET_RAD_S or seconds(t_ns, state.straight_since_ns) >= self.gains.wait_s
@@ -131,7 +131,7 @@ class HeadingHold:
         u = u.copy()
         u[-1], sum_e = self._turn(e, state.integral, r, dt_s, v, abs(float(u[0])))
         next_state = HeadingHoldState(
-            hand, t_ns, out_s, forward_sign, state.straight_since_ns, psi_r, sum_e, missing_angle
+            hand, t_ns, rejected_s, forward_sign, state.straight_since_ns, psi_r, sum_e, missing_angle
         )
         return next_state, command._replace(u=u)
 

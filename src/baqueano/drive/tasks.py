@@ -22,7 +22,7 @@ from baqueano.drive.smoothing import smooth_run
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
-from baqueano.guides.route import Route, closed_up, end_gap, run_through
+from baqueano.guides.route import Route, end_gap, run_through, with_closed_gap
 from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
@@ -397,4 +397,4 @@ def route_of(run: Run, closed: bool | None = False) -> Route:
         raise AnswerNo(fault("route.open", name=run.name, **gap, close_m=CLOSE_M, close_deg=close))
     length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
     is_loop = is_at_start and length_m > MIN_LOOP_M if closed is None else closed
-    return run_through(closed_up(route)) if is_loop else route
+    return run_through(with_closed_gap(route)) if is_loop else route

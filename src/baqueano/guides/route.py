@@ -106,7 +106,7 @@ def move_route(route: Route, start: np.ndarray) -> Route:
     return route._replace(eta=np.column_stack([xy, route.eta[:, 2] + start[2]]))
 
 
-def closed_up(route: Route) -> Route:
+def with_closed_gap(route: Route) -> Route:
     """Return the route as a closed route, whose end is equal to its start.
 
     The driver returned to the mark, so the difference

@@ -169,12 +169,12 @@ def rank_by_worst_case(
     `nominal_gains` are one of the candidates.
     """
     system = rehearsal.cases[0].system
-    judges = replace(
+    test_objective = replace(
         rehearsal, vehicles=draw_vehicles(vehicle_file, system, VALIDATION_VEHICLES, seed + SEED_OFFSET)[1]
     )
     cost = rehearsal.cost(nominal_gains)
     ends = [Descent(nominal_gains, nominal_gains, cost, np.array([cost]), 0.0), *robust]
-    vehicle_costs = judges.vehicle_costs(np.array([end.gains for end in ends]))
+    vehicle_costs = test_objective.vehicle_costs(np.array([end.gains for end in ends]))
     worst = np.where(np.isfinite(vehicle_costs).all(axis=1), np.max(vehicle_costs, axis=1), DIVERGED_COST)
     order = np.argsort(worst, kind="stable")
     draws = len(rehearsal.vehicles) - 1

@@ -50,7 +50,7 @@ class WorstCase(NamedTuple):
     """The largest cost over vehicles drawn from the covariance of the fit, which the search did not use."""
 
     draws: int  # vehicles of the search
-    judges: int  # vehicles of the test
+    test_vehicles: int  # vehicles of the test
     cost: float  # [m²] with these gains
     nominal: float  # [m²] with the gains that are optimal for the file's own vehicle
 
@@ -264,9 +264,9 @@ class TuneResult(Result):
         if self.worst_case:
             lines.append(
                 _(
-                    "worst of {judges} other vehicles: {cost:.4g} m², {nominal:.4g} m² with gains for the "
+                    "worst of {test_vehicles} other vehicles: {cost:.4g} m², {nominal:.4g} m² with gains for the "
                     "vehicle of the file",
-                    judges=self.worst_case.judges,
+                    test_vehicles=self.worst_case.test_vehicles,
                     cost=self.worst_case.cost,
                     nominal=self.worst_case.nominal,
                 )

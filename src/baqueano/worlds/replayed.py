@@ -54,9 +54,9 @@ class ReplayedWorld(World):
         )
         self._ticks = list(fill_gaps(run.ticks(), period_ns(run.t_ns)))
         silent_count = len(self._ticks) - len(run.t_ns)
-        holes = [note("replay.holes", Severity.WARNING, count=silent_count)] if silent_count else []
+        gap_notes = [note("replay.holes", Severity.WARNING, count=silent_count)] if silent_count else []
         warnings = [note("replay.without-sensor", Severity.WARNING, sensor=name) for name in missing_sensors]
-        self.notes = (*holes, *warnings)
+        self.notes = (*gap_notes, *warnings)
         self._truth = run.truth
         self._truth_row = 0  # row of the next truth
         self._next = 0  # index of the next tick

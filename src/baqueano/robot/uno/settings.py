@@ -219,7 +219,7 @@ def _check_at_rest(uno: "Uno", wait: Wait) -> None:
 def show_counts(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
     """Pass battery, encoder counts and marks to `notify` whenever counts or marks change, for `seconds` [s]."""
     previous = None
-    for _look in range(round(seconds / POLL_PERIOD_S)):
+    for _poll in range(round(seconds / POLL_PERIOD_S)):
         wait(POLL_PERIOD_S)
         for newest in uno.receive()[-1:]:
             if (newest.counts, newest.marks) != previous:

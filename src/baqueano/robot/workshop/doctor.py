@@ -95,7 +95,7 @@ def check_imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
 def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
     """Yield the checks of chip, bus, rate, noise and self-test of a running IMU."""
     identity, samples = chip.identity, []
-    for _look in range(round(seconds / 0.02)):
+    for _poll in range(round(seconds / 0.02)):
         wait(0.02)
         samples += chip.read()
     yield Check(
