@@ -44,7 +44,7 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
     now = [min(0.9, 10 ** (-0.35 - 0.27 * j)) for j in range(len(KNOWN))]
     fit = {
         "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in KNOWN[1:])],
-        "std": [None, *(1.7 * std for std in now[1:])], "verdict": "USABLE", "verdict_is": "USABLE",
+        "std": [None, *(1.7 * std for std in now[1:])], "verdict": "USABLE", "verdict_id": "USABLE",
         "why": None,
     }  # fmt: skip
     rate = [round(60 * math.exp(-j / 14) + 3 * (1 + math.sin(0.3 * j)), 2) for j in range(130)]

@@ -49,7 +49,7 @@ with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano
                 seen["paces"].append(word["pace"])
             if word["is"] == "identify" and word["parameters"]:
                 seen["errors"].append(sorted(word["now"]))
-                seen["verdicts"].append((word["fit"] or {}).get("verdict_is"))
+                seen["verdicts"].append((word["fit"] or {}).get("verdict_id"))
     except ConnectionClosed as error:
         seen["ended"] = str(error)
 out.write_text(json.dumps(seen))

@@ -45,7 +45,7 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     advice = tab.js("document.querySelector('.next-card p').textContent")
     assert word["next"]["motion"] in advice
     assert word["next"]["label"] in advice
-    live.put(word | {"fit": word["fit"] | {"verdict_is": "REFUSED", "verdict": "REFUSED"}})
+    live.put(word | {"fit": word["fit"] | {"verdict_id": "REFUSED", "verdict": "REFUSED"}})
     until(lambda: kinds(tab) == {"hollow"})  # a refused fit fills no bar
 
 

@@ -299,7 +299,7 @@ class DriveIdentification:
         reason_json = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
             "t": drive_fit.t_s, "took_s": drive_fit.computing_s, "value": value, "std": std,
-            "verdict": str(fit.verdict), "verdict_is": str(fit.verdict), "why": reason_json,
+            "verdict": str(fit.verdict), "verdict_id": str(fit.verdict), "why": reason_json,
         }  # fmt: skip
 
     def _advised_motion(self) -> "JsonObject | None":

@@ -70,7 +70,7 @@ export class Identify {
   }
 
   #fill({ parameters, next, why, compiled, first }, now, before, fit, bits) {
-    const trusted = fit && fit.verdict_is !== "REFUSED";
+    const trusted = fit && fit.verdict_id !== "REFUSED";
     parameters.forEach((one, k) => {
       const row = this.rows[k], own = trusted ? fit.std[k] : null, x = trusted ? fit.value[k] : null, std = own ?? now[k];
       row.past.style.width = `${share(before[k])}%`;
@@ -82,7 +82,7 @@ export class Identify {
       put(row, { value: x === null ? precise(one.guess, 0.1) : precise(x, std), error: trusted && x === null ? t("identify.not-seen") : `± ${relative(std)}`, needs: one.needs });
     });
     show(this.verdict, fit);
-    this.verdict.dataset.verdict = fit?.verdict_is ?? "";
+    this.verdict.dataset.verdict = fit?.verdict_id ?? "";
     put(this, {
       bits: num(bits, 0), verdict: fit?.verdict, next: next ? `${next.motion}.` : "–", gain: next ? `${next.label}: ± ${relative(next.from)} → ± ${relative(next.to)}` : "",
       about: fit ? [t("identify.fit", { s: num(fit.t), took: num(fit.took_s) }), fit.why].filter(Boolean).join(" ") : why ?? t(compiled ? "identify.hollow" : "identify.slow", { s: first }),
