@@ -333,7 +333,8 @@ def test_a_camera_clock_offset_beyond_the_first_range_is_found(lab):
 
 def test_positive_steering_that_turns_right_is_reported(lab):
     lab.board["steer"] = -lab.board["steer"]
-    assert "recording.turns-right" in {d.reason.code for d in lab.run().findings}
+    (sign,) = (d for d in lab.run().findings if d.reason.code == "recording.turns-right")
+    assert sign.line.figures["scale"] == "-1"
 
 
 def test_a_sensor_uncorrelated_with_the_truth_is_reported(lab):

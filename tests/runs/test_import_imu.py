@@ -1,6 +1,9 @@
-"""An import makes gaps of readings of an IMU at full scale, and compares its gyro with a compass."""
+"""An import makes gaps of readings of an IMU at full scale, and compares gyro, compass, speed and commands."""
+
+import re
 
 import numpy as np
+import pytest
 
 from tests.codes import includes
 
@@ -50,3 +53,16 @@ def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
     assert "inverted" not in {d.code for d in findings}
     error = np.angle(np.exp(1j * (run.sensors["compass"].z[:, 0] - heading)))
     assert np.abs(error).max() < 0.05
+
+
+@pytest.mark.parametrize(("floor", "is_signed"), [(-9.0, False), (-9.0, True), (0.0, False), (0.0, True)])
+def test_a_speed_without_a_sign_is_named_only_if_the_vehicle_drives_backward(lab, floor, is_signed):
+    t = lab.board["t"]
+    v = np.maximum(np.sin(0.7 * t), floor)
+    lab.board["throttle"] = 0.4 * (np.sin(0.7 * t) + 0.3 * np.cos(0.7 * t))
+    lab.board["speed"] = (v if is_signed else np.abs(v)) + 0.005 * np.random.default_rng(0).standard_normal(
+        len(t)
+    )
+    blocks = r"\[files\.camera\].*?(?=\[ticks\])|\[sensors\.imu\].*?(?=\[sensors\.odo)|\[truth\].*"
+    lab.map = re.sub(blocks, "", lab.map, flags=re.DOTALL)
+    assert ("no sign" in lab.codes()) == (floor < 0.0 and not is_signed)

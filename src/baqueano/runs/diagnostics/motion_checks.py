@@ -5,6 +5,7 @@
     (v_r − v_l)    (ω) of the truth, else of the gyro    track of 0.03 to 5 m                              (2)
     (a_x, a_y)     (v̇, v ω)                              scale within 2.5                                  (3)
     (ω)            (u_steering v, u_throttle v)          any scale                                         (4)
+    (v)            sign of (u_drive)                     v ≥ 0 does not rise both with u > 0 and u < 0     (5)
 
 (3) depends on the units of v and, without a truth, of the gyro. Gyro and wheels can show opposite directions. If (3)
 then also contradicts the gyro, the gyro is inverted. Otherwise swapped wheels and an IMU upside down look the same.
@@ -47,6 +48,8 @@ MIN_SPEED_STD, MIN_TURN_STD_RAD_S, MIN_ACCELERATION_STD_M_S2 = (
     0.2,
 )  # least standard deviations for a comparison
 MAX_SCALE, MAX_ACCEL_SCALE = 1.25, 2.5  # the least scales are the inverse values
+# of the largest command and acceleration, and of the largest speed; windows in which the speed rises
+BACKWARD_SHARE, NOISE_SHARE, MIN_RISING = 0.2, 0.05, 10
 TRACK_RANGE_M = (0.03, 5.0)  # of the vehicles that baqueano is for; a skidding vehicle appears twice as wide
 
 
@@ -70,7 +73,7 @@ def motion_findings(run: Run, m: "ColumnMap") -> list[ImportFinding]:
     findings += [
         f for name, entry in compasses if imu for f in _compass_findings(motion, name, entry, imu[2])
     ]
-    return findings + _steering_findings(motion)
+    return findings + _steering_findings(motion) + _direction_findings(motion)
 
 
 def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> ImportFinding:
@@ -277,5 +280,35 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
         reason = note("recording.other-steers", **figures, other=other_name)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
-        return [ImportFinding("sign", "info", None, note("recording.turns-right", **figures))]
+        entry = motion.m.command.entries[steering_indices[0]]
+        line = note(
+            "recording.write-steering",
+            scale=f"{-entry.scale:g}",
+            offset=f"{0.0 - entry.offset:g}",
+            key=entry.key,
+        )
+        return [ImportFinding("sign", "info", None, note("recording.turns-right", **figures), line)]
     return []
+
+
+def _direction_findings(motion: LoggedMotion) -> list[ImportFinding]:
+    """Return a finding if the speed is never negative, but rises with forward and with backward commands.  (5)"""
+    run, names = motion.run, motion.m.names
+    indices = [
+        i for i, name in enumerate(names) if "steer" not in name.lower() and "servo" not in name.lower()
+    ]
+    if not motion.speed_name or not indices or not np.isfinite(motion.speed).any():
+        return []
+    u, speed = motion.mean(run.t_ns, run.applied_commands[:, indices[0]]), motion.speed
+    fastest, least_u = float(np.nanmax(np.abs(speed))), BACKWARD_SHARE * np.max(np.abs(u), initial=0.0)
+    if not (fastest > MIN_SPEED_STD and float(np.nanmin(speed)) > -NOISE_SHARE * fastest):
+        return []
+    is_rising = motion.v_dot > BACKWARD_SHARE * np.nanquantile(np.abs(motion.v_dot), 0.95)
+    if min(np.sum(is_rising & (u > least_u)), np.sum(is_rising & (u < -least_u))) < MIN_RISING:
+        return []
+    key = motion.m.sensors[motion.speed_name].entries[0].key
+    return [
+        ImportFinding(
+            "no sign", "warning", None, note("recording.no-sign", key=key), note("recording.log-direction")
+        )
+    ]

@@ -168,7 +168,7 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(table, column) for column in wheels)}\n]"
     elif speed := _take_column(free_columns, FORWARD_PATTERN):
         yield f"\n[sensors.odometer]\nz = [\n  {_entry(speed, 'speed')},\n]"
-    elif encoder := _take_column(free_columns, ENCODER_PATTERN):
+    elif encoder := _take_column(free_columns, rf"{ENCODER_PATTERN}|(^|_)(rpm|rps)(_|$)"):
         yield f"\n[sensors.odometer]\nz = [\n{_list_lines(iter([_wheel(table, encoder)]))}\n]"
     imu = imu_columns(table, free_columns)
     free_columns[:] = [name for name in free_columns if name not in {column.name for column in imu.entries}]

@@ -109,7 +109,10 @@ TEMPLATES: dict[str, str] = {
         "the noise of {subject}, {sigma:.3g}, is {times:.2g} times the noise in the file. Is it in another "
         "unit{guess}, or smoothed?"
     ),
-    "file.inverted": "{subject} is {now:.3g}, and {was:.3g} in the file. A command, a sensor or the file is inverted",
+    "file.inverted": (
+        "{subject} is {now:.3g}, and {was:.3g} in the file. A command, a sensor or the file is inverted: write scale = "
+        "-1.0 in the map for the command or the sensor, or the sign of this fit in the file"
+    ),
     "file.mirrored": (
         "{subject} is {now:.3g}, and {was:.3g} in the file, so the motion or the file is mirrored. If z of {imu} "
         "points down, write in the map scale = -1.0 for the second and third entry of z. If left and right are "

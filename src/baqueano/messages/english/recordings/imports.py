@@ -39,6 +39,11 @@ TEMPLATES = {
         "write scale = {scale} for {compass} if the compass counts clockwise, or scale = {also} for {gyro} if the gyro "
         "does"
     ),
+    "recording.write-steering": "to make it positive, write scale = {scale} and offset = {offset} for {key}",
+    "recording.log-direction": (
+        "log the speed with its sign, or give backward the column of the direction; else fit runs that only drive "
+        "forward"
+    ),
     "recording.swap-wheels": "swap left and right of {wheels}",
     "recording.swap-or-gyro": (
         "swap left and right of {wheels}; or, if the gyro is negative when the vehicle turns left, write "
