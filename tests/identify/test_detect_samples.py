@@ -123,6 +123,13 @@ def test_one_reading_beyond_the_range_of_the_file_is_excluded():
     assert codes(findings) == {"data.clipped"}
 
 
+def test_zeros_at_rest_of_a_vehicle_that_turns_one_way_are_no_end_of_range():
+    z = motion()
+    z[:, 2] = np.minimum(z[:, 2] - 0.6, 0.0) * (np.arange(4000) % 1000 > 200)
+    _, findings = check_samples("imu", IMU, channel(z))
+    assert "data.clipped" not in codes(findings)
+
+
 def test_id6_clipped_samples_are_removed_without_biasing_the_fit():
     t = np.arange(20_000) / 100.0
     truth = 1.5 * np.sin(t)

@@ -2,15 +2,15 @@
 
     P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)     of white noise σ in steps of q, at most         (1)
     σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6     of the values that changed
-    n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
+    n(z = max) ≥ 5,   > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   |max| > ½ max |z|,   3 visits;    (2)
     or max ≥ a known limit;   or n(z = max) ≥ 2, and max is a full scale of chips in use, within 0.15 %
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
 Samples that repeat the previous one, and exact zeros, are removed if they are `CHANCE_FACTOR` times more frequent
 than (1). They are kept if the signal changes by less than a step. For encoders, the test uses the values between two
-jumps (runs/diagnostics/repeated_readings.py). Many equal values can be the top speed, and a zero is removed only
-between two readings far from it. The tails of noise contain few samples, so many samples at one extreme (2) show the
-end of a range. The samples of (3) are then removed, because (3) does not depend on the noise of a sample.
+jumps (repeated_readings.py). Many equal values can be the top speed, and a zero is removed only between two readings
+far from it. The tails of noise contain few samples, so many samples at one extreme (2) show the end of a range. The
+samples of (3) are then removed, because (3) does not depend on the noise of a sample.
 """
 
 from collections.abc import Collection
@@ -33,6 +33,7 @@ from baqueano.signals import STANDARD_GRAVITY
 CHANCE_FACTOR, EXTRA_SAMPLES = 3.0, 5
 MIN_SAMPLES = 20  # samples for a test
 MIN_END_SAMPLES, MIN_VISITS = 5, 3  # (2)
+MIN_END_RATIO = 0.5  # of the largest magnitude
 MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that can be lost without a warning
 MEDIAN_SAMPLES, MIN_CONSECUTIVE = 9, 3  # samples, (3)
 ROUNDING = 1e-12  # of the largest value: rounding difference between two ways to compute a reading
@@ -185,6 +186,7 @@ def end_samples(
     finite, is_invalid, ends, at_end = np.isfinite(x), np.zeros(len(x), bool), [], 0
     is_fine = 0.0 < resolution.step <= resolution.sigma  # otherwise every level has many samples
     width = max(2.0 * resolution.step, 0.2 * resolution.sigma)
+    magnitude = float(np.max(np.abs(x[finite]), initial=0.0))
     for sign in (1.0, -1.0):
         y = np.where(finite, sign * x, -np.inf)
         largest = float(np.max(y))
@@ -193,6 +195,7 @@ def end_samples(
         count, visits = int(is_end.sum()), int(np.sum(is_end[1:] & ~is_end[:-1])) + int(is_end[0])
         inner_count = int(np.sum((y < end) & (y >= end - width)))
         is_often = count >= MIN_END_SAMPLES and count > MIN_END_SAMPLES * inner_count and visits >= MIN_VISITS
+        is_often &= abs(end) > MIN_END_RATIO * magnitude  # a range has two sides: 0 is not its end
         is_full_scale = count > 1 and any(abs(end / f - 1.0) < FULL_SCALE_TOLERANCE for f in full_scales)
         if end >= limit or (is_fine and (is_often or is_full_scale)):
             is_invalid |= _is_beyond_end(y, is_end, end, resolution.sigma)
