@@ -227,6 +227,20 @@ def test_no_name_in_the_code_is_a_verb_of_saying():
     assert not names, f"name what it holds: {sorted(names)}"
 
 
+def test_no_key_of_a_row_is_a_verb_of_saying():
+    keys = {
+        f"{path.relative_to(SOURCE)}: {key.value}"
+        for path in SOURCE.rglob("*.py")
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(function, ast.FunctionDef) and re.fullmatch(r"_?(\w+_)?(row|rows|cells)", function.name)
+        for row in ast.walk(function)
+        if isinstance(row, ast.Dict)
+        for key in row.keys
+        if isinstance(key, ast.Constant) and {*str(key.value).removeprefix("is_held_").split("_")} & VERBS
+    }
+    assert not keys, f"name the quantity: {sorted(keys)}"
+
+
 def test_no_figure_of_a_message_is_a_verb_of_saying():
     names = {
         f"{code}: {name}"

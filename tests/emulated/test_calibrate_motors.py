@@ -237,5 +237,5 @@ def test_possible_causes_are_listed_if_a_vehicle_does_not_drive_straight():
     assert motors.verdict == "UNBALANCED"
     assert "does a wheel slip or rub" in motors.table()
     assert "(before the trim +20.0%); heading error by the gyro +1.5° after 1.5 s" in motors.table()
-    assert motors.rows()[0]["wheels_differ"] == (0.08, 0.01)
+    assert motors.rows()[0]["wheel_differences"] == (0.08, 0.01)
     assert calibrate_motors.MotorCalibration.from_rows(motors.rows()).table() == motors.table()

@@ -102,7 +102,8 @@ def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
         | {
             "what": _text(row.get("what")), "nobody": _text(row.get("nobody")),
             "noticed": [
-                {"who": _text(notice.get("who")), "after_s": notice.get("after_s"), "text": _text(notice.get("said"))}
+                {"who": _text(notice.get("who")), "after_s": notice.get("after_s"),
+                 "text": _text(notice.get("message"))}
                 for notice in row.get("noticed") or [] if isinstance(notice, dict)
             ],
             "silent": [_text(source) for source in row.get("silent") or []],

@@ -5,9 +5,9 @@
   again {from_s, without}      repeats the mission with the same seed, without the faults of these numbers, or without
                                any fault; until `from_s` as fast as it can be computed. The present drive ends first
   ledger {rows}                sent when something changes: number, t_s, until_s, over, what, noticed [who, after_s,
-                               said], silent [who], nobody
+                               message], silent [who], nobody
 
-`what`, `said` and `nobody` are diagnostics.
+`what`, `message` and `nobody` are diagnostics.
 """
 
 import json
@@ -149,7 +149,7 @@ def _fault_row(ledger: Ledger, row: LedgerRow) -> JsonObject:
         "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
         "fault": row.fault.to_json(), "what": row.message,
         "noticed": [
-            {"who": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "said": notice.message}
+            {"who": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "message": notice.message}
             for notice in row.notices
         ],
         "silent": [note(f"ledger.who-{source}") for source in row.silent_witnesses()],

@@ -89,9 +89,9 @@ class MotorCalibration:
     def rows(self) -> list["TableRow"]:
         """Return a row for the whole vehicle, then a row for each wheel and direction."""
         row = {
-            "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
-            "wheels_differ": self.wheel_differences, "turned_dps": self.turn_rates_dps,
-            "held_deg": self.heading_errors_deg,
+            "wiring": int(self.settings.wiring), "wheel_differences_before": self.before,
+            "wheel_differences": self.wheel_differences, "turn_rates_dps": self.turn_rates_dps,
+            "heading_errors_deg": self.heading_errors_deg,
         }  # fmt: skip
         ways = zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
         return [row, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
@@ -102,7 +102,7 @@ class MotorCalibration:
         whole, *wheels = rows
         ways = tuple(WheelCurve(*(row[name] for name in WheelCurve._fields)) for row in wheels)
         sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
-        names = ("wheels_differ_before", "wheels_differ", "turned_dps", "held_deg")
+        names = ("wheel_differences_before", "wheel_differences", "turn_rates_dps", "heading_errors_deg")
         pairs = (tuple(whole[name]) for name in names)
         return cls(Settings(wiring=whole["wiring"], curves=ways), sweeps, *pairs)
 
