@@ -129,7 +129,7 @@ def test_the_garage_vehicle_drives_evenly(shape, perfect):
     run = simulate_loop(SMALL, SHAPES[shape](0.2), perfect=perfect)
     evenness = speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
     assert evenness.error < 0.05
-    assert evenness.uneven < 0.03
+    assert evenness.unevenness < 0.03
     assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
     assert sign_changes(run.t_ns, run.sent_commands[:, 0]) == 0.0
 
@@ -143,7 +143,7 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
         across.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))
-        assert speed_errors(t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.02
+        assert speed_errors(t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).unevenness < 0.02
     assert across[0] < 0.003
     assert across[1] < 0.006
 
@@ -246,7 +246,7 @@ def test_the_vehicle_drives_evenly_around_the_corners_of_a_rectangle(law):
     run = simulate_loop(SMALL, SHAPES["rectangle"](0.2), perfect=True, controller=SMALL.controller(law))
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(across) < 0.003
-    assert speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).uneven < 0.03
+    assert speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).unevenness < 0.03
     assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
     assert sign_changes(run.t_ns, run.sent_commands[:, 0]) == 0.0
 

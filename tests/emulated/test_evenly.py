@@ -32,6 +32,6 @@ def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route
     true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
     evenness = speed_errors(run.reference.t_ns[going], true, run.reference.nu[going, 0])
     assert evenness.error < 0.05
-    assert evenness.uneven < 0.03
+    assert evenness.unevenness < 0.03
     assert share_at_limit(run.sent_commands[going], limits_of(fitted_file.text)) == 0.0
     assert sign_changes(run.t_ns[going], run.sent_commands[going, 0]) == 0.0
