@@ -164,3 +164,17 @@ def test_a_refused_route_has_a_page_with_its_path_in_the_room(lab, tmp_path):
     assert lab("route", "check", "lab", "--vehicle", "small", "--room", "1x2", *files).code == 1
     assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["01-path.svg", "02-demands.svg"]
     assert "<svg" in (tmp_path / "lab.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("route", ["my side", "routes/my side.csv"])
+def test_the_headings_of_a_sideways_route_are_taken_from_its_path(lab, tmp_path, route):
+    lab("route", "draw", "line", "way")
+    head, *rows = (tmp_path / "routes" / "way.csv").read_text().splitlines()[1:]
+    psi = head.split(",").index("psi_rad")
+    turned = [",".join([*(row := line.split(","))[:psi], "1.5708", *row[psi + 1 :]]) for line in rows]
+    side = tmp_path / "routes" / "my side.csv"
+    side.write_text("\n".join(["# closed = false", head, *turned]), encoding="utf-8")
+    end = lab("route", "check", route, "--vehicle", "small")
+    assert cause_of(end.reason) == "route.sideways"
+    assert lab(*shlex.split(end.fix)[1:]).code == 0
+    assert lab("route", "check", "my side-turned", "--vehicle", "small").code == 0

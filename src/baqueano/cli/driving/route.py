@@ -1,5 +1,6 @@
 """Define `baqueano route`: draw, import, edit and check routes."""
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -203,13 +204,7 @@ def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json
 def join(route: str, other: str, name: str | None, as_json: bool) -> None:
     from baqueano.routes import join
 
-    apply_edit(
-        route,
-        f"{Path(other).stem}",
-        name,
-        as_json,
-        lambda original: join(original, options.find_route(other)),
-    )
+    apply_edit(route, Path(other).stem, name, as_json, lambda first: join(first, options.find_route(other)))
 
 
 @command.command("reverse", help="Reverse the direction of ROUTE.")
@@ -325,8 +320,13 @@ def pose_of(text: str, code: str) -> tuple[float, float, float]:
 
 
 def with_route_name(diagnostic: Diagnostic, route: str) -> Diagnostic:
-    """Return a copy of a finding whose suggested command contains the name of the route, quoted for the shell."""
-    return replace(diagnostic, fix=diagnostic.fix.replace(NAME, shell_command(route)))
+    """Return a copy of a finding whose suggested command contains the name or the file of the route, quoted for the
+    shell."""
+    if NAME not in diagnostic.fix:
+        return diagnostic
+    names = {NAME: route, f"routes/{NAME}.csv": options.route_path(route)}
+    words = [names.get(word, word.replace(NAME, Path(route).stem)) for word in shlex.split(diagnostic.fix)]
+    return replace(diagnostic, fix=shell_command(*words))
 
 
 def apply_edit(
