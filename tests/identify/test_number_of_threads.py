@@ -6,7 +6,7 @@ import sys
 
 SUMS = """
 import numpy as np
-from baqueano.numerics.autocorrelation import _lag_products
+from baqueano.numerics.autocorrelation import _first_lag_products
 from baqueano.identify.diagnostics.score_test import _product, _sums_by_part
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.identify.result.verdict import by_channel
@@ -20,7 +20,7 @@ parts = np.arange(n)[None] < [[n // 2], [n]]
 for sums in (
     *by_channel([channel], None)["odometer[0]"][0][1:3],
     channel_regression(z, h),
-    _lag_products(z[:, None], np.ones((n, 1))).tolist(),
+    _first_lag_products(z[:, None], np.ones((n, 1))).tolist(),
     _product(x.reshape(n, 15).T, z).tolist(),
     _sums_by_part(x, x, parts.sum(0), parts).tolist(),
 ):

@@ -1,8 +1,11 @@
 """An accelerometer in g that is read in m/s² shows by its steps or its noise; a modern one in m/s² does not."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
+from baqueano.errors import FileError
 from baqueano.runs import import_run
 
 ONLY_IMU = """format = 1
@@ -42,3 +45,13 @@ def test_steps_or_noise_of_an_accelerometer_reveal_g_but_not_a_modern_one(
     codes = [one.code for one in import_run(tmp_path / "map.toml", tmp_path / "log.csv").findings]
     for code in ("counts per g", "quiet accelerometer"):
         assert codes.count(code) == (2 if code == finding else 0), codes
+
+
+def test_huge_cells_of_an_accelerometer_do_not_overflow(tmp_path):
+    t = np.arange(300) * 0.02
+    columns = np.column_stack([t, np.sin(t), np.sin(t), np.cos(t), np.sin(t)])
+    columns[100:102, 2] = 1.7e308, -1.7e308
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="t,u,ax,ay,wz", comments="", fmt="%.17g")
+    (tmp_path / "map.toml").write_text(ONLY_IMU)
+    with np.errstate(over="raise"), suppress(FileError):
+        import_run(tmp_path / "map.toml", tmp_path / "log.csv")

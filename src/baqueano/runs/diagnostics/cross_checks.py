@@ -77,7 +77,7 @@ def _channel_findings(
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return
-    constant = np.ptp(z, axis=0) == 0.0
+    constant = np.max(z, axis=0) == np.min(z, axis=0)
     for i in np.flatnonzero(constant):
         reason = note("recording.constant", key=key, number=i, value=z[0, i], rows=len(z))
         yield ImportFinding("constant", "warning", None, reason)

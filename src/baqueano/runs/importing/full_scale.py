@@ -23,6 +23,7 @@ from baqueano.runs.importing.sources import Source
 from baqueano.runs.maps.columns import KINDS, ColumnSignal, Entry
 
 LARGEST_WORD = 32767.0
+LARGEST_NUMBER = 1e100  # a larger one is a damaged cell, and differences of such cells overflow
 WORD_SCALES = 2.0 ** np.arange(9, 17)
 
 
@@ -54,7 +55,7 @@ def _ends_of_entries(signal: ColumnSignal, source: Source) -> Iterator[tuple[int
 def _column_ends(words: np.ndarray, entry: Entry, measures: str) -> EndSamples:
     """Return the samples at full scale of a column, in its own numbers."""
     finite = words[np.isfinite(words)]
-    if len(finite) < MIN_SAMPLES:
+    if len(finite) < MIN_SAMPLES or np.max(np.abs(finite)) > LARGEST_NUMBER:
         return EndSamples(np.zeros(len(words), bool), [], 0)
     in_words = bool(np.all(finite == np.round(finite))) and float(np.ptp(finite)) > WORD_SCALES[0]
     is_16_bit = in_words and float(np.max(np.abs(finite))) <= LARGEST_WORD + 1.0
