@@ -175,6 +175,8 @@ class Estimate(NamedTuple):
     weight : ndarray (m,), optional
         Weight of each innovation [no unit]: 1 is the full weight, below ½ the channel is rejected; NaN without a
         measurement.
+    file_innovation_cov : ndarray (m, m), optional [SI, squared]
+        S with the noise of the vehicle file, from an estimator that adapts its noise to the run; else None.
 
     Examples
     --------
@@ -190,6 +192,7 @@ class Estimate(NamedTuple):
     innovation: np.ndarray | None = None
     innovation_cov: np.ndarray | None = None
     weight: np.ndarray | None = None
+    file_innovation_cov: np.ndarray | None = None
 
 
 class Reference(NamedTuple):

@@ -18,7 +18,14 @@ from typing import Any
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, merge_diagnostics, note
-from baqueano.monitor import REJECTIONS_SOURCE, Finding, Notice, SensorMonitor, rejection_event
+from baqueano.monitor import (
+    REJECTIONS_SOURCE,
+    Finding,
+    Notice,
+    SensorMonitor,
+    expected_innovation_cov,
+    rejection_event,
+)
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, EnvelopeMonitor
 
@@ -85,7 +92,7 @@ class Health:
 
     def misfit_message(self, t_ns: int, estimate: Any) -> Diagnostic | None:
         """Return a message when the model no longer fits, once per run; None otherwise.  (1)"""
-        y, S = estimate.innovation, estimate.innovation_cov
+        y, S = estimate.innovation, expected_innovation_cov(estimate)
         if self.reported or y is None or S is None:
             return None
         try:

@@ -30,6 +30,7 @@ from baqueano.estimators.augmented.motion import (
     velocity_error,
     wheel_velocity_cov,
 )
+from baqueano.estimators.augmented.noise_levels import NoiseLevels, file_levels
 from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
@@ -65,6 +66,7 @@ class AugmentedBelief(NamedTuple):
     pose_memory: PoseMemory  # of the sensors that measure the pose
     quiet_s: Value  # time since the last command, or since the last rejected channel
     drivetrain: DrivetrainState
+    noise_levels: NoiseLevels  # of this run, relative to the vehicle file
 
 
 @document
@@ -142,6 +144,13 @@ class AugmentedEkf:
         high=10.0,
         default=0.0,
     )
+    noise_gain: float = parameter(
+        "1",
+        "share of one reading in the noise levels, which the filter adapts to the run; 0: the noise of the file",
+        low=0.0,
+        high=0.1,
+        default=0.01,
+    )
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s", "standard deviations of (η, ν) at the start", low=0.0,
         default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),
@@ -157,7 +166,8 @@ class AugmentedEkf:
         states, cov = layout(self), np.diag(start_std(self) ** 2)
         mean, no_innovations = np.concatenate([eta, nu, np.zeros(states.size - 6)]), np.zeros(states.channels)
         memory = no_innovations, np.zeros((2, 2)), empty_memory(states.pose_groups, states.channels), 0.0
-        return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, self.vehicle.drivetrain.init())
+        begin = self.vehicle.drivetrain.init(), file_levels(states.channels)
+        return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, *begin)
 
     def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
@@ -176,8 +186,9 @@ class AugmentedEkf:
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         prediction = predict_row(
-            self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row
-        )
+            self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row,
+            belief.noise_levels.motion,
+        )  # fmt: skip
         x = Gaussian(prediction.mean, prediction.cov)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # for a dynamic model it follows from the state
@@ -187,7 +198,7 @@ class AugmentedEkf:
         at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
         model_nu = np.where(at_rest, 0.0, model_nu)
-        previous = belief.last_innovations, belief.pose_memory
+        previous = belief.last_innovations, belief.pose_memory, belief.noise_levels
 
         def correct(x: Gaussian, at_rest: bool) -> Value:
             if not np.any(layout(self).moving_mask[:, FORWARD_STATES[0]]):
@@ -206,14 +217,21 @@ class AugmentedEkf:
         mean_disturbance = mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], row.dt_s)
         memory = last_innovations, update.inconsistency, pose_memory, quiet_s
         next_belief = AugmentedBelief(
-            tick.t_ns, x.mean, x.cov, mean_disturbance, model_nu, *memory, drivetrain
+            tick.t_ns,
+            x.mean,
+            x.cov,
+            mean_disturbance,
+            model_nu,
+            *memory,
+            drivetrain,
+            innovations.noise_levels,
         )
         next_belief = tree_where(row.is_new, next_belief, belief)
         eta_nu = self._pose_and_velocity(next_belief.mean)
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
         nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
-        latest_innovation = innovations[3:6] if len(innovations.latest) else ()
+        latest_innovation = innovations[3:7] if len(innovations.latest) else ()
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)

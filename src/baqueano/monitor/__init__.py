@@ -7,6 +7,6 @@ from baqueano.monitor.agreement import AgreementMonitor
 from baqueano.monitor.findings import Finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S
 from baqueano.monitor.rejections import REJECTIONS_SOURCE, Rejections, rejection_event, rejections_in
-from baqueano.monitor.sensor_monitor import Notice, SensorMonitor
+from baqueano.monitor.sensor_monitor import Notice, SensorMonitor, expected_innovation_cov
 
 __all__ = ["Finding", "Rejections", "rejections_in"]

@@ -43,7 +43,7 @@ class SensorMonitor:
         agreement = AgreementMonitor(self._model, self._channel_indices)
         self.channels = agreement.channels
         self._block = compile_block(agreement)
-        self._block.step(agreement.init(), tick, estimate.innovation, estimate.innovation_cov)
+        self._block.step(agreement.init(), tick, estimate.innovation, expected_innovation_cov(estimate))
         self._innovations = m
         self.begin()
 
@@ -94,7 +94,7 @@ class SensorMonitor:
                 self._refusals[k] += weight < 0.5
         if self._has_failed:
             return []
-        y, S = estimate.innovation, estimate.innovation_cov
+        y, S = estimate.innovation, expected_innovation_cov(estimate)
         try:
             for silent in self._model.rows_before(self._state.model, tick):
                 nothing = None if y is None else np.full(len(y), np.nan)
@@ -147,3 +147,9 @@ def innovation_channels(estimator: Estimator, sensors: SensorBlocks, m: int) -> 
     except (AttributeError, TypeError, ValueError):
         return None
     return indices if len(indices) == m and m else None
+
+
+def expected_innovation_cov(estimate: Estimate) -> np.ndarray | None:
+    """Return S (m, m) with the noise of the vehicle file, also of an estimator that adapts its noise to the run."""
+    cov = estimate.file_innovation_cov
+    return estimate.innovation_cov if cov is None else cov

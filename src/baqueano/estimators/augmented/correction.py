@@ -16,6 +16,12 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.motion import disturbance_acceleration
+from baqueano.estimators.augmented.noise_levels import (
+    InnovationSquares,
+    NoiseLevels,
+    file_innovation_cov,
+    levels_after,
+)
 from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Correction, Gaussian, boxplus, correct
@@ -50,6 +56,8 @@ class Innovations(NamedTuple):
     y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
     S: np.ndarray  # (m, m)
     weight: np.ndarray  # (m,) weights; NaN for a channel without a measurement
+    file_S: np.ndarray  # (m, m) S with the noise of the vehicle file
+    noise_levels: NoiseLevels
     update: Correction
     growth_factors: np.ndarray  # (n,) D of place_gate.py, before the update
 
@@ -57,7 +65,7 @@ class Innovations(NamedTuple):
 def correct_tick(
     estimator: "AugmentedEkf",
     x: Gaussian,
-    previous: tuple[np.ndarray, PoseMemory],
+    previous: tuple[np.ndarray, PoseMemory, NoiseLevels],
     effort: Effort,
     nu_dot: Value,
     tick: Tick,
@@ -66,15 +74,19 @@ def correct_tick(
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `previous` contains the innovations (m,) and the PoseMemory of the previous row. `nu_dot` (3,) is the acceleration
-    of a kinematic model, and None for a dynamic model. `at_rest` selects the states that each channel may correct.
+    `previous` contains the innovations (m,), the PoseMemory and the NoiseLevels of the previous row. `nu_dot` (3,) is
+    the acceleration of a kinematic model, and None for a dynamic model. `at_rest` selects the states that each channel
+    may correct.
     """
-    states, (last_innovations, place_doubt), n = layout(estimator), previous, len(x.mean)
+    states, (last_innovations, place_doubt, levels), n = layout(estimator), previous, len(x.mean)
     if not len(states.moving_mask):
         none, no_rows = last_innovations, np.zeros((0, n))
         update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
-        return x, Innovations(none, place_doubt, 0.0, none, np.zeros((0, 0)), none, update, np.ones(n))
-    y, H, Q, has, corrections = _compared_channels(estimator, x, effort, nu_dot, tick)
+        return x, Innovations(
+            none, place_doubt, 0.0, none, np.zeros((0, 0)), none, np.zeros((0, 0)), levels, update, np.ones(n)
+        )
+    y, H, file_cov, has, corrections = _compared_channels(estimator, x, effort, nu_dot, tick)
+    Q = levels.sensor_cov(file_cov)
     H_of_present = H * has[:, None]
     channels = PoseChannels(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, corrections)
     decision = gate_decision(states.pose_groups, channels, place_doubt, dt_s, estimator.gate_sigma)
@@ -100,9 +112,16 @@ def correct_tick(
     rejected_count = np.sum(np.where(w < 0.5, has, 0.0))
     latest_innovations = np.where(has > 0.0, update.e * np.sqrt(update.s), last_innovations)
     S = mirror_upper(H @ x.cov @ H.T + Q)
+    is_within_gate = last_innovations**2 <= estimator.gate_sigma**2 * np.diag(S)
+    squares = InnovationSquares(y, S, Q, np.where((w >= 0.5) & is_within_gate, has, 0.0))
+    file_S = file_innovation_cov(levels, squares, states)
+    if not at_rest:
+        levels = levels_after(levels, squares, states, estimator.noise_gain)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(has > 0.0, values, np.nan) for values in (y, w))
-    return x, Innovations(latest_innovations, decision.memory, rejected_count, y, S, w, update, D)
+    return x, Innovations(
+        latest_innovations, decision.memory, rejected_count, y, S, w, file_S, levels, update, D
+    )
 
 
 class _ComparedChannels(NamedTuple):

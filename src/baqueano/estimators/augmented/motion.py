@@ -42,9 +42,17 @@ BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
 
 def predict_row(
-    estimator: "AugmentedEkf", x: Gaussian, mean_disturbance: np.ndarray, effort: Effort, row: FilterRow
+    estimator: "AugmentedEkf",
+    x: Gaussian,
+    mean_disturbance: np.ndarray,
+    effort: Effort,
+    row: FilterRow,
+    noise_level: np.ndarray,
 ) -> StatePrediction:
-    """Return mean, covariance and G of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
+    """Return mean, covariance and G of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)
+
+    `noise_level` (2,) is κ of noise_levels.py.
+    """
     n = len(x.mean)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
@@ -55,7 +63,7 @@ def predict_row(
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
         rest_cov = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
-            [process_noise_cov(estimator, mean[2], row, G[4, 4]), constant]
+            [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level), constant]
         ) + block_diagonal([rest_cov, np.zeros((n - 3, n - 3))])
 
     motion = predict(
@@ -116,17 +124,23 @@ def wheel_velocity_cov(estimator: "AugmentedEkf", speed: Value, gain: Value) -> 
 
 
 def process_noise_cov(
-    estimator: "AugmentedEkf", psi: Value, row: FilterRow, nu_y_factor: Value
+    estimator: "AugmentedEkf", psi: Value, row: FilterRow, nu_y_factor: Value, noise_level: np.ndarray
 ) -> np.ndarray:
     """Return the covariance (8, 8) that a row adds to (η, ν, d): the walks of ν and d, and their displacement.
 
     The displacement has the variance σ² δ³/3: σ² δ³/4 is correlated with the change of ν, σ² δ³/12 is not. The change
     of ν by d is computed in the same manner. `nu_y_factor` is the part of ν_y that remains after a row.  (7)
+    `noise_level` (2,) multiplies the variances of the speed, and of the yaw rate with the sideways velocity.
     """
     W, E = _push_matrix(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     J, D, moved_s = map_from_body(psi) @ W, W @ E, row.moved_s
-    d = estimator.disturbance_std**2 * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
-    walk, nu_gain, eta_gain = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ E
+    d = (
+        noise_level
+        * estimator.disturbance_std**2
+        * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
+    )
+    walk = estimator.velocity_walk_std**2 * row.dt_s * noise_level[[0, 1, 1]]
+    nu_gain, eta_gain = D, 0.5 * moved_s * J @ E
     if is_dynamic(estimator.vehicle):
         sideways_factor = np.maximum(nu_y_factor, 0.0)
         fading_weights = np.array([1.0, (1.0 + sideways_factor * (4.0 + sideways_factor)) / 6.0, 1.0])

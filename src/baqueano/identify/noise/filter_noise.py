@@ -101,7 +101,7 @@ def filter_noise(
 ) -> AugmentedEkf:
     """Return the filter of the fitted file, with the noise of the model and of its sensors. `q` (in motion) and `rest`
     are the sensors' covariances from the residuals of the fit. `speed_from` is the field of the filter."""
-    estimator = replace(fit.file.estimator(), speed_from=speed_from)
+    estimator = replace(fit.file.estimator(), speed_from=speed_from, noise_gain=0.0)
     filter_layout = layout(estimator)
     inertial = {bias.sensor for bias in filter_layout.biases}
     sensors, sensors_of_fit, rounding = estimator.sensors, fit.vehicle_file.sensors, {}
