@@ -3,11 +3,12 @@ frames do not change the result.
 """
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from baqueano.estimators import Ekf
+from baqueano.estimators import Ekf, Unscented
 from baqueano.estimators.readings.gate import gate_limit
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu
@@ -49,13 +50,44 @@ def same(a, b):
 GOOD = [tick(k, z=(0.3, 0.02, 0.1)) for k in range(1, 6)]
 
 
-@pytest.mark.parametrize("bad", [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, -np.inf), (np.inf, -np.inf, 0)])
-def test_es4_a_reading_that_is_not_finite_does_not_enter_the_state(bad):
-    belief, _ = after(ekf(), GOOD)
-    hit, estimate = ekf().step(belief, tick(6, z=bad))
-    silent, _ = ekf().step(belief, tick(6))
-    assert same(hit[:4], silent[:4])
-    assert np.all(np.isnan(estimate.innovation))
+class PartOfImu(NamedTuple):
+    """A sensor that has only some channels of an IMU: an oracle for readings in which the others are NaN."""
+
+    imu: Imu
+    channels: list[int]
+    kind: str = "imu"
+    rate_hz: float = 100.0
+    delay_s: float = 0.0
+    delay_slots: int = 0
+
+    @property
+    def size(self):
+        return len(self.channels)
+
+    @property
+    def cov(self):
+        return self.imu.cov[np.ix_(self.channels, self.channels)]
+
+    def h(self, motion):
+        return self.imu.h(motion)[self.channels]
+
+
+@pytest.mark.parametrize("kind", [Ekf, Unscented])
+@pytest.mark.parametrize(
+    "bad", [(np.nan, 0.01, 0.1), (0.3, np.inf, 0.1), (0.3, np.nan, -np.inf), (np.nan,) * 3]
+)
+def test_es4_a_channel_that_is_not_finite_leaves_no_trace_in_the_state(kind, bad):
+    good = [int(k) for k in np.flatnonzero(np.isfinite(bad))]
+    whole, part = (
+        compile_block(kind(SMALL, Sensors(imu), R), "python") for imu in (IMU, PartOfImu(IMU, good))
+    )
+    belief, _ = after(whole, GOOD)
+    hit, estimate = whole.step(belief, tick(6, z=bad))
+    expected, _ = part.step(belief, tick(6, z=np.array(bad)[good]))
+    np.testing.assert_allclose(hit.mean, expected.mean, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(hit.cov, expected.cov, rtol=1e-9, atol=1e-18)
+    assert np.array_equal(np.isfinite(estimate.innovation), np.isfinite(bad))
+    assert np.array_equal(np.isfinite(estimate.weight), np.isfinite(bad))
 
 
 def test_es4_a_command_that_is_not_finite_does_not_enter_the_state():

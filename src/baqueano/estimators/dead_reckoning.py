@@ -183,7 +183,7 @@ class DeadReckoning:
         at_rest = (rest_s > MIN_REST_S) & np.all(np.abs(mean[3:6]) < MAX_REST_NU)
         has = at_rest & has_measurement(sensor, getattr(tick.sensors, gyro.name), gyro.rows)
         H, q = np.eye(9)[BIAS_INDEX][None], np.array([sensor.cov[k, k]])
-        update = correct(cov, mean[5:6], H, q, weight=lambda c, e, s: np.where(has, 1.0, 0.0))
+        update = correct(cov, mean[5:6], H, q, has=np.where(has, np.ones(1), 0.0))
         return boxplus(mean, update.move), update.cov
 
     def _reading_times(

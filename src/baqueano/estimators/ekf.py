@@ -36,8 +36,8 @@ from baqueano.estimators.pauses import (
     step_in_rows,
     unmoved_cov,
 )
-from baqueano.estimators.readings.gate import gate_limit
-from baqueano.estimators.readings.sensor_numbers import age_s, check_use, has_measurement
+from baqueano.estimators.readings.gate import is_within_gate
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import difference
@@ -225,16 +225,13 @@ class Ekf:
         sensor = getattr(self.sensors, name)
         old_s = self._age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
-        has_reading = has_measurement(sensor, slot)
-        y = difference(sensor, np.where(has_reading, slot.z, z_bar), z_bar)
-        update = correct(cov, y, H, Q)
-        limit = INF if self.mode == "paper" else gate_limit(self.gate_sigma, len(y))
-        is_accepted = has_reading if limit == INF else has_reading & (np.sum(update.e**2) <= limit)
+        has = measured_channels(sensor, slot)
+        y = difference(sensor, np.where(has > 0.0, slot.z, z_bar), z_bar)
+        update = correct(cov, y, H, Q, has=has)
+        is_accepted = is_within_gate(update.e, has, INF if self.mode == "paper" else self.gate_sigma)
         mean = np.where(is_accepted, boxplus(mean, update.move), mean)
         S = mirror_upper(H @ cov @ H.T + Q)
-        y, w = (
-            np.where(has_reading, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0) * np.ones(len(y)))
-        )
+        y, w = (np.where(has > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
         return mean, np.where(is_accepted, update.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:

@@ -11,7 +11,8 @@ channel at a time. With Q = L diag(q) Lᵀ, the entries of L⁻¹ z have indepen
 
 (3) computes the same Δ and P as all rows at once, without a matrix to invert; yᵀ S⁻¹ y = Σ e², log |S| = Σ log s. E is
 1 for an estimated state, and 0 for a consider state: its uncertainty is included, but its estimate is constant. A
-weight w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has no effect. Derivation:
+weight w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has no effect. A channel without a measurement
+has weight 0 and independent noise, so the others are corrected as if it did not exist. Derivation:
 docs/derivations/kalman.md. Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968 for (4); Schmidt 1966 for E.
 """
 
@@ -72,13 +73,18 @@ def correct(
     Q: np.ndarray,
     estimated: np.ndarray | None = None,
     weight: Callable[[int, Value, Value], object] | None = None,
+    has: np.ndarray | None = None,
 ) -> Correction:
     """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
     H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent channels; each variance is above 0.
     `estimated` is E: (n,) for all channels, or (m, n) with a row for each channel; the default is ones. The function
-    `weight(c, e, s)` returns the weight w of channel c.
+    `weight(c, e, s)` returns the weight w of channel c. `has` (m,) is 1 for a channel with a measurement and 0 for one
+    without: its y can be NaN, its e and w are 0. The default is ones.
     """
+    if has is not None:
+        y = np.where(has > 0.0, y, 0.0)
+        Q = Q if Q.ndim == 1 else np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
     y, H, q = independent(y, H, Q)
     E = None if estimated is None else np.broadcast_to(estimated, H.shape)
     P, move, e, s, weights, gains = cov, np.zeros(cov.shape[0]), [], [], [], []
@@ -87,8 +93,9 @@ def correct(
         cross = H[c] @ PH
         s.append(cross + q[c])
         remainder = y[c] - H[c] @ move
-        e.append(remainder / np.sqrt(s[c]))
-        weights.append(1.0 if weight is None else weight(c, e[c], s[c]))
+        e.append(remainder / np.sqrt(s[c]) * (1.0 if has is None else has[c]))
+        w = 1.0 if weight is None else weight(c, e[c], s[c])
+        weights.append(w if has is None else has[c] * w)
         w = weights[c]
         gains.append(PH * (w / s[c]))
         K = gains[c] if E is None else E[c] * gains[c]

@@ -34,8 +34,8 @@ from baqueano.estimators.pauses import (
     step_in_rows,
     unmoved_cov,
 )
-from baqueano.estimators.readings.gate import gate_limit
-from baqueano.estimators.readings.sensor_numbers import age_s, check_use, has_measurement
+from baqueano.estimators.readings.gate import is_within_gate
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels
 from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
@@ -183,22 +183,16 @@ class Unscented:
 
         centre = h(x.mean)
         spread_points = propagate(lambda x: difference(sensor, h(x), centre), x)
-        has_reading = has_measurement(sensor, slot)
-        y = np.where(
-            has_reading,
-            difference(sensor, np.where(has_reading, slot.z, centre), centre) - spread_points.mean,
-            0.0,
-        )
+        has = measured_channels(sensor, slot)
+        y = difference(sensor, np.where(has > 0.0, slot.z, centre), centre) - spread_points.mean
         Q = mirror_upper(sensor.cov + spread_points.even_part @ spread_points.even_part.T)
-        update = correct(np.eye(9), y, spread_points.odd_part, Q)
-        is_accepted = has_reading & (np.sum(update.e**2) <= gate_limit(self.gate_sigma, len(y)))
+        update = correct(np.eye(9), y, spread_points.odd_part, Q, has=has)
+        is_accepted = is_within_gate(update.e, has, self.gate_sigma)
         mean = np.where(is_accepted, boxplus(x.mean, spread_points.root @ update.move), x.mean)
         cov = np.where(
             is_accepted, mirror_upper(spread_points.root @ update.cov @ spread_points.root.T), x.cov
         )
-        y, w = (
-            np.where(has_reading, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0) * np.ones(len(y)))
-        )
+        y, w = (np.where(has > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
         return Gaussian(mean, cov), y, mirror_upper(spread_points.odd_part @ spread_points.odd_part.T + Q), w
 
 

@@ -161,10 +161,9 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
             offset = offset + m * m
         belief, estimate = trial_filter.row(belief, tick)
         square, log_det, count = 0.0, 0.0, 0.0
-        for has, sensor_log_det, sensor_square, m in terms_by_sensor(ekf, tick, estimate):
-            square = square + np.where(has, np.minimum(sensor_square, ROBUST_SIGMA**2 * m), 0.0)
-            log_det = log_det + np.where(has, sensor_log_det, 0.0)
-            count = count + np.where(has, float(m), 0.0)
+        for sensor_log_det, sensor_square, m in terms_by_sensor(ekf, estimate):
+            square = square + np.minimum(sensor_square, ROBUST_SIGMA**2 * m)
+            log_det, count = log_det + sensor_log_det, count + m
         return belief, np.array([square, log_det, count])
 
     return step

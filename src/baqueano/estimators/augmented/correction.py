@@ -105,10 +105,8 @@ def correct_tick(
         return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD_GATE_RATIO) / limit) ** 8)
 
     E = states.resting_mask if at_rest else states.moving_mask
-    # a channel without a measurement has weight 0, and its noise is independent of the others
-    noise_cov = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
-    update = correct(x.cov, y * has, H, noise_cov, E, lambda c, e, s: has[c] * weight(c, e, s))
-    w = np.array([weight(c, update.e[c], update.s[c]) for c in range(len(y))])
+    update = correct(x.cov, y, H, Q, E, weight, has)
+    w = update.weight
     rejected_count = np.sum(np.where(w < 0.5, has, 0.0))
     latest_innovations = np.where(has > 0.0, update.e * np.sqrt(update.s), last_innovations)
     S = mirror_upper(H @ x.cov @ H.T + Q)

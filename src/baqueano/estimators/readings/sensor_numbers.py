@@ -69,6 +69,11 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], allow_channels: bool 
             raise Invalid(fault("field.use", value=entry, valid=names))
 
 
+def measured_channels(sensor: Sensor, slot: Slot) -> np.ndarray:
+    """Return 1 (m,) for each channel of which a finite measurement arrived, else 0."""
+    return np.where((slot.has > 0.0) & np.isfinite(slot.z), 1.0, 0.0) * np.ones(sensor.size)
+
+
 def has_measurement(sensor: Sensor, slot: Slot, rows: tuple[int, ...] | None = None) -> Value:
     """Return True if a measurement arrived and is finite, in all its entries or in those of `rows`."""
     z = slot.z if rows is None else slot.z[list(rows)]

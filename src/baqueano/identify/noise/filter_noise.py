@@ -322,8 +322,7 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
         assert y is not None
         assert S is not None
         is_used = np.where(is_correcting & np.isfinite(y), 1.0, 0.0)
-        S = S * is_used[:, None] * is_used[None, :] + np.diag(1.0 - is_used)
-        log_det, square = log_det_and_square(S, np.where(is_used > 0.0, y, 0.0))
+        log_det, square = log_det_and_square(S, y, is_used)
         m = np.maximum(np.sum(is_used), 1.0)
         return belief, 0.5 * (log_det + robust_square(square, ROBUST_SIGMA * np.sqrt(m)))
 

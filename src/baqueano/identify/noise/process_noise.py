@@ -58,9 +58,9 @@ def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], flo
     return cost
 
 
-def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:
-    """Return log |S| and yᵀ S⁻¹ y for a symmetric positive definite S (m, m), by elimination."""
-    m = len(y)
+def log_det_and_square(S: np.ndarray, y: np.ndarray, has: np.ndarray) -> tuple[Tree, Tree]:
+    """Return log |S| and yᵀ S⁻¹ y of the entries with `has` (m,) 1, not 0; S (m, m) is positive definite."""
+    S, y, m = S * np.outer(has, has) + np.diag(1.0 - has), np.where(has > 0.0, y, 0.0), len(y)
     rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
     for k in range(m):
         pivot = rows[k][k]
@@ -96,25 +96,25 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
 
 
-def terms_by_sensor(ekf: Ekf, tick: Tick, estimate: Estimate) -> Iterator[tuple[Tree, Tree, Tree, int]]:
-    """Yield for each sensor if it measured, log |S|, yᵀ S⁻¹ y (0 without a measurement), and its size m."""
+def terms_by_sensor(ekf: Ekf, estimate: Estimate) -> Iterator[tuple[Tree, Tree, Tree]]:
+    """Yield for each sensor log |S| and yᵀ S⁻¹ y of its measured channels, and their number; 0 without any."""
     innovation, cov, offset = estimate.innovation, estimate.innovation_cov, 0
     assert innovation is not None
     assert cov is not None
     for name in ekf.use:
-        m = getattr(ekf.sensors, name).size
-        span, has = slice(offset, offset + m), getattr(tick.sensors, name).has > 0.0
-        yield has, *log_det_and_square(cov[span, span], np.where(has, innovation[span], 0.0)), m
-        offset += m
+        span = slice(offset, offset + getattr(ekf.sensors, name).size)
+        has = np.where(np.isfinite(innovation[span]), 1.0, 0.0)
+        yield *log_det_and_square(cov[span, span], innovation[span], has), np.sum(has)
+        offset = span.stop
 
 
 def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = with_value(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q))).row(belief, tick)
         total = 0.0
-        for has, log_det, square, m in terms_by_sensor(ekf, tick, estimate):
-            rho = robust_square(square, ROBUST_SIGMA * np.sqrt(m))
-            total = total + np.where(has, 0.5 * (log_det + rho), 0.0)
+        for log_det, square, count in terms_by_sensor(ekf, estimate):
+            rho = robust_square(square, ROBUST_SIGMA * np.sqrt(np.maximum(count, 1.0)))
+            total = total + np.where(count > 0.0, 0.5 * (log_det + rho), 0.0)
         return belief, total
 
     return step
