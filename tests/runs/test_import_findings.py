@@ -171,6 +171,36 @@ def test_identical_repeated_rows_are_removed_and_contradicting_repeats_are_refus
     assert imu_by_choice["last"] - imu_by_choice["first"] == pytest.approx(1.0)
 
 
+def in_two_rows(columns):
+    """Return the columns as written by a logger with a row for each topic: the IMU, then all other cells."""
+    n, imu = len(columns["t"]), {"ax", "ay", "wz"}
+    rows = {
+        name: np.where(np.tile([name in imu, name not in imu], n), np.repeat(column, 2), np.nan)
+        for name, column in columns.items()
+    }
+    return rows | {"t": np.repeat(columns["t"], 2)}
+
+
+def test_rows_of_two_topics_with_the_same_time_are_joined(lab):
+    expected, _ = lab.run()
+    lab.board = in_two_rows(lab.board)
+    run, findings = lab.run()
+    joined = [d for d in findings if d.reason.code == "recording.joined"]
+    figures = {"table": "board.csv", "count": 3000, "times": 1500, "line": 2}
+    assert [(d.reason.figures, d.level) for d in joined] == [(figures, "info")]
+    assert not [d for d in findings if d.reason.code in ("recording.missing", "recording.repeats")]
+    assert np.array_equal(run.applied_commands, expected.applied_commands)
+    for name, channel in expected.sensors.items():
+        assert np.array_equal(run.sensors[name].z, channel.z)
+        assert np.array_equal(run.sensors[name].t_ns, channel.t_ns)
+
+
+def test_rows_of_one_time_with_two_values_of_a_column_are_refused(lab):
+    lab.board = in_two_rows(lab.board)
+    lab.board["ax"][201] = 0.5  # row 200 gives another value
+    lab.refused("import.repeats")
+
+
 def test_gaps_are_reported_with_their_line_and_duration(lab):
     keep = np.ones(1500, dtype=bool)
     keep[100:105] = keep[700] = False

@@ -14,7 +14,7 @@ KIND_CODES = (  # codes as words; `accept` in a map takes them in English
     N_("clock"), N_("track"), N_("sign"), N_("mirrored"), N_("heading offset"), N_("repeats"), N_("gap"),
     N_("time jump"), N_("time unit"), N_("time steps back"), N_("short"), N_("no command yet"), N_("no command"),
     N_("missing"), N_("no time"), N_("cut line"), N_("not in all files"), N_("counter overflow"),
-    N_("full scale"), N_("axes"), N_("counter"),
+    N_("full scale"), N_("axes"), N_("counter"), N_("joined rows"),
 )  # fmt: skip
 
 

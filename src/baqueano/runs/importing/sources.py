@@ -21,6 +21,7 @@ from baqueano.errors import FileError
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.imu_axes import axis_names
+from baqueano.runs.importing.joined_rows import joined_rows
 from baqueano.runs.importing.timing import increasing_rows, row_times
 from baqueano.runs.maps.column_map import data_folders, maps_folder
 from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
@@ -339,6 +340,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[Import
         reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~is_known))
         findings.append(ImportFinding("no time", "warning", None, reason))
         table, t_ns = table.rows_where(is_known), t_ns[is_known]
+    table, t_ns = joined_rows(table, t_ns, spec, {*table.columns}, findings)
     is_kept = increasing_rows(table, t_ns, spec, _columns(m, spec), m, findings)
     table, t_ns = table.rows_where(is_kept), t_ns[is_kept]
     if spec.new_when is not None:

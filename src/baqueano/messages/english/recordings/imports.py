@@ -139,6 +139,10 @@ TEMPLATES = {
         "{table}: {count} rows repeat the time of the previous row, the first at line {line}; one row of "
         "each time was kept"
     ),
+    "recording.joined": (
+        "{table}: {count} rows with {times} times contain different columns of the same time, the first at line "
+        "{line}. The rows of each time were joined, because no column has two different values at one time"
+    ),
     "recording.gap": "{table}: {gap_s:.3f} s without a row after line {line} (usual step {usual_s:.3f} s)",
     "recording.more-gaps": "{table}: and {more} more gaps",
     "recording.tick-lasts": (
