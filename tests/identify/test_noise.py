@@ -32,7 +32,7 @@ from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load, parse
+from baqueano.vehicle_file import Provenance, load, parse
 from tests.codes import of_code
 from tests.ekf_file import with_ekf
 
@@ -317,3 +317,14 @@ def test_no_noise_of_two_wheels_trusts_one_of_them():
     mean, turn = (np.exp(2.0 * x[k]) for k, one in enumerate(free) if ".wheels." in one.path)
     assert left == right
     assert (0.5 * (left + both), 0.5 * (left - both)) == (pytest.approx(mean), pytest.approx(turn))
+
+
+def test_a_sensor_quieter_than_its_noise_in_the_file_is_reported_only_if_this_noise_was_measured(small):
+    """A file of the garage contains typical noise. A quiet chip on a smooth floor is not an error."""
+    quiet = small.with_values({"sensors.imu.accel_noise_std": [0.015, 0.015]})
+    run = simulate(quiet, excitation("random_steps", small.command.limit, 20.0, 100.0, 4), 4)
+    key = "sensors.imu.measurement_noise_cov"
+    origin = {key: Provenance("0001-experiment", verdict="USABLE")}
+    measured = small.with_values({key: small.sensors.imu.cov.tolist()}, origin)
+    assert "file.quiet" not in {reason.code for reason in identify(run, small).reasons}
+    assert "file.quiet" in {reason.code for reason in identify(run, measured).reasons}

@@ -76,9 +76,9 @@ def read_history(
     return _provenance(report, data, folder), _parameter_cov(report, data, folder)
 
 
-def is_measured(provenance: dict[str, Provenance]) -> bool:
-    """Return True if a value of the model was measured on the vehicle, by a fit that was not refused."""
-    return any(k.startswith("model.") and p.verdict not in UNMEASURED_VERDICTS for k, p in provenance.items())
+def is_measured(provenance: dict[str, Provenance], prefix: str = "model.") -> bool:
+    """Return True if the vehicle's value of a key that begins with `prefix` is from a fit that was not refused."""
+    return any(k.startswith(prefix) and p.verdict not in UNMEASURED_VERDICTS for k, p in provenance.items())
 
 
 def _with_present_keys(table: "JsonObject") -> "JsonObject":

@@ -18,7 +18,8 @@ UNIT_CODES = {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}
 def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> residual_checks.Diagnosis:
     """Return messages on a finished search and its data, and their consequences for the shared entries of θ.
 
-    `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file.
+    `std` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file,
+    0 if it was not measured.
     """
     problem, theta, mask = end.task.problem, end.search.solution.theta, end.identifiability.mask
     s, is_finite, is_start = problem.layout.shared_count, np.isfinite(theta).all(), np.ones(len(theta), bool)

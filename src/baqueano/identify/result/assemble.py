@@ -31,6 +31,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import parallel_map
+from baqueano.vehicle_file.provenance import is_measured
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
 MAX_BOUND_EXCESS_SIGMA = 3.0
@@ -132,7 +133,10 @@ def _diagnosis(end: FinishedFit, std: np.ndarray) -> Diagnosis:
     if is_skipped or report(_("testing for effects that the model lacks")) is True:
         s = end.task.problem.layout.shared_count
         return Diagnosis(list(end.findings), np.zeros((s, s)), np.zeros(s))
-    return diagnose(end, std, sigma_of_file(end.blocks.sensors))
+    sensors, origins = end.blocks.sensors, end.vehicle_file.provenance
+    measured = [is_measured(origins, f"sensors.{name}.measurement_noise_cov") for name in sensors._fields]
+    is_known = np.repeat(measured, [sensor.size for sensor in sensors])
+    return diagnose(end, std, np.where(is_known, sigma_of_file(sensors), 0.0))
 
 
 def _bound_excess(end: FinishedFit, std: np.ndarray) -> np.ndarray:
