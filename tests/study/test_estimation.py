@@ -78,6 +78,18 @@ def test_the_camera_speed_is_measured_along_the_heading():
     assert np.max(np.abs(speed[finite] - V)) < 2e-3  # (R · 0.15 s)² / 10 of it
 
 
+@pytest.mark.parametrize("frame_s", [0.1, 0.2])
+def test_a_slow_camera_with_lost_frames_shows_the_speed(frame_s):
+    _, run = circle(8.0)
+    frames = np.searchsorted(run.truth.t_ns, np.arange(0, 8, frame_s) * 1e9 + run.truth.t_ns[0])
+    frames = np.delete(frames, [11, 23])
+    truth = TruthLog(*(column[frames] for column in run.truth))
+    speed = true_speed(run.t_ns, truth)
+    finite = np.isfinite(speed)
+    assert finite.mean() > 0.7
+    assert np.max(np.abs(speed[finite] - V)) < 0.1 * (6.0 * frame_s * R) ** 2
+
+
 def test_an_estimate_with_half_the_error_has_the_ratio_one_half():
     _, run = circle()
     eta = run.truth.eta.copy()

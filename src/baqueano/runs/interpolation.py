@@ -1,7 +1,7 @@
 """Interpolate a log between its samples; in a gap the result is NaN.
 
-The speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± HALF_WINDOW_S. The
-speed is then the parabola's slope along the heading.
+The speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± HALF_WINDOW_S, or
+± HALF_WINDOW_STEPS of a slow camera. The speed is then the parabola's slope along the heading.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from baqueano.runs.run import TruthLog
 from baqueano.signals import NANOSECONDS, seconds
 
 MAX_GAP_S = 0.5  # longest gap that is interpolated
-HALF_WINDOW_S = 0.15  # of the parabola
+HALF_WINDOW_S, HALF_WINDOW_STEPS, MAX_HALF_WINDOW_S = 0.15, 3.0, 0.6  # of the parabola
 
 
 def interpolate_rows(t_ns: np.ndarray, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -48,10 +48,12 @@ def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
     eta = truth.eta[has_pose := np.isfinite(truth.eta).all(axis=1)]
     sample_ns, speeds = truth.t_ns[has_pose], np.full(len(t_ns), np.nan)
     since_s = seconds(sample_ns, t_ns[0])
+    step_s = float(np.median(np.diff(since_s))) if len(since_s) > 1 else 0.0
+    half_s = min(max(HALF_WINDOW_S, HALF_WINDOW_STEPS * step_s), MAX_HALF_WINDOW_S)
     for i, t_s in enumerate(seconds(t_ns, t_ns[0])):
-        a, b = np.searchsorted(since_s, [t_s - HALF_WINDOW_S, t_s + HALF_WINDOW_S])
+        a, b = np.searchsorted(since_s, [t_s - half_s, t_s + half_s])
         near_s = since_s[a:b] - t_s
-        if len(near_s) >= 5 and near_s[0] < -0.5 * HALF_WINDOW_S and near_s[-1] > 0.5 * HALF_WINDOW_S:
+        if len(near_s) >= 5 and near_s[0] < -0.5 * half_s and near_s[-1] > 0.5 * half_s:
             velocity = np.linalg.lstsq(np.vander(near_s, 3), eta[a:b, :2], rcond=None)[0][1]
             psi = eta[a + int(np.argmin(np.abs(near_s))), 2]
             speeds[i] = velocity @ [np.cos(psi), np.sin(psi)]
