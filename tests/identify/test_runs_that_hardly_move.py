@@ -107,3 +107,11 @@ def test_many_short_runs_at_constant_speed_identify_the_gain():
     fit = identify(runs, parse(CART, "cart"), ["model.velocity_matrix[0,0]"])
     assert fit.verdict == "USABLE"
     assert abs(fit.value("model.velocity_matrix[0,0]") - 0.04) < 4.0 * fit.std[0]
+
+
+def test_jumps_of_the_prediction_are_not_explained_variance():
+    """A kinematic model jumps at each change of a command, and predicts impulses of acceleration that do not occur."""
+    rng = np.random.default_rng(0)
+    z, h = rng.normal(0.0, 0.3, 2000), np.zeros(2000)
+    h[::100] = 40.0
+    assert explained_variance(z, h, 0.3) < 0.0

@@ -57,6 +57,14 @@ def test_a_correct_model_explains_unseen_runs_as_well_as_fitted_runs(fit, small)
         assert figure.explained_fraction == pytest.approx(figure.on_own_runs, abs=0.1)
 
 
+def test_outliers_lower_the_explained_part_of_own_and_held_out_runs_alike(small):
+    runs = [run(small, seed) for seed in (1, 2)]
+    for one in runs:
+        one.sensors["imu"].z[::20, 2] += 6.0
+    (figure,) = [f for f in validate(identify(runs[0], small), runs[1]).figures if f.channel == "imu[2]"]
+    assert figure.explained_fraction == pytest.approx(figure.on_own_runs, abs=0.1)
+
+
 def test_a_run_of_another_vehicle_is_not_explained(fit, small):
     turned_matrix = -np.asarray(small.value("model.actuator_matrix"))
     validation = validate(fit, run(small, 4, **{"model.actuator_matrix": turned_matrix.tolist()}))

@@ -273,15 +273,14 @@ def _channel_metrics(
     the fit. Also return the evidence against the model."""
     own_channels = [channel for channel in own_channels if np.isfinite(channel.explained_fraction)]
     e = c.residuals
-    explained_fraction = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measurements), 1e-300))
     metrics = ChannelMetrics(
-        c.run, c.label, float(np.sqrt(np.nanmean(e**2))), explained_fraction, np.nan, unit
+        c.run, c.label, float(np.sqrt(np.nanmean(e**2))), _explained_fraction([c]), np.nan, unit
     )
     if not own_channels:
         return metrics, []
     errors, own_errors = _channel_errors(c, own_channels)
     samples = [np.isfinite(channel.measurements).sum() for channel in own_channels]
-    share = float(np.average([channel.explained_fraction for channel in own_channels], weights=samples))
+    share = _explained_fraction(own_channels)
     square, white = (
         np.average([getattr(error, k) for error in own_errors], weights=samples)
         for k in _ChannelError._fields[:2]
@@ -291,6 +290,16 @@ def _channel_metrics(
     if worse_finding := _worse_than_mean(metrics, c, noise**2 if share > 0.0 else errors.white):
         return metrics, [worse_finding]
     return metrics, _evidence_against(metrics, errors, np.concatenate([error.g for error in own_errors]))
+
+
+def _explained_fraction(channels: Sequence[ChannelFit]) -> float:
+    """Return the explained part of the variance of a channel, over all its runs and with outliers.  (1)"""
+    squares = [
+        (np.nansum(c.residuals**2), np.isfinite(c.residuals).sum() * np.nanvar(c.measurements))
+        for c in channels
+    ]
+    error, total = np.sum(squares, axis=0)
+    return 1.0 - float(error / max(total, 1e-300))
 
 
 def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:

@@ -252,11 +252,14 @@ def _channels(
 
 
 def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
-    """Return 1 − var(z − h) / var(z), with residuals beyond 4 σ clipped; NaN without measurements."""
+    """Return 1 − var(z − h) / var(z), with residuals beyond 4 σ clipped; NaN without measurements.
+
+    The clipped residuals remove outliers of z from var(z). Jumps of h do not increase it.
+    """
     if len(z) < 2:
         return float("nan")
     residuals = np.clip(z - h, -4.0 * sigma, 4.0 * sigma)
-    total = float(np.var(h + residuals))
+    total = float(min(np.var(h + residuals), np.var(z)))
     return 1.0 - float(np.mean(residuals**2)) / total if total > 0.0 else 0.0
 
 
