@@ -1,6 +1,7 @@
 """The text of a CSV file: a plain format is detected, and an ambiguous format is refused."""
 
 import gzip
+import json
 import re
 
 import numpy as np
@@ -250,3 +251,46 @@ def test_the_proposed_map_entry_skips_a_row_of_units(lab, name):
         table.numbers(name)
     key = name if name == "speed" else f'"{name}"'
     assert str(error_info.value).endswith(f'where = {{ {key} = {{ not = "m/s" }} }}.')
+
+
+def as_json_lines(path, of_cell=float):
+    head, *rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()]
+    return [json.dumps({name: of_cell(cell) for name, cell in zip(head, row, strict=True)}) for row in rows]
+
+
+def test_json_lines_are_read_as_a_table_of_their_flattened_names(lab):
+    plain = lab.run().run
+    lines = [json.loads(line) for line in as_json_lines(lab.folder / "board.csv")]
+    nested = [
+        {"t": x["t"], "id": x["id"], "cmd": [x["throttle"], x["steer"]], "speed": x["speed"],
+         "imu": {"a": [x["ax"], x["ay"]], "wz": x["wz"]}} for x in lines
+    ]  # fmt: skip
+    path = lab.folder / "board.csv"
+    path.write_text("\n".join(map(json.dumps, nested)) + '\n{"t": 29.9', encoding="utf-8")
+    text = (lab.folder / "lab.toml").read_text(encoding="utf-8")
+    names = {"throttle": "cmd.0", "steer": "cmd.1", "ax": "imu.a.0", "ay": "imu.a.1", "wz": "imu.wz"}
+    for name, flat in names.items():
+        text = text.replace(f'column = "{name}"', f'column = "{flat}"')
+    (lab.folder / "lab.toml").write_text(text, encoding="utf-8")
+    run, findings = import_run(lab.folder / "lab.toml")
+    assert np.array_equal(run.applied_commands, plain.applied_commands)
+    assert all(np.array_equal(run.sensors[name].z, plain.sensors[name].z) for name in plain.sensors)
+    assert [finding.reason.code for finding in findings][:1] == ["recording.cut-line"]
+
+
+def test_json_lines_of_topics_are_one_table_with_empty_cells(lab):
+    plain = lab.run().run
+    topics = []
+    for line in as_json_lines(lab.folder / "board.csv"):
+        row = json.loads(line)
+        imu = {name: row.pop(name) for name in ("ax", "ay", "wz")}
+        topics += [json.dumps(row), json.dumps({"t": row["t"]} | imu)]
+    (lab.folder / "board.csv").write_text("\n".join(topics), encoding="utf-8")
+    run, findings = import_run(lab.folder / "lab.toml")
+    assert np.array_equal(run.sensors["imu"].z, plain.sensors["imu"].z)
+    assert "recording.joined" in {finding.reason.code for finding in findings}
+
+
+def test_a_line_that_is_not_json_is_named(lab):
+    diagnostic = raw(lab, '{"t": 0, "throttle": 1}\n{"t": 1, throttle: 1}\n{"t": 2, "throttle": 1}\n')
+    assert (diagnostic.code, diagnostic.figures["line"]) == ("table.not-json", 2)

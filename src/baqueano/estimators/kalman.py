@@ -10,10 +10,9 @@ channel at a time. With Q = L diag(q) Lᵀ, the entries of L⁻¹ z have indepen
     D = P − K H_c P,   P ← D + (q_c K − D H_cᵀ) Kᵀ                    Joseph's form, multiplied out        (4)
 
 (3) computes the same Δ and P as all rows at once, without a matrix to invert; yᵀ S⁻¹ y = Σ e², log |S| = Σ log s. E is
-1 for an estimated state, and 0 for a consider state: its uncertainty is included, but its estimate is constant. A
-weight w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has no effect. A channel without a measurement
-has weight 0 and independent noise, so the others are corrected as if it did not exist. Derivation:
-docs/derivations/kalman.md. Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968 for (4); Schmidt 1966 for E.
+1 for an estimated state, 0 for a consider state, whose uncertainty is included. A weight w ≤ 1 replaces q_c by q_c + s
+(1/w − 1). A channel without a measurement has weight 0 and independent noise: the others are corrected as without it.
+Derivation: docs/derivations/kalman.md. Sources: Bierman 1977 (2, 3); Bucy and Joseph 1968 (4); Schmidt 1966 for E.
 """
 
 from collections.abc import Callable, Sequence

@@ -37,14 +37,14 @@ def joined_rows(
     firsts = rows[np.flatnonzero(np.diff(groups, prepend=-1))]
     times = {spec.time, spec.time_rest and spec.time_rest[0]}
     names = sorted(name for name in {*columns} - times if table.columns[name] is not None)
-    repeated, completed, joined_columns = table.select(rows), 0, {}
+    rows_of_groups, changed_cells, joined_columns = table.select(rows), 0, {}
     for name in names:
-        values = _common_values(repeated.columns[name], groups)
+        values = _common_values(rows_of_groups.columns[name], groups)
         if values is None:
             return table, t_ns
         joined_columns[name], count = _with_values(table.columns[name], firsts, values)
-        completed += count
-    if not completed:  # equal rows
+        changed_cells += count
+    if not changed_cells:  # equal rows
         return table, t_ns
     figures = {
         "table": table.label, "count": len(rows), "times": len(firsts), "line": table.lines[firsts[0]],
@@ -53,8 +53,8 @@ def joined_rows(
         ImportFinding("joined rows", "info", int(t_ns[firsts[0]]), note("recording.joined", **figures))
     )
     is_first = np.append(True, np.diff(t_ns) != 0)
-    joined = table._replace(columns=table.columns | joined_columns)
-    return joined.rows_where(is_first), t_ns[is_first]
+    joined_table = table._replace(columns=table.columns | joined_columns)
+    return joined_table.rows_where(is_first), t_ns[is_first]
 
 
 def _is_missing(cell: Value) -> bool:

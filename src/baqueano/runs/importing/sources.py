@@ -30,7 +30,7 @@ from baqueano.runs.tables.table import LogTable, read_table
 from baqueano.signals import NANOSECONDS
 
 MIN_TICKS = 3  # ticks of a run
-_SUFFIX = re.compile(r"\.(?:csv|bag)", re.IGNORECASE)
+_SUFFIX = re.compile(r"\.(?:csv|bag|jsonl|ndjson)", re.IGNORECASE)
 
 
 class Source(NamedTuple):

@@ -1,4 +1,4 @@
-"""Read a CSV file as columns of text, and the numbers in these columns, without silent guesses.
+"""Read a CSV file, or JSON lines, as columns of text, and the numbers in these columns, without silent guesses.
 
 The encoding is detected (lines.py), the separator if only one fits every line or if the first line is `sep=;`, and the
 decimal comma if all numbers are unambiguous. Otherwise an error message contains the line that the map needs.
@@ -18,6 +18,7 @@ from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
 from baqueano.messages.language import translate as _
 from baqueano.runs.tables.cells import Cells, pack
+from baqueano.runs.tables.json_lines import is_json_line, json_columns
 from baqueano.runs.tables.lines import CELL_BYTES, Lines
 
 if TYPE_CHECKING:
@@ -170,13 +171,17 @@ class LogTable(NamedTuple):
 
 
 def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
-    """Read a CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table.
+    """Read a CSV file, or JSON lines. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table.
     Raise FileError for a file without data, or if its separator, its decimal mark or its columns are not clear.
     """
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
     with_data = _lines_with_data(lines, options.get("comment", "#"))
     start = [line for _, line in zip(range(200), with_data, strict=False)]
+    if start and is_json_line(start[0][1]):
+        data, numbers, excluded_lines = json_columns(lines, chain(start, with_data), MAX_COLUMNS)
+        cells_of = {name: Cells(bytes(cells)) for name, cells in data.items()}
+        return LogTable(label, cells_of, np.array(numbers, dtype=np.int64), ".", excluded_lines)
     declaration = _DECLARATION.fullmatch(start[0][1].rstrip("\r")) if start else None
     if declaration:
         start = start[1:]

@@ -323,6 +323,9 @@ TEMPLATES: dict[str, str] = {
     "table.not-csv": (
         "{file} line {line} is not valid CSV: {error}. Is a quote open there? Correct that line."
     ),
+    "table.not-json": (
+        "{file} line {line} is not an object of JSON: {error}. A log of JSON lines has one object in each line."
+    ),
     "table.uneven": (
         "{file} line {line} has {value} cells, but the header has {expected} ({count} such lines). Correct "
         "the file, or give its delimiter in the [files.…] table."
