@@ -111,3 +111,46 @@ def test_a_draft_reads_merged_topics_of_ros_in_si_units(tmp_path):
     units = ["m/s", None, "rad/s", "m/s", "m/s^2", "m/s^2", "rad/s"]
     assert [entry.get("unit") for entry in entries] == units
     assert "truth" not in tables
+
+
+def test_a_draft_reads_setpoints_a_clock_since_boot_and_a_quaternion(tmp_path):
+    names = ["boot_ms", "v_set [cm/s]", "w_set [deg/s]", "cmd_left [V]", "position.x", "position.y"]
+    names += [f"orientation.{axis}" for axis in "xyzw"]
+    rows = [
+        ",".join([str(51234 + 40 * k), *(str(k % (5 + n)) for n in range(len(names) - 1))]) for k in range(60)
+    ]
+    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows]), encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    log, u = tables["files"]["log"], tables["command"]["u"]
+    assert (log["time"], log["time_unit"]) == ("boot_ms", "ms")
+    assert [(entry.get("column"), entry.get("unit")) for entry in (u[0], u[2])] == [
+        ("v_set [cm/s]", "cm/s"),
+        ("w_set [deg/s]", "deg/s"),
+    ]
+    assert tables["truth"]["eta"][2] == {"quaternion": names[-4:]}
+
+
+def on_ellipsoid(latitude, longitude):
+    """Return the point (3,) [m] of WGS 84: an ellipse of the half axes a and b, turned about its short axis."""
+    a, b, phi, lam = 6378137.0, 6356752.3142, np.radians(latitude), np.radians(longitude)
+    n = a * a / np.hypot(a * np.cos(phi), b * np.sin(phi))
+    return n * np.array([np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), (b / a) ** 2 * np.sin(phi)])
+
+
+@pytest.mark.parametrize("per_degree", [1.0, 1e7])
+def test_a_draft_converts_latitude_and_longitude_into_metres(tmp_path, per_degree):
+    start, points = (-34.6037, -58.3816), [(-34.6037, -58.3816), (-34.6028, -58.3816), (-34.6037, -58.3805)]
+    rows = [
+        f"{0.2 * k:.1f},{k % 3},{lat * per_degree:.9f},{lon * per_degree:.9f}"
+        for k, (lat, lon) in enumerate(point for point in [(0.0, 0.0), *points] for _ in range(10))
+    ]
+    (tmp_path / "log.csv").write_text("t_s,duty,lat,lon\n" + "\n".join(rows), encoding="utf-8")
+    eta = tomllib.loads(draft(tmp_path / "log.csv"))["truth"]["eta"]
+    assert [entry.get("column") for entry in eta] == ["lon", "lat", None]
+    east, north = (
+        [point[1 - i] * per_degree * entry["scale"] + entry["offset"] for point in points]
+        for i, entry in enumerate(eta[:2])
+    )
+    distances = [np.linalg.norm(on_ellipsoid(*point) - on_ellipsoid(*start)) for point in points]
+    assert north == pytest.approx([0.0, distances[1], 0.0], abs=1e-3)
+    assert east == pytest.approx([0.0, 0.0, distances[2]], abs=1e-3)

@@ -12,6 +12,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.physical_limits import FULL_COMMANDS, PULSE_RANGE_US
+from baqueano.runs.importing.geographic import east_north_entries
 from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns, plain_name
 from baqueano.runs.importing.rates import counter_period
 from baqueano.runs.maps.units import unit
@@ -49,7 +50,19 @@ COUNT_PATTERN = rf"{ENCODER_PATTERN}|(^|_)(counts?|cnt|ticks?)(_|$)"
 TWIST_PATTERNS = r"(^|_)linear_x$", r"(^|_)angular_z$"  # names of ROS
 ROS_PATTERN = r"(^|_)(linear|angular)(_acceleration|_velocity)?_[xyz]$"  # in SI by REP 103
 ROS_UNITS = {"speed": "m/s", "angular rate": "rad/s", "acceleration": "m/s^2"}
-TWIST_COMMANDS = tuple(f"(?=.*cmd).*{pattern}" for pattern in TWIST_PATTERNS)
+SETPOINT_WORDS = "cmd|command|comando|set(point)?|sp|target|goal|ref(erence)?|desired|consigna"
+TWIST_COMMANDS = (
+    tuple(  # cmd_vel/linear/x, v_set, target_omega; the unit at the end of "cmd_left [V]" is not a speed
+        rf"(?=.*cmd).*{pattern}|(^|_)(({SETPOINT_WORDS})_({name})|({name})_({SETPOINT_WORDS}))(_|$)"
+        for pattern, name in zip(
+            TWIST_PATTERNS, ("vx?|speed|velocidad", "w|wz|omega|yaw_?rate|turn_?rate|giro"), strict=True
+        )
+    )
+)
+GEOGRAPHIC_PATTERNS = r"(^|_)(lon|lng|long)(gitude|gitud)?(_|$)", r"(^|_)lat(itude|itud)?(_|$)"
+QUATERNION_PATTERNS = tuple(
+    rf"^(?!.*(odom|imu)).*(^|_)(orientation|rotation|quat(ernion)?|q)_?{axis}(_|$)" for axis in "xyzw"
+)
 POSITION_PATTERN = r"^(?!.*(odom|linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|_)"
 POSE_PATTERNS = (
     rf"{POSITION_PATTERN}x(_|$)",
@@ -103,7 +116,7 @@ def _read_in_any_encoding(path: Path) -> tuple[LogTable, str]:
 def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator[str]:
     """Yield each table of the map, and remove its columns from `free_columns`."""
     yield "\n[files.log]" + (f'\nencoding = "{encoding}"' if encoding else "")
-    if time := _take_column(free_columns, TIME_PATTERN):
+    if time := _take_column(free_columns, TIME_PATTERN) or _take_clock(table, free_columns):
         yield f'time = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
@@ -174,7 +187,9 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     free_columns[:] = [name for name in free_columns if name not in {column.name for column in imu.entries}]
     compass = _take_column(free_columns, COMPASS_PATTERN)
     poses = [SignedColumn(_take_column(free_columns, name), 1) for name in POSE_PATTERNS]
-    if not compass and not poses[0].name and not poses[1].name:
+    positions = _geographic_entries(table, free_columns) if not poses[0].name and not poses[1].name else []
+    quaternion = [] if poses[2].name else _take_all(free_columns, QUATERNION_PATTERNS)
+    if not compass and not poses[0].name and not poses[1].name and not positions:
         compass, poses = poses[2].name, []
     battery = _take_column(free_columns, BATTERY_PATTERN)
     if battery:
@@ -185,13 +200,31 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         yield f"\n[sensors.compass]                    # {remark}\nz = [\n  {_entry(compass, 'angle')},\n]"
     remark = "" if imu.is_level else _level_remark(imu)
     for title, key, columns in ((f"[sensors.imu]{remark}", "z", imu.entries), ("[truth]", "eta", poses)):
-        if any(column.name for column in columns):
+        if any(column.name for column in columns) or (key == "eta" and positions):
             kinds = KINDS["imu" if key == "z" else key]
-            entries = _list_lines(
+            entries = [
                 _signed_entry(column, measures, imu.accel_unit)
                 for column, measures in zip(columns, kinds, strict=True)
-            )
-            yield f"\n{title}\n{key} = [\n{entries}\n]"
+            ]
+            if key == "eta":
+                entries = [*(positions or entries[:2]), _quaternion_entry(quaternion) or entries[2]]
+            yield f"\n{title}\n{key} = [\n{_list_lines(iter(entries))}\n]"
+
+
+def _geographic_entries(table: LogTable, free_columns: list[str]) -> list[str]:
+    """Return the entries of x (east) and y (north) from longitude and latitude, and remove their columns, or []."""
+    columns = _take_all(free_columns, GEOGRAPHIC_PATTERNS)
+    numbers = east_north_entries(*(table.numbers(column) for column in columns)) if columns else ()
+    remark = _("metres to the east and to the north of the first position")
+    return [
+        f'{{ column = {_quoted(column)}, unit = "raw", scale = {scale!r}, offset = {offset!r} }},   # {remark}'
+        for column, (scale, offset) in zip(columns, numbers, strict=bool(numbers))
+    ]
+
+
+def _quaternion_entry(columns: Sequence[str]) -> str:
+    """Return the entry of a heading from the columns x, y, z, w of a quaternion, "" without them."""
+    return f"{{ quaternion = [{', '.join(map(_quoted, columns))}] }}" if columns else ""
 
 
 def _level_remark(imu: ImuColumns) -> str:
@@ -219,6 +252,18 @@ def _take_column(free_columns: list[str], pattern: str) -> str:
     if column:
         free_columns.remove(column)
     return column
+
+
+def _take_clock(table: LogTable, free_columns: list[str]) -> str:
+    """Return the first column with a unit of time whose numbers increase, and remove it from `free_columns`, or ""."""
+    for column in free_columns:
+        if _unit(column, "time") != UNKNOWN:
+            t = table.numbers(column)
+            steps = np.diff(t[np.isfinite(t)])
+            if len(steps) and np.min(steps) >= 0.0 and np.median(steps) > 0.0:
+                free_columns.remove(column)
+                return column
+    return ""
 
 
 def _take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
