@@ -218,6 +218,19 @@ def test_gaps_are_reported_with_their_line_and_duration(lab):
     ]
 
 
+def test_commands_that_are_logged_only_when_they_change_have_no_gaps(lab):
+    rng = np.random.default_rng(0)
+    t_s = np.cumsum(rng.choice([0.2, 0.5, 1.0, 3.0], 18))
+    rows = [f"{t:.2f},{rng.uniform():.3f},{rng.uniform(-0.3, 0.3):.3f}" for t in [0.0, *t_s]]
+    (lab.folder / "keys.csv").write_text("\n".join(["t,throttle,steer", *rows]), encoding="utf-8")
+    lab.edit('[command]\nfile = "board"', '[command]\nfile = "keys"')
+    lab.edit("[ticks]", '[files.keys]\npath = "keys.csv"\ntime = "t"\ntime_unit = "s"\n[ticks]')
+    run, findings = lab.run()
+    assert not [d for d in findings if d.reason.code in ("recording.gap", "recording.more-gaps")]
+    changes_s = run.t_s[1:][np.any(np.diff(run.applied_commands, axis=0) != 0.0, axis=1)]
+    assert len(changes_s) == np.count_nonzero(t_s < run.t_s[-1])
+
+
 def test_many_gaps_are_counted(lab):
     keep = np.arange(1500) % 20 != 3
     lab.board = {name: column[keep] for name, column in lab.board.items()}

@@ -24,6 +24,10 @@ MIN_STEP_S, MAX_STEP_S = 5e-5, 10.0  # range of the median step of a vehicle's r
 MIN_DURATION_S = 2.0  # a shorter recording does not show a vehicle's motion
 MIN_USUAL_STEP_S, MAX_USUAL_STEP_S = 4e-4, 0.5  # shorter or longer ticks of a loop are unusual
 GAP_STEPS = 1.8  # times the median step
+USUAL_STEP_TOLERANCE, MAX_REPEAT_SHARE = (
+    0.2,
+    0.1,
+)  # of steps of a regular log; of repeated rows in a log of changes
 _ZONE = re.compile(r":\d\d(?:\.\d+)?\s*([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
 _UTC = re.compile(r"\s*(Z|UTC)?\s*$", re.IGNORECASE)
 NO_TIME_NS = int(np.datetime64("NaT", "ns").astype(np.int64))
@@ -172,9 +176,24 @@ def increasing_rows(
     is_kept[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
     is_kept = _without_repeats(table, t_ns, is_kept, spec, used, m, findings)
     step_s = np.diff(t_ns[is_kept]) / NANOSECONDS
-    if len(step_s):
+    if len(step_s) and not _is_log_of_changes(table.rows_where(is_kept), step_s, spec, used, m):
         _check_steps(table.rows_where(is_kept), t_ns[is_kept], step_s, spec, m, findings)
     return is_kept
+
+
+def _is_log_of_changes(
+    table: LogTable, step_s: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap"
+) -> bool:
+    """Return True for a file of commands alone, in which rows are written only when a command changes: at irregular
+    times, and almost never twice. Such a file has no usual step.
+    """
+    others = [signal.file for signal in (*m.sensors.values(), *([m.truth] if m.truth else []))]
+    if spec.name in (m.ticks, *others):
+        return False
+    rows, columns = np.arange(len(step_s)), used - {spec.time}
+    is_repeat = _equal_rows(table, rows, rows + 1, columns) if columns else np.ones(len(rows), dtype=bool)
+    is_usual = np.abs(step_s / np.median(step_s) - 1.0) < USUAL_STEP_TOLERANCE
+    return float(np.mean(is_repeat)) < MAX_REPEAT_SHARE and float(np.mean(is_usual)) < 0.5
 
 
 def _is_clock_back(table: LogTable, t_ns: np.ndarray, used: set[str]) -> bool:
