@@ -154,3 +154,29 @@ def test_a_draft_converts_latitude_and_longitude_into_metres(tmp_path, per_degre
     distances = [np.linalg.norm(on_ellipsoid(*point) - on_ellipsoid(*start)) for point in points]
     assert north == pytest.approx([0.0, distances[1], 0.0], abs=1e-3)
     assert east == pytest.approx([0.0, 0.0, distances[2]], abs=1e-3)
+
+
+def test_a_draft_reads_an_omnidirectional_robot_in_north_east_down(tmp_path):
+    names = [
+        "Time (s)",
+        "cmd vx (m/s)",
+        "cmd vy (m/s)",
+        "cmd wz (rad/s)",
+        "ax (m/s^2)",
+        "ay (m/s^2)",
+        "gz (deg/s)",
+    ]
+    rows = [",".join([f"{0.04 * k:.2f}", *(str(k % (5 + n)) for n in range(9))]) for k in range(60)]
+    head = ",".join([*names, "N (m)", "E (m)", "Yaw (deg)"])
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert [entry["column"] for entry in tables["command"]["u"]] == names[1:4]
+    assert [entry["unit"] for entry in tables["sensors"]["imu"]["z"]] == ["m/s^2", "m/s^2", "deg/s"]
+    x, y, heading = tables["truth"]["eta"]
+    assert (x, y) == ({"column": "E (m)", "unit": "m"}, {"column": "N (m)", "unit": "m"})
+    assert heading == {
+        "column": "Yaw (deg)",
+        "unit": "deg",
+        "scale": -1.0,
+        "offset": pytest.approx(np.pi / 2),
+    }

@@ -171,36 +171,6 @@ def test_identical_repeated_rows_are_removed_and_contradicting_repeats_are_refus
     assert imu_by_choice["last"] - imu_by_choice["first"] == pytest.approx(1.0)
 
 
-def in_two_rows(columns):
-    """Return the columns as written by a logger with a row for each topic: the IMU, then all other cells."""
-    n, imu = len(columns["t"]), {"ax", "ay", "wz"}
-    rows = {
-        name: np.where(np.tile([name in imu, name not in imu], n), np.repeat(column, 2), np.nan)
-        for name, column in columns.items()
-    }
-    return rows | {"t": np.repeat(columns["t"], 2)}
-
-
-def test_rows_of_two_topics_with_the_same_time_are_joined(lab):
-    expected, _ = lab.run()
-    lab.board = in_two_rows(lab.board)
-    run, findings = lab.run()
-    joined = [d for d in findings if d.reason.code == "recording.joined"]
-    figures = {"table": "board.csv", "count": 3000, "times": 1500, "line": 2}
-    assert [(d.reason.figures, d.level) for d in joined] == [(figures, "info")]
-    assert not [d for d in findings if d.reason.code in ("recording.missing", "recording.repeats")]
-    assert np.array_equal(run.applied_commands, expected.applied_commands)
-    for name, channel in expected.sensors.items():
-        assert np.array_equal(run.sensors[name].z, channel.z)
-        assert np.array_equal(run.sensors[name].t_ns, channel.t_ns)
-
-
-def test_rows_of_one_time_with_two_values_of_a_column_are_refused(lab):
-    lab.board = in_two_rows(lab.board)
-    lab.board["ax"][201] = 0.5  # row 200 gives another value
-    lab.refused("import.repeats")
-
-
 def test_gaps_are_reported_with_their_line_and_duration(lab):
     keep = np.ones(1500, dtype=bool)
     keep[100:105] = keep[700] = False
@@ -216,19 +186,6 @@ def test_gaps_are_reported_with_their_line_and_duration(lab):
         2_980_000_000,
         14_980_000_000,
     ]
-
-
-def test_commands_that_are_logged_only_when_they_change_have_no_gaps(lab):
-    rng = np.random.default_rng(0)
-    t_s = np.cumsum(rng.choice([0.2, 0.5, 1.0, 3.0], 18))
-    rows = [f"{t:.2f},{rng.uniform():.3f},{rng.uniform(-0.3, 0.3):.3f}" for t in [0.0, *t_s]]
-    (lab.folder / "keys.csv").write_text("\n".join(["t,throttle,steer", *rows]), encoding="utf-8")
-    lab.edit('[command]\nfile = "board"', '[command]\nfile = "keys"')
-    lab.edit("[ticks]", '[files.keys]\npath = "keys.csv"\ntime = "t"\ntime_unit = "s"\n[ticks]')
-    run, findings = lab.run()
-    assert not [d for d in findings if d.reason.code in ("recording.gap", "recording.more-gaps")]
-    changes_s = run.t_s[1:][np.any(np.diff(run.applied_commands, axis=0) != 0.0, axis=1)]
-    assert len(changes_s) == np.count_nonzero(t_s < run.t_s[-1])
 
 
 def test_many_gaps_are_counted(lab):

@@ -12,6 +12,31 @@ from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.physical_limits import FULL_COMMANDS, PULSE_RANGE_US
+from baqueano.runs.importing.column_names import (
+    BARE_SIDES,
+    BATTERY_PATTERN,
+    COMMAND_PATTERN,
+    COMPASS_PATTERN,
+    COUNT_PATTERN,
+    EAST_NORTH_PATTERNS,
+    ENCODER_PATTERN,
+    FORWARD_PATTERN,
+    GEOGRAPHIC_PATTERNS,
+    LEFT_PATTERN,
+    PIN_PATTERN,
+    POSE_PATTERNS,
+    QUATERNION_PATTERNS,
+    RIGHT_PATTERN,
+    ROS_PATTERN,
+    ROS_UNITS,
+    SETPOINT_PATTERN,
+    SPEED_PATTERN,
+    STEERING_PATTERN,
+    TIME_PATTERN,
+    TWIST_COMMANDS,
+    TWIST_PATTERNS,
+    VOLTAGE_PATTERN,
+)
 from baqueano.runs.importing.geographic import east_north_entries
 from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns, plain_name
 from baqueano.runs.importing.rates import counter_period
@@ -26,51 +51,6 @@ UNIT_OF_ENDING = {  # ends of names → unit
     "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
     "mm_s": "mm/s", "cm_s": "cm/s", "km_h": "km/h", "kmh": "km/h", "percent": "%", "v": "V", "mv": "mV",
 }  # fmt: skip
-TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros|fecha|hora)(_|$)"
-LEFT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l|port|babor)(_|$)"
-RIGHT_PATTERN = r"(^|_)(right|der(ech[ao])?|r|stbd|starboard|estribor)(_|$)"
-COMMAND_PATTERN, SPEED_PATTERN = (
-    r"pwm|duty|ciclo|cmd|command|comando|throttle|acelerador|traccion|potencia|steer|servo|volante|direccion|^u_"
-    r"|thrust|empuje|(^|_)(thr|esc|propeller|helice)(_|$)",
-    r"rpm|speed|vel|encoder|wheel|rps",
-)
-# commands of a left and a right wheel; a single voltage is that of the battery
-SETPOINT_PATTERN = r"(^|_)(volts?|voltage|set(point)?|target|goal|ref(erence)?|consigna|tension)(_|$)"
-VOLTAGE_PATTERN = r"(^|_)(volts?|voltage|tension)(_|$)"
-PIN_PATTERN = r"(^|_)(dir(ec(tion|cion))?|sentido|sign)(_|$)"  # of the direction of a motor: 0 and 1
-STEERING_PATTERN = r"steer|servo|volante|direccion"
-BARE_SIDES = tuple(  # two columns that are named only by their side
-    rf"^((motor|rueda|wheel|u)?_?({side})|(motor|rueda|wheel|u)_?{letter})(_percent)?$"
-    for side, letter in (("left|izq(uierd[ao])?", "l"), ("right|der(ech[ao])?", "r"))
-)
-FORWARD_PATTERN = r"^(?!.*(ang|acc|gyr|gir|omega|imu)).*(^|_)((speed|vel(ocity|ocidad)?(_x)?)(_|$)|linear_x$)"
-ENCODER_NAMES = r"enc|encoder|hall|pulses?|pulsos?"
-ENCODER_PATTERN = rf"(^|_)({ENCODER_NAMES})(_|$)"
-COUNT_PATTERN = rf"{ENCODER_PATTERN}|(^|_)(counts?|cnt|ticks?)(_|$)"
-TWIST_PATTERNS = r"(^|_)linear_x$", r"(^|_)angular_z$"  # names of ROS
-ROS_PATTERN = r"(^|_)(linear|angular)(_acceleration|_velocity)?_[xyz]$"  # in SI by REP 103
-ROS_UNITS = {"speed": "m/s", "angular rate": "rad/s", "acceleration": "m/s^2"}
-SETPOINT_WORDS = "cmd|command|comando|set(point)?|sp|target|goal|ref(erence)?|desired|consigna"
-TWIST_COMMANDS = (
-    tuple(  # cmd_vel/linear/x, v_set, target_omega; the unit at the end of "cmd_left [V]" is not a speed
-        rf"(?=.*cmd).*{pattern}|(^|_)(({SETPOINT_WORDS})_({name})|({name})_({SETPOINT_WORDS}))(_|$)"
-        for pattern, name in zip(
-            TWIST_PATTERNS, ("vx?|speed|velocidad", "w|wz|omega|yaw_?rate|turn_?rate|giro"), strict=True
-        )
-    )
-)
-GEOGRAPHIC_PATTERNS = r"(^|_)(lon|lng|long)(gitude|gitud)?(_|$)", r"(^|_)lat(itude|itud)?(_|$)"
-QUATERNION_PATTERNS = tuple(
-    rf"^(?!.*(odom|imu)).*(^|_)(orientation|rotation|quat(ernion)?|q)_?{axis}(_|$)" for axis in "xyzw"
-)
-POSITION_PATTERN = r"^(?!.*(odom|linear|angular|acc|acel|gyr|gir|mag|omega|vel)).*(^|_)"
-POSE_PATTERNS = (
-    rf"{POSITION_PATTERN}x(_|$)",
-    rf"{POSITION_PATTERN}y(_|$)",
-    r"(^|_)(yaw|psi|theta|heading|rumbo|guinada|orientacion)(_|$)",
-)
-BATTERY_PATTERN = r"(^|_)(v?bat(t|tery|eria)?)(_|$)|^(volts?|voltage|tension)(_|$)"
-COMPASS_PATTERN = r"(^|_)(compass|brujula)(_|$)"
 MAX_BATTERY_V = 200.0  # a larger number is in mV
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
 
@@ -120,7 +100,7 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
         yield f'time = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    twist = _take_all(free_columns, TWIST_COMMANDS)
+    twist = _take_all(free_columns, TWIST_COMMANDS) or _take_all(free_columns, TWIST_COMMANDS[:2])
     is_named = bool(twist) or any(re.search(COMMAND_PATTERN, plain_name(column)) for column in free_columns)
     commands = (
         []
@@ -159,11 +139,8 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
     twist = twist or ([] if commands or single_column else _take_all(free_columns, TWIST_PATTERNS))
     if twist:
         yield f'\n[command]{remark}\nin_force = "from"\nnames = ["u_x", "u_y", "u_psi"]'
-        entries = [
-            _entry(twist[0], "speed"),
-            "{ constant = 0 }",
-            _entry(twist[1], "angular rate"),
-        ]
+        sideways = "{ constant = 0 }" if len(twist) < 3 else _entry(twist[2], "speed")
+        entries = [_entry(twist[0], "speed"), sideways, _entry(twist[1], "angular rate")]
         yield f"u = [\n{_list_lines(iter(entries))}\n]"
     signals = list(_signal_tables(table, free_columns))
     if not commands and not single_column and not twist:
@@ -187,9 +164,9 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     free_columns[:] = [name for name in free_columns if name not in {column.name for column in imu.entries}]
     compass = _take_column(free_columns, COMPASS_PATTERN)
     poses = [SignedColumn(_take_column(free_columns, name), 1) for name in POSE_PATTERNS]
-    positions = _geographic_entries(table, free_columns) if not poses[0].name and not poses[1].name else []
+    positions = [] if poses[0].name or poses[1].name else _east_north_entries(table, free_columns)
     quaternion = [] if poses[2].name else _take_all(free_columns, QUATERNION_PATTERNS)
-    if not compass and not poses[0].name and not poses[1].name and not positions:
+    if not compass and not positions and not poses[0].name and not poses[1].name:
         compass, poses = poses[2].name, []
     battery = _take_column(free_columns, BATTERY_PATTERN)
     if battery:
@@ -207,12 +184,17 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
                 for column, measures in zip(columns, kinds, strict=True)
             ]
             if key == "eta":
-                entries = [*(positions or entries[:2]), _quaternion_entry(quaternion) or entries[2]]
+                heading = _clockwise(entries[2]) if positions and poses[2].name else entries[2]
+                entries = [*(positions or entries[:2]), _quaternion_entry(quaternion) or heading]
             yield f"\n{title}\n{key} = [\n{_list_lines(iter(entries))}\n]"
 
 
-def _geographic_entries(table: LogTable, free_columns: list[str]) -> list[str]:
-    """Return the entries of x (east) and y (north) from longitude and latitude, and remove their columns, or []."""
+def _east_north_entries(table: LogTable, free_columns: list[str]) -> list[str]:
+    """Return the entries of x (east) and y (north) from such columns, or from longitude and latitude; [] without
+    them. Remove the columns from `free_columns`.
+    """
+    if columns := _take_all(free_columns, EAST_NORTH_PATTERNS):
+        return [_entry(column, "length") for column in columns]
     columns = _take_all(free_columns, GEOGRAPHIC_PATTERNS)
     numbers = east_north_entries(*(table.numbers(column) for column in columns)) if columns else ()
     remark = _("metres to the east and to the north of the first position")
@@ -220,6 +202,12 @@ def _geographic_entries(table: LogTable, free_columns: list[str]) -> list[str]:
         f'{{ column = {_quoted(column)}, unit = "raw", scale = {scale!r}, offset = {offset!r} }},   # {remark}'
         for column, (scale, offset) in zip(columns, numbers, strict=bool(numbers))
     ]
+
+
+def _clockwise(entry: str) -> str:
+    """Return the entry of a heading that counts clockwise from north, beside positions to the east and to the north."""
+    remark = _("clockwise from north? if it counts to the left from east, remove scale and offset")
+    return entry.replace(" }", f", scale = -1.0, offset = {np.pi / 2:.6f} }},   # {remark}")
 
 
 def _quaternion_entry(columns: Sequence[str]) -> str:

@@ -26,7 +26,7 @@ from baqueano.runs.tables.table import LogTable
 from baqueano.signals import STANDARD_GRAVITY
 
 SIGNS = str.maketrans(
-    {"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent"}
+    {"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent", "^": ""}
 )  # letters that a name keeps
 NEXT_AXIS = {"x": "y", "y": "z", "z": "x"}
 YAW_PATTERN = (  # also of a gyro with one axis

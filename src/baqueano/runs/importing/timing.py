@@ -184,8 +184,8 @@ def increasing_rows(
 def _is_log_of_changes(
     table: LogTable, step_s: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap"
 ) -> bool:
-    """Return True for a file of commands alone, in which rows are written only when a command changes: at irregular
-    times, and almost never twice. Such a file has no usual step.
+    """Return True for a file of commands alone that were logged only when they changed: at irregular times, and almost
+    never twice. The steps of such a file do not show gaps.
     """
     others = [signal.file for signal in (*m.sensors.values(), *([m.truth] if m.truth else []))]
     if spec.name in (m.ticks, *others):
