@@ -57,6 +57,16 @@ def test_a_correct_model_explains_unseen_runs_as_well_as_fitted_runs(fit, small)
         assert figure.explained_fraction == pytest.approx(figure.on_own_runs, abs=0.1)
 
 
+def test_with_poses_each_segment_starts_from_a_fitted_velocity(small):
+    """A run that begins at rest was "from a fitted velocity in 0 of 1 runs"."""
+    u = np.concatenate([np.zeros((100, 3)), random_steps(small.command.limit, 14.0, small.rate_hz, 5)])
+    runs = [simulate(small, u, seed, name=f"run {seed}") for seed in (5, 6)]
+    runs = [replace(one, truth=one.truth._replace(nu=np.full_like(one.truth.nu, np.nan))) for one in runs]
+    fit = identify(runs[0], small, use=("imu", "truth"), options=FitOptions(diagnose=False))
+    basis = validate(fit, runs[1]).basis.figures
+    assert (basis["span_s"], basis["start"].code) == ("5", "validation.from-velocity")
+
+
 def test_outliers_lower_the_explained_part_of_own_and_held_out_runs_alike(small):
     runs = [run(small, seed) for seed in (1, 2)]
     for one in runs:

@@ -240,12 +240,12 @@ def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic
     has_pose = any(measures_pose(sensor) for sensor in fit.blocks.sensors)
     spans = [min(run.duration_s, POSE_SEGMENT_S) if has_pose else run.duration_s for run in runs]
     shortest, longest = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
-    if all(at_rest) and not has_pose:
-        start_note = note("validation.from-standstill")
-    elif any(at_rest):
-        start_note = note("validation.some-from-velocity", count=at_rest.count(False), of=len(at_rest))
-    else:
+    if has_pose or not any(at_rest):
         start_note = note("validation.from-velocity")
+    elif all(at_rest):
+        start_note = note("validation.from-standstill")
+    else:
+        start_note = note("validation.some-from-velocity", count=at_rest.count(False), of=len(at_rest))
     count = min((independent_motion_count(runs, k) for k in fit.envelope.moved_commands), default=0.0)
     span = shortest if shortest == longest else f"{shortest} … {longest}"
     return note("validation.basis", span_s=span, start=start_note, pieces=count)
