@@ -5,7 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from baqueano.runs.importing.draft import draft
+from baqueano.runs.importing.recordings import import_runs
 from tests.codes import includes
+from tests.runs.conftest import write_csv
 
 
 def test_gyro_words_at_the_rail_become_gaps_of_the_gyro_alone(lab):
@@ -55,6 +58,23 @@ def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
     assert np.abs(error).max() < 0.05
 
 
+def test_a_speed_without_a_sign_in_one_run_lacks_it_in_all_runs_of_the_map(tmp_path):
+    """The second run reverses once for 1.2 s: too seldom to show by itself that the speed lacks its sign."""
+    t, paths = 0.02 * np.arange(1500), []
+    often = np.sin(0.7 * t)
+    speeds = [often, np.where(np.abs(t - 15.7) < 0.6, -np.cos(2.6 * (t - 15.7)), np.abs(often))]
+    for k, v in enumerate(speeds):
+        columns = {"t_s": t, "throttle": 0.4 * v, "steer": 0.2 * np.sin(t), "speed_m_s": np.abs(v)}
+        paths.append(write_csv(tmp_path / f"{k}.csv", columns))
+    (tmp_path / "map.toml").write_text(draft(paths[0]), encoding="utf-8")
+    assert "no sign" not in {d.code for d in import_runs(tmp_path / "map.toml", paths[1:])[0].findings}
+    for imported, v in zip(import_runs(tmp_path / "map.toml", paths), speeds, strict=True):
+        odometer = imported.run.sensors["odometer"]
+        since_s = (odometer.t_ns - imported.run.t_ns[0]) * 1e-9 + t[1]
+        assert np.min(np.interp(since_s, t, v)) > -0.1
+        assert "recording.no-sign-excluded" in {finding.reason.code for finding in imported.findings}
+
+
 @pytest.mark.parametrize(("floor", "is_signed"), [(-9.0, False), (-9.0, True), (0.0, False), (0.0, True)])
 def test_a_speed_without_a_sign_is_named_only_if_the_vehicle_drives_backward(lab, floor, is_signed):
     t = lab.board["t"]
@@ -65,4 +85,10 @@ def test_a_speed_without_a_sign_is_named_only_if_the_vehicle_drives_backward(lab
     )
     blocks = r"\[files\.camera\].*?(?=\[ticks\])|\[sensors\.imu\].*?(?=\[sensors\.odo)|\[truth\].*"
     lab.map = re.sub(blocks, "", lab.map, flags=re.DOTALL)
-    assert ("no sign" in lab.codes()) == (floor < 0.0 and not is_signed)
+    run, findings = lab.run()
+    is_unsigned = floor < 0.0 and not is_signed
+    assert ("no sign" in [finding.code for finding in findings]) == is_unsigned
+    if is_unsigned:  # only readings in which the vehicle moves forward remain
+        true_v = np.interp(run.sensors["odometer"].t_ns, 1_000_000_000 + np.rint(1e9 * t), v)
+        assert np.min(true_v) > -0.05
+        assert np.sum(true_v > 0.05) > 0.75 * np.sum(v > 0.05)

@@ -264,7 +264,7 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
     Also return a finding if positive steering turns the vehicle to the right. Only a run with two commands is checked.
     """
     names, run, rate = motion.m.names, motion.run, motion.rate
-    steering_indices = [i for i, name in enumerate(names) if _names_steering(name)]
+    steering_indices = [i for i, name in enumerate(names) if names_steering(name)]
     if len(names) != 2 or len(steering_indices) != 1 or not np.std(rate) > 2.0 * MIN_TURN_STD_RAD_S:
         return []
     order = [steering_indices[0], 1 - steering_indices[0]]
@@ -289,14 +289,15 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
     return []
 
 
-def _names_steering(command_name: str) -> bool:
+def names_steering(command_name: str) -> bool:
+    """Return True for the name of a steering angle or of its servo."""
     return "steer" in command_name.lower() or "servo" in command_name.lower()
 
 
 def _direction_findings(motion: LoggedMotion) -> list[ImportFinding]:
     """Return a finding if the speed is never negative, but rises with forward and with backward commands.  (5)"""
     run, names = motion.run, motion.m.names
-    indices = [i for i, name in enumerate(names) if not _names_steering(name)]
+    indices = [i for i, name in enumerate(names) if not names_steering(name)]
     if not motion.speed_name or not indices or not np.isfinite(motion.speed).any():
         return []
     u, speed = motion.mean(run.t_ns, run.applied_commands[:, indices[0]]), motion.speed

@@ -24,6 +24,7 @@ from baqueano.messages.text_table import text_table
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.importing.direction import unsigned_speeds, without_unknown_direction
 from baqueano.runs.importing.full_scale import without_full_scale
 from baqueano.runs.importing.imu_axes import axis_findings
 from baqueano.runs.importing.rates import counter_findings, rates, times_ns, wraps_each_turn
@@ -184,6 +185,8 @@ def import_runs(
             source = recording.sources[m.ticks]
         else:
             runs.append(_import_part(m, recording, vehicle_text))
+    if missing_signs := unsigned_speeds([finding for run in runs for finding in run.findings]):
+        runs = [_with_findings(run.run, m, [*run.findings, *missing_signs]) for run in runs]
     if not runs and source:
         figures = {"table": source.table.label, "rows": len(source.t_ns), "parts": len(failures)}
         raise FileError(fault("import.too-short", **figures, least=MIN_TICKS))
@@ -224,10 +227,16 @@ def _import_part(m: ColumnMap, recording: RecordingSources, vehicle_text: str) -
             ImportFinding("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True)
         )
     findings += cross_checks.cross_check(run, m)
+    return _with_findings(run, m, findings)
+
+
+def _with_findings(run: Run, m: ColumnMap, findings: list[ImportFinding]) -> ImportedRun:
+    """Return the run with its findings as events, without the readings that they exclude."""
+    run, findings = without_unknown_direction(run, m, findings)
     findings = list(dict.fromkeys(findings))  # two parts of one file have the same gaps
     result = cross_checks.accept_errors(findings, m)
     events = tuple(
-        Event(d.t_ns or int(t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
+        Event(d.t_ns or int(run.t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
         for d in result
     )
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))

@@ -102,6 +102,11 @@ TEMPLATES = {
         'the unit "{unit_read}" is too small by a factor of {ratio:.4g}. Is the column in SI units?'
     ),
     "recording.no-sign": "{key} is never negative: the sensor does not measure the direction",
+    "recording.no-sign-excluded": (
+        "{key} is never negative: the sensor does not measure the direction. {count} of {rows} readings were "
+        "excluded, from each command backward until the vehicle moves forward again"
+    ),
+    "recording.log-sign": "log the speed with its sign, or give backward the column of the direction",
     "recording.clock-later": (
         "[truth] agrees best with {key} if it is shifted {by_ms:.0f} ms later (correlation {now:.3f} "
         "now, {then:.3f} then)"
