@@ -17,10 +17,10 @@ from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import FitOptions, identify
-from baqueano.runs import write_run
+from baqueano.runs import import_run, write_run
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import load
-from tests.codes import of_code
+from tests.codes import includes, of_code
 
 SCALE, BIAS, RATE = 1.034, 0.015, 100
 NAME = "sensors.imu.gyro_scale"
@@ -158,3 +158,31 @@ def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
     route = circle(0.6, 0.2)
     wide, narrow = (forecast_corridor(file, route, 3).rows()[-1] for file in (small, after))
     assert narrow["heading_rad"] < 0.6 * wide["heading_rad"]
+
+
+@pytest.mark.parametrize("upward", [1, -1])
+def test_turns_by_hand_with_an_imu_whose_z_points_down_give_a_warning(small, tmp_path, upward):
+    """Turns on a mark do not show their direction: a gyro of the wrong sign has an equally good scale."""
+    log = by_hand_log()
+    gyro, noise = (
+        log.sensors["imu"].z[:, 2],
+        0.05 * np.random.default_rng(0).standard_normal((len(log.t_ns), 3)),
+    )
+    table = np.column_stack([log.t_s, noise + np.array([0.0, 0.0, 9.8 * upward]), upward * gyro])
+    lines = [",".join(f"{x:.6f}" for x in row) for row in table]
+    (tmp_path / "log.csv").write_text(
+        "\n".join(["t_s,ax_mps2,ay_mps2,az_mps2,gz_rads", *lines]), encoding="utf-8"
+    )
+    z = ", ".join(
+        f'{{ column = "{c}", unit = "{u}" }}'
+        for c, u in (("ax_mps2", "m/s^2"), ("ay_mps2", "m/s^2"), ("gz_rads", "rad/s"))
+    )
+    column_map = (
+        f'format = 1\nname = "log"\n[files.log]\ntime = "t_s"\ntime_unit = "s"\n[sensors.imu]\nz = [{z}]\n'
+    )
+    (tmp_path / "log.toml").write_text(column_map, encoding="utf-8")
+    run = import_run(tmp_path / "log.toml", tmp_path / "log.csv").run
+    calibration = calibrate_by_hand_turns(run, small)
+    assert calibration.value(NAME) == pytest.approx(SCALE, rel=0.01)
+    assert calibration.verdict == ("USABLE" if upward > 0 else "WARN")
+    assert any(includes(reason, "recording.not-level") for reason in calibration.reasons) == (upward < 0)

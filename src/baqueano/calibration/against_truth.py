@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.calibration.result import GRID_S, MAX_OFFSET_S, CalibratedNumber, Calibration
+from baqueano.calibration.result import (
+    GRID_S,
+    MAX_OFFSET_S,
+    CalibratedNumber,
+    Calibration,
+    axis_warnings_of,
+)
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -102,7 +108,8 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
         calibrated_sensors += _clock_offset(fit) if offset is None else []
         calibrated_sensors += _odometer(fit, name, vehicle_file)
         residuals["distance_m"] = fit.rms
-    return Calibration(run.name, tuple(calibrated_sensors), residuals)
+    warnings = axis_warnings_of(run)
+    return Calibration(run.name, tuple(calibrated_sensors), residuals, axis_warnings=warnings)
 
 
 def channel_of(

@@ -23,6 +23,7 @@ from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 MAX_OFFSET_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
@@ -54,6 +55,19 @@ class CalibratedNumber(NamedTuple):
         return bool(self.half_width < MAX_UNKNOWN * abs(self.value))
 
 
+def axis_warnings_of(run: "Run") -> tuple[Diagnostic, ...]:
+    """Return the warnings of the import that gravity shows other axes than the map. A scale does not show them,
+    because turns on a mark do not show a direction. A gyro of the wrong sign turns the wrong way.
+    """
+    warnings = [event.diagnostic for event in run.events if event.diagnostic is not None]
+    causes = [warning.figures.get("cause") for warning in warnings]
+    return tuple(
+        warning
+        for warning, cause in zip(warnings, causes, strict=True)
+        if isinstance(cause, Diagnostic) and cause.code == "recording.not-level"
+    )
+
+
 @dataclass(frozen=True, repr=False)
 class Calibration(Result):
     """Calibration of the sensors of a run against a truth."""
@@ -62,6 +76,9 @@ class Calibration(Result):
     numbers: tuple[CalibratedNumber, ...]
     residuals: dict[str, float]  # root mean square residual of the windows, by equation: rad, m
     usable_text: str = N_("the truth determines everything")  # text without reasons against it
+    axis_warnings: tuple[
+        Diagnostic, ...
+    ] = ()  # of the import: the gyro measures another axis, or its opposite
 
     def value(self, name: str) -> float:
         """Return the value of the calibrated number `name`. Raise KeyError for an unknown name."""
@@ -70,7 +87,7 @@ class Calibration(Result):
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons why the verdict is not USABLE."""
-        out = []
+        out = list(self.axis_warnings)
         for item in self.numbers:
             if item.is_scale and not item.is_determined:
                 severity = Severity.WARNING if self._usable_sensors else Severity.ERROR

@@ -243,7 +243,8 @@ TEMPLATES: dict[str, str] = {
     "cli.drafted-complete": "{path} contains a draft of the map. Check it, then type: {fix}",
     "cli.next-at-rest": (
         "The run contains no command, so a model cannot be fitted to it. If the vehicle drove, write [command] in "
-        "the map. If it was at rest, its noise can be measured: {fix}"
+        "the map. If it was at rest, its noise can be measured: {fix}. If it was turned by hand on a mark, its gyro "
+        "can be calibrated: {calibrate}"
     ),
     "cli.mount-written": "the result was written into {path}; next: {fix}, which uses it",
     "cli.averaging": "computing the Allan deviation for all averaging times",
