@@ -33,6 +33,16 @@ def test_rows_of_one_time_with_two_values_of_a_column_are_refused(lab):
     lab.refused("import.repeats")
 
 
+def test_the_empty_cells_of_a_slower_topic_are_reported_and_those_of_lost_readings_are_a_warning(lab):
+    speed = lab.board["speed"].copy()
+    lab.board["speed"] = np.where(np.arange(len(speed)) % 5 == 0, speed, np.nan)
+    assert [d.level for d in lab.run().findings if d.code == "missing"] == ["info"]
+    lab.board["speed"] = np.where(
+        (np.arange(len(speed)) > 300) & (np.arange(len(speed)) < 1200), np.nan, speed
+    )
+    assert [d.level for d in lab.run().findings if d.code == "missing"] == ["warning"]
+
+
 def test_commands_that_are_logged_only_when_they_change_have_no_gaps(lab):
     rng = np.random.default_rng(0)
     t_s = np.cumsum(rng.choice([0.2, 0.5, 1.0, 3.0], 18))

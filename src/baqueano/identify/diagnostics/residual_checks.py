@@ -268,7 +268,7 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
     excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(white_std(r), 1e-9)
     if not (share > MIN_SHARE or (share > 0.1 * MIN_SHARE and excess > MIN_EXCESS)):
         return []
-    percent = 100.0 * float(share) if np.isfinite(share) else 100.0
+    percent = float(f"{100.0 * share if np.isfinite(share) else 100.0:.2g}")
     return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, times=excess)]
 
 

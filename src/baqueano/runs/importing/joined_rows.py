@@ -57,6 +57,16 @@ def joined_rows(
     return joined_table.rows_where(is_first), t_ns[is_first]
 
 
+def is_slower_topic(rows: np.ndarray) -> bool:
+    """Return True if these rows of a file are those of a slower topic: at most every second row, and evenly.
+
+    >>> is_slower_topic(np.array([0, 5, 10, 14])), is_slower_topic(np.array([0, 1, 2, 40]))
+    (True, False)
+    """
+    steps = np.diff(rows)
+    return bool(len(steps) and np.median(steps) >= 2 and steps.max() <= 2 * np.median(steps))
+
+
 def _is_missing(cell: Value) -> bool:
     """Return True for an empty cell, one of MISSING_TEXTS, or NaN."""
     return cell.lower() in MISSING_TEXTS if isinstance(cell, str) else cell is None or cell != cell

@@ -27,6 +27,7 @@ from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.direction import unsigned_speeds, without_unknown_direction
 from baqueano.runs.importing.full_scale import without_full_scale
 from baqueano.runs.importing.imu_axes import axis_findings
+from baqueano.runs.importing.joined_rows import is_slower_topic
 from baqueano.runs.importing.rates import counter_findings, rates, times_ns, wraps_each_turn
 from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, quaternion_of, recordings_of
 from baqueano.runs.maps.column_map import load_map
@@ -300,14 +301,14 @@ def _finite_rows(
     present_columns = [k for k, entry in enumerate(signal.entries) if not entry.is_absent]
     is_complete = np.asarray(np.isfinite(values[:, present_columns]).all(axis=1))
     has_rate = any(e.derivative for e in signal.entries)
-    rows = slice(
-        1 if has_rate else 0, -1 if has_rate and not signal.is_rate else None
-    )  # a rate needs both neighbours
+    # a rate needs both neighbours
+    rows = slice(int(has_rate), -1 if has_rate and not signal.is_rate else None)
     lost_rows = np.count_nonzero(~is_complete[rows])
     if lost_rows:
         first_ns = int(source.t_ns[rows][~is_complete[rows]][0])
         reason = note("recording.missing", key=signal.key, lost=lost_rows, rows=len(is_complete))
-        findings.append(ImportFinding("missing", "warning", first_ns, reason))
+        level = "info" if is_slower_topic(np.flatnonzero(is_complete)) else "warning"
+        findings.append(ImportFinding("missing", level, first_ns, reason))
     if not is_complete.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
     return is_complete, without_full_scale(signal, source, values, findings)[is_complete]

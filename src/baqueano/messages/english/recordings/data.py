@@ -166,7 +166,7 @@ TEMPLATES: dict[str, str] = {
     "part.gaining-speed": "while it accelerates",
     "part.turning-faster": "while its yaw rate increases",
     "residual.autocorrelated": (
-        "the residuals of {subject} are autocorrelated. They reach {percent:.2g} % of the motion that the "
+        "the residuals of {subject} are autocorrelated. They reach {percent:g} % of the motion that the "
         "model explains there, and {times:.1f} times its noise. The model is incomplete"
     ),
     "residual.late": (
