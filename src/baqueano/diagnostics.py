@@ -114,6 +114,7 @@ FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("uno.not-heard-yet", "uno.silent-so-far"), ("service.told-to-end", "service.ended-by-process"),
     ("drive.says-failed", "drive.diagnostic-failed"), ("bus.pinctrl-said", "bus.pinctrl-answer"),
     ("noise.found-again", "noise.estimated-again"), ("fit.nothing-seen", "fit.nothing-identifiable"),
+    ("drive.pose-ignored", "drive.sensor-ignored"),
 )  # fmt: skip
 FORMER_FIGURES = {  # figure in older runs and robots → its present name
     "known": "valid", "meant": "similar", "heard": "received", "held": "content", "asked": "requested",

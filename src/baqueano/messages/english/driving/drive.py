@@ -87,9 +87,9 @@ TEMPLATES: dict[str, str] = {
         "the vehicle file does not contain the noise of {sensors}, so the estimator uses a typical value. "
         "To measure it, type: {fix}"
     ),
-    "drive.pose-ignored": (
-        "sensors of the position that the estimator does not use: {sensors}. To use them, write in the vehicle file: "
-        "{fix}"
+    "drive.sensor-ignored": (
+        "sensors of the position or the speed that the estimator does not use: {sensors}. To use them, write in the "
+        "vehicle file: {fix}. Then fit again, for their noise"
     ),
     "drive.signal-shape": (
         "the signal has shape {value}: expected finite numbers (N, {commands}), one column for each of {names}."
