@@ -8,6 +8,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.compare.consistency import NOT_REPORTED
 from baqueano.compare.filter_consistency import FilterConsistency
+from baqueano.drive import replay
 from baqueano.geometry import wrap
 from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Channel, Run, TruthLog
@@ -68,6 +69,19 @@ def test_the_open_loop_prediction_equals_a_simulation_without_noise():
     nu = open_loop(quiet, run, start)
     after = run.t_s > 3.0  # later than the effect of the start
     assert np.max(np.abs(nu - run.truth.nu)[after]) < 0.02
+
+
+def test_the_open_loop_prediction_of_a_slow_log_is_that_of_a_filter_without_readings():
+    """Ten ticks per second are split into rows; the first tick has several of them, too."""
+    car = load("car")
+    ticks = np.arange(10 * 20)
+    u = np.column_stack([0.3 + 0.2 * np.sign(np.sin(0.5 * ticks)), np.zeros(len(ticks))])
+    run = simulate(car.with_values({"rate_hz": 10.0}), u, 0)
+    silent_run = replay(run, car.with_values({"estimator.use": []}))
+    rows = np.searchsorted(silent_run.estimate.t_ns, run.t_ns)
+    nu = open_loop(car, run, np.zeros(3))
+    after = run.t_s > 3.0  # later than the effect of the start
+    np.testing.assert_allclose(silent_run.estimate.nu[rows, 0][after], nu[after, 0], atol=2e-3)
 
 
 def test_the_camera_speed_is_measured_along_the_heading():

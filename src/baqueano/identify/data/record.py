@@ -50,7 +50,7 @@ class FitRecord(NamedTuple):
     """Rows of a run, as a fit reads them."""
 
     name: str
-    t_s: np.ndarray  # (N,) end of each row, from the first tick on
+    t_s: np.ndarray  # (N,) end of each row, 0 at the first tick
     dt_s: np.ndarray  # (N,)
     u: np.ndarray  # (N, n)
     sensors: dict[str, Measurements]
@@ -111,7 +111,7 @@ def record_of(
     if np.any(splits > 1):
         dt_s = row_s
         u = np.repeat(u, splits, axis=0)
-        t_s = np.cumsum(dt_s) - dt_s[0]
+        t_s = np.cumsum(dt_s) - np.sum(dt_s[: splits[0]])  # 0 at the end of the first tick
     return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
 
 
