@@ -174,6 +174,35 @@ def test_dates_are_accepted_as_times(lab):
 
 
 @pytest.mark.parametrize(
+    "written",
+    [
+        lambda t: t.replace("T", " ").replace(".", ","),  # the logging of Python
+        lambda t: f"{t[8:10]}/{t[5:7]}/{t[:4]} {t[11:]}",
+        lambda t: (
+            f"{int(t[5:7])}/{int(t[8:10])}/{t[:4]} {int(t[11:13]) % 12 or 12}{t[13:]} "
+            + ("PM" if int(t[11:13]) >= 12 else "AM")
+        ),
+        lambda t: t[11:],  # a time of day
+    ],
+)
+def test_dates_of_loggers_and_spreadsheets_are_accepted_as_times_also_across_midnight(lab, written):
+    expected = lab.run().run
+    for columns in (lab.board, lab.camera):
+        first = np.datetime64("2024-05-03T23:59:51.000") + np.timedelta64(round(1e3 * columns["t"][0]), "ms")
+        columns["t"] = [f'"{written(str(first + np.timedelta64(20 * k, "ms")))}"' for k in range(1500)]
+    lab.edit('time_unit = "s"', 'time_unit = "iso8601"').edit("start_ns = 1000000000", "")
+    run = lab.run().run
+    assert np.array_equal(np.diff(run.t_ns), np.diff(expected.t_ns))
+    assert np.array_equal(run.applied_commands, expected.applied_commands)
+    assert len(run.truth.t_ns) == len(expected.truth.t_ns)
+
+
+def test_times_in_whole_seconds_are_refused_with_the_rate_of_the_rows(lab):
+    lab.board["t"] = np.floor(lab.board["t"])
+    lab.refused("import.coarse-time", count=30, rows=1500, rate_hz=50.0, file="board")
+
+
+@pytest.mark.parametrize(
     ("zone", "away_h"),
     [
         ("Z", 0.0),

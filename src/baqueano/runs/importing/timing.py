@@ -4,7 +4,6 @@ A time that steps back, different rows with the same time, and a median step tha
 The error message contains the map line that resolves the problem. Gaps, jumps and equal repeated rows are reported.
 """
 
-import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +11,9 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.importing.dates import NO_TIME_NS, times_of_dates
 from baqueano.runs.maps.units import unit
-from baqueano.runs.tables.table import MISSING_TEXTS, LogTable
+from baqueano.runs.tables.table import LogTable
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -28,9 +28,6 @@ USUAL_STEP_TOLERANCE, MAX_REPEAT_SHARE = (
     0.2,
     0.1,
 )  # of steps of a regular log; of repeated rows in a log of changes
-_ZONE = re.compile(r":\d\d(?:\.\d+)?\s*([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
-_UTC = re.compile(r"\s*(Z|UTC)?\s*$", re.IGNORECASE)
-NO_TIME_NS = int(np.datetime64("NaT", "ns").astype(np.int64))
 MIN_CLOCK_ROWS = 3  # rows after a step of the clock; fewer rows can be excluded without a loss
 OVERFLOW_NS = 2**32 * 1000  # period of a counter of microseconds with 32 bits: 71.6 min
 MAX_TIME_NS = 9e18  # the largest time that fits in 64 bits
@@ -125,25 +122,11 @@ def _without_overflows(
 def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
     cells = table.text(spec.time)
     try:
-        return np.array([_ns_of(cell) for cell in cells], dtype=np.int64)
+        return times_of_dates(cells)
     except (ValueError, AttributeError):
         raise FileError(
             fault("import.iso8601", table=table.label, column=spec.time, value=cells[0])
         ) from None
-
-
-def _ns_of(date: str) -> int:
-    """Return the nanoseconds since 1970 of an ISO 8601 date, NO_TIME_NS for an empty cell.
-    A date without a time zone is in UTC.
-    """
-    if date.lower() in MISSING_TEXTS:
-        return NO_TIME_NS
-    zone, ahead_min = _ZONE.search(date), 0
-    if zone is not None:
-        date = date[: zone.start(1)]
-        ahead_min = int(f"{zone[1]}{60 * int(zone[2]) + int(zone[3] or 0)}")
-    local_time = np.datetime64(_UTC.sub("", date, count=1).replace(" ", "T"), "ns")
-    return int(local_time.astype(np.int64)) - ahead_min * 60 * NANOSECONDS
 
 
 def increasing_rows(
@@ -243,6 +226,12 @@ def _without_repeats(
     reason = note("recording.repeats", table=table.label, count=len(repeated_rows), line=line)
     if not is_equal.all() and spec.repeats is None:
         line = table.lines[second[~is_equal][0]]
+        if rate_hz := _rate_within_steps(t_ns[kept_rows]):
+            count = len(kept_rows) - len(repeated_rows)
+            figures = {"table": table.label, "column": spec.time, "count": count, "rows": len(kept_rows)}
+            raise FileError(
+                fault("import.coarse-time", **figures, rate_hz=rate_hz, file=spec.name, map=m.path.name)
+            )
         raise FileError(
             fault(
                 "import.repeats",
@@ -257,6 +246,17 @@ def _without_repeats(
     is_kept = is_kept.copy()
     is_kept[first if spec.repeats == "last" else second] = False
     return is_kept
+
+
+def _rate_within_steps(t_ns: np.ndarray) -> float:
+    """Return the rows per second of times that are too coarse, such as whole seconds; 0 for other repeated times.
+    Then each time but the first and the last has about the same number of rows, at least three.
+    """
+    times_ns, counts = np.unique(t_ns, return_counts=True)
+    inner = counts[1:-1]
+    usual = float(np.median(inner)) if len(inner) else 0.0
+    is_even = usual >= 3.0 and float(np.mean(np.abs(inner - usual) <= 1.0 + 0.1 * usual)) > 0.9
+    return NANOSECONDS * usual / float(np.median(np.diff(times_ns))) if is_even else 0.0
 
 
 def _check_steps(

@@ -266,6 +266,10 @@ TEMPLATES: dict[str, str] = {
         "{table}: {count} rows repeat the time of the row before, at line {line} with other values. "
         'Write in [files.{file}] of {map} which row to keep: repeats = "first" or repeats = "last"'
     ),
+    "import.coarse-time": (
+        "{table}: column {column!r} has {count} different times for {rows} rows, so it is too coarse. If the rows are "
+        "evenly spaced, write in [files.{file}] of {map}: rate_hz = {rate_hz:.4g}, in place of time and time_unit"
+    ),
     "import.time-unit": 'time_unit = "{in_unit}"',
     "import.time": "the correct time and time_unit",
     "map.absent": (
