@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import chi2
 
 from baqueano.block_checks import check_estimator, compilation_notes
-from baqueano.estimators import DeadReckoning
+from baqueano.estimators import Complementary, DeadReckoning
 from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
@@ -113,6 +113,20 @@ def test_the_covariance_matches_a_monte_carlo_simulation(speed):
     variances = np.mean(np.square(errors), axis=0) / np.diag(belief.cov)[:3]
     for quantity, k in WHERE.items():
         assert low < variances[k] < high, f"{quantity}: {variances[k]:.3f} of the claimed variance"
+
+
+@pytest.mark.parametrize("kind", [DeadReckoning, Complementary])
+def test_one_wheel_and_the_gyro_give_the_speed_while_the_other_wheel_is_nan(kind):
+    wheels, nu = replace(WHEELS, radius_scale=np.ones(2)), np.array([0.4, 0.0, 1.5])
+    blocks = sensors(imu=replace(IMU, gyro_scale=1.0, gyro_bias=0.0), wheels=wheels)
+    estimator = kind(WHEELED, blocks, R, rate_hz=100.0) if kind is DeadReckoning else kind(WHEELED, blocks)
+    left, right = nu[0] - 0.06 * nu[2], nu[0] + 0.06 * nu[2]
+    for z in ([left, right], [np.nan, right], [left, np.inf]):
+        belief = estimator.init()
+        for k in range(1, 201):
+            slots = type(blocks)(Slot(1.0, np.array([0.0, 0.0, nu[2]])), Slot(1.0, np.array(z)))
+            belief, estimate = estimator.step(belief, Tick(10_000_000 * k, np.zeros(3), slots))
+        assert estimate.nu == pytest.approx(nu, abs=0.02), z
 
 
 def test_without_wheel_speeds_the_model_predicts_speed_and_uncertainty():

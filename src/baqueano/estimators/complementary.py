@@ -24,10 +24,10 @@ from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.dead_reckoning import MAX_REST_NU, MIN_REST_S
 from baqueano.estimators.kalman import boxplus
 from baqueano.estimators.pauses import filter_row, rows_before, step_in_rows
-from baqueano.estimators.readings.sensor_numbers import has_measurement
 from baqueano.estimators.readings.velocity_readings import (
     TURNING_INDEX,
     Reading,
+    has_reading,
     measured_velocity,
     velocity_readings,
 )
@@ -138,11 +138,9 @@ class Complementary:
 
     def _turning_count(self, tick: Tick) -> Value:
         """Return the number of readings of the yaw rate in this tick."""
-        has_readings = [
-            has_measurement(
-                getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name), reading.rows
-            )
+        arrivals = [
+            has_reading(reading, getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name))
             for reading in self.readings
             if TURNING_INDEX in reading.entries
         ]
-        return sum((np.where(has_reading, 1.0, 0.0) for has_reading in has_readings), 0.0)
+        return sum((np.where(has_arrived, 1.0, 0.0) for has_arrived in arrivals), 0.0)

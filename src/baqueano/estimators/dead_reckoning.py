@@ -35,7 +35,6 @@ from baqueano.estimators.pauses import (
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     age_s,
-    has_measurement,
     scale_std,
     uncertain_parameters,
 )
@@ -43,6 +42,7 @@ from baqueano.estimators.readings.velocity_readings import (
     SIDEWAYS_INDEX,
     TURNING_INDEX,
     Reading,
+    has_reading,
     replace_velocity,
     velocity_readings,
 )
@@ -181,7 +181,7 @@ class DeadReckoning:
         gyro = self.readings[0]
         sensor, k = getattr(self.sensors, gyro.name), gyro.rows[0]
         at_rest = (rest_s > MIN_REST_S) & np.all(np.abs(mean[3:6]) < MAX_REST_NU)
-        has = at_rest & has_measurement(sensor, getattr(tick.sensors, gyro.name), gyro.rows)
+        has = at_rest & has_reading(gyro, sensor, getattr(tick.sensors, gyro.name))
         H, q = np.eye(9)[BIAS_INDEX][None], np.array([sensor.cov[k, k]])
         update = correct(cov, mean[5:6], H, q, has=np.where(has, np.ones(1), 0.0))
         return boxplus(mean, update.move), update.cov
@@ -195,7 +195,7 @@ class DeadReckoning:
             sensor, slot = getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name)
             for i in {*reading.entries, *(SIDEWAYS_INDEX for k in reading.entries if k == TURNING_INDEX)}:
                 ages_s[i] = age_s(sensor, slot)
-                since_s[i] = np.where(has_measurement(sensor, slot, reading.rows), 0.0, since_s[i])
+                since_s[i] = np.where(has_reading(reading, sensor, slot), 0.0, since_s[i])
         return np.array(ages_s), np.array(since_s)
 
     def _travel(

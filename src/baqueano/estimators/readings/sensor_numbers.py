@@ -74,12 +74,6 @@ def measured_channels(sensor: Sensor, slot: Slot) -> np.ndarray:
     return np.where((slot.has > 0.0) & np.isfinite(slot.z), 1.0, 0.0) * np.ones(sensor.size)
 
 
-def has_measurement(sensor: Sensor, slot: Slot, rows: tuple[int, ...] | None = None) -> Value:
-    """Return True if a measurement arrived and is finite, in all its entries or in those of `rows`."""
-    z = slot.z if rows is None else slot.z[list(rows)]
-    return (slot.has > 0.0) & (np.sum(np.isfinite(z)) == (sensor.size if rows is None else len(rows)))
-
-
 def age_s(sensor: Sensor, slot: Slot) -> Value:
     """Return the age of a measurement at the tick [s], from its timestamp, its delay and its low-pass."""
     delay_s = sensor.delay_s if optional.attribute(sensor, "delay_slots") > 0 else 0.0
