@@ -55,7 +55,11 @@ def test_without_a_rest_the_gyro_bias_of_the_file_is_used():
     car, run = drive_rest(rest_s=0.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
-    assert "bias.at-rest" not in [note.code for note in fit.notes]
+    assert fit.notes[0].code == "bias.no-rest"
+    path = "sensors.imu.gyro_bias"
+    measured = car.with_values({path: BIAS}, {path: Provenance("a rest", date(2026, 1, 1), 1e-3, "USABLE")})
+    fit = identify(run, measured, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
+    assert not {"bias.no-rest", "bias.at-rest"} & {note.code for note in fit.notes}
 
 
 def offset(car, run, zero, std):

@@ -4,14 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from baqueano.calibration.rest import with_gyro_bias_at_rest
+import numpy as np
+
+from baqueano.calibration.rest import MIN_REST_S, REST_S, with_gyro_bias_at_rest
+from baqueano.calibration.tolerances import measured_std_of_gyro_bias
+from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_hand_measurements, with_truth
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import free_parameters
+from baqueano.identify.parameters.free import free_parameters, has_offset
 from baqueano.identify.parameters.theta import Parameters, parameters_for_fit
 from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.diagnostics.cleaning import clean
@@ -100,14 +104,28 @@ def dataset(
     >>> dataset([bq.simulate(small, np.full((500, 3), [0.5, 0.0, 0.2]))], small, ["imu[2]"]).channels
     {'imu': [2]}
     """
-    runs, note = list(runs), None
+    runs, bias_note = list(runs), None
     check_command_count(vehicle_file, runs)
     if options.biases:
-        vehicle_file, note = with_gyro_bias_at_rest(vehicle_file, runs)
+        vehicle_file, bias_note = with_gyro_bias_at_rest(vehicle_file, runs)
+        bias_note = bias_note or _unmeasured_bias(vehicle_file, runs)
     blocks, runs, channels = sensors_of(vehicle_file, runs, use)
     runs, blocks = with_hand_measurements(runs, blocks, options.measured)
     runs, findings = clean(runs, vehicle_file, blocks.sensors._asdict())
-    return Dataset(vehicle_file, blocks, tuple(runs), channels, findings, note)
+    return Dataset(vehicle_file, blocks, tuple(runs), channels, findings, bias_note)
+
+
+def _unmeasured_bias(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Diagnostic | None:
+    """Return a note on a gyro whose bias was never measured, for a vehicle with an offset; else None."""
+    for name, sensor in vehicle_file.sensors._asdict().items():
+        is_in_runs = any(
+            name in run.sensors and np.isfinite(run.sensors[name].z[:, -1]).any() for run in runs
+        )
+        if not (has_field(sensor, "gyro_bias") and is_in_runs and has_offset(vehicle_file.vehicle)):
+            continue
+        if measured_std_of_gyro_bias(vehicle_file, name) is None:
+            return note("bias.no-rest", subject=name, rest_s=REST_S + MIN_REST_S)
+    return None
 
 
 def parameters_of(

@@ -108,6 +108,11 @@ TEMPLATES: dict[str, str] = {
         "a known slope"
     ),
     "bias.at-rest": "{subject}: gyro_bias = {bias_rad_s:.4f} ± {std_rad_s:.2g} rad/s was measured at rest, in {runs}",
+    "bias.no-rest": (
+        "{subject}: gyro_bias was not measured, because no run contains a rest of {rest_s:g} s without a command. A "
+        "bias has the same effect as an offset of the steering, so that offset has a wide error bar. Leave the "
+        "vehicle at rest for 3 s"
+    ),
     "bias.contradicts-file": (
         "{subject} differs from the file's {value:.4g} ± {prior_std:.2g}{unit} by more than noise explains. The new "
         "value is written, with its error ± {std:.2g}"
