@@ -23,6 +23,11 @@ FLAGS = (
     "--disable-dev-shm-usage", "--remote-debugging-port=0", "--remote-allow-origins=*",
 )  # fmt: skip
 WAIT_S = 15.0
+FRAME_MS = 50  # without a graphics card each frame costs processor time, so pages draw 20 frames per second
+FEW_FRAMES = f"""{{
+  const frame = requestAnimationFrame.bind(globalThis);
+  globalThis.requestAnimationFrame = (draw) => setTimeout(() => frame(draw), {FRAME_MS});
+}}"""
 
 
 class Chromium:
@@ -76,6 +81,7 @@ class Tab:
         self.errors: list[str] = []
         for domain in ("Page", "Runtime", "Log"):
             self.do(f"{domain}.enable")
+        self.do("Page.addScriptToEvaluateOnNewDocument", source=FEW_FRAMES)
 
     def close(self) -> None:
         self.do("Page.close")

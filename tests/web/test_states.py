@@ -168,7 +168,7 @@ def test_beside_the_list_of_keys_stop_is_within_reach_and_no_key_drives(tab, liv
     tab.click("#lease")
     tab.wait(f"{PAGE}.hand.mine")
     tab.down("w", "KeyW", "w")
-    until(lambda: live.words("beat")[-1]["u"][0] > 0)
+    until(lambda: any(beat["u"][0] > 0 for beat in live.words("beat")))
     tab.press("?", "Slash", "?", shift=True)
     tab.wait("document.getElementById('keys').open")
     until(lambda: not any(live.words("beat")[-1]["u"]))
