@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.calibration.tolerances import with_tolerance
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.imu_only import fit_imu_only
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
@@ -43,8 +43,8 @@ YAW = ("steering_gain", "steering_offset_rad", "yaw_lag_s")
 FREE = tuple(f"model.{name}" for name in DRIVE + YAW)
 LOCK = 0.3  # of full steering: the tyres hardly slip, so that the model nearly fits
 AT_REST, BY_SPEED = np.array([0.05, 0.05, 0.02]), np.array([0.6, 1.2, 0.03])  # noise, and its growth per m/s
-SCALES = {"gyro": 0.01, "accel": 0.02}
-EXACT = {"gyro": 0.0, "accel": 0.0}
+SCALES = {"sensors.imu.gyro_scale": 0.01, "sensors.imu.accel_scale": 0.02}
+EXACT = dict.fromkeys(SCALES, 0.0)
 CASES = ("shaken", "shaken, floor", "steady, floor", "± scales", "robot", "robot, plain")
 
 
@@ -79,7 +79,7 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
         imu, truth = run.sensors["imu"], run.truth
         assert truth is not None
         if case == "± scales":
-            imu.z[:] *= 1.0 + rng.uniform(-1.0, 1.0, 3) * [SCALES["accel"], SCALES["accel"], SCALES["gyro"]]
+            imu.z[:] *= 1.0 + rng.uniform(-1.0, 1.0, 3) * [0.02, 0.02, 0.01]
         if "steady" not in case:
             imu.z[:] += (AT_REST + np.outer(np.abs(truth.nu[:, 0]), BY_SPEED)) * rng.normal(size=imu.z.shape)
         out.append((replace(run, sensors={"imu": imu}), file, car_values(q)))
@@ -111,11 +111,11 @@ def _drive_cars(
 
 def fit_case(case: str, run: Run, file: Any) -> Any:
     """Return the fit of a run with the options of the case."""
-    if "robot" not in case:
-        return fit_imu_only(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
     if "plain" in case:
         return identify(run, file, FREE_ROBOT, use=("imu",), options=FitOptions(gyro_leads=False))
-    return fit_imu_only(run, file, tolerance=EXACT)
+    file = with_tolerance(file, SCALES if case == "± scales" else EXACT)
+    free = None if "robot" in case else FREE
+    return identify(run, file, free, use=("imu",), options=FitOptions(gyro_leads=True))
 
 
 def covered(case: str, seeds: range, duration_s: float) -> str:

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias, std_of_tolerance
+from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias, std_of_tolerance, with_tolerance
 from baqueano.errors import UsageError
-from baqueano.identify import FitOptions, identify
+from baqueano.identify import FitOptions, Residuals, identify
 from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.imu_only import fit_imu_only, is_imu_only
-from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
+from baqueano.identify.imu_only import is_imu_only
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.numerics.slow_part import slow_part
 from baqueano.simulate import simulate
@@ -24,7 +23,14 @@ from tests.codes import of_code
 LONGITUDINAL = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
 YAW = ("model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
 QUIET = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0}
-EXACT = {"gyro": 0.0, "accel": 0.0}
+EXACT = {"sensors.imu.gyro_scale": 0.0, "sensors.imu.accel_scale": 0.0}
+
+
+def fit_imu_only(run, file, free=None, tolerance=None, use=None):
+    """Return the gyro-aided fit of a run."""
+    return identify(
+        run, with_tolerance(file, tolerance or {}), free, use=use, options=FitOptions(gyro_leads=True)
+    )
 
 
 def steps(rng, low, high, hold_s, seconds, rate_hz):
@@ -69,7 +75,7 @@ def test_parameters_that_no_imu_can_identify_are_reported(fitted):
 def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     file, run, fit = fitted
     exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
-    wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
+    wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={**EXACT, "sensors.imu.gyro_scale": 0.1})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
     part = np.sqrt(np.maximum(wide.std**2 - exact.std**2, 0.0)) / std_of_tolerance(0.1)
     changes_by_scale = []
@@ -91,9 +97,6 @@ def test_a_measured_scale_has_priority_over_a_data_sheet():
     path = "sensors.imu.gyro_scale"
     measured_file = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
     assert scale_stds(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
-    assert scale_stds(measured_file, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
-    with pytest.raises(UsageError, check=of_code("tolerance.keys", keys="accel, gyro")):
-        scale_stds(file, "imu", {"compass": 0.1})
 
 
 def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
@@ -226,6 +229,10 @@ def test_the_gyro_fit_uses_the_given_solver(fitted):
         identify(run, file, use=("imu",), solver=solver)
 
 
+class OwnResiduals(Residuals):
+    """Residuals of a user."""
+
+
 def test_options_that_the_gyro_fit_ignores_are_refused(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, check=of_code("imu-only.others", others="clocks, sigma")):
@@ -233,9 +240,9 @@ def test_options_that_the_gyro_fit_ignores_are_refused(fitted):
             run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
         )
     with pytest.raises(UsageError, check=of_code("imu-only.others", others="segment_s")):
-        fit_imu_only(run, file, options=FitOptions(segment_s=5.0))
+        identify(run, file, options=FitOptions(gyro_leads=True, segment_s=5.0))
     with pytest.raises(UsageError, check=of_code("imu-only.others", others="residuals")):
-        identify(run, file, residuals=GyroAidedResiduals, options=FitOptions(gyro_leads=True))
+        identify(run, file, residuals=OwnResiduals, options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         identify(run, file, use=("imu", "odometer"), options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, match="odometer"):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.imu_only import fit_imu_only
 from baqueano.runs.importing import import_run
 from baqueano.vehicle_file import load
 
@@ -67,7 +66,8 @@ def test_a_repeated_imu_fit_of_a_recording_gives_the_same_estimate(runs):
     free = ["throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag", "steering_gain",
             "steering_offset_rad", "yaw_lag_s", "drivetrain.delay_s"]  # fmt: skip
     raw = load("car").with_values({"sensors.imu.gyro_scale": 1.0})
-    first = fit_imu_only(runs[0], raw, [f"model.{name}" for name in free])
-    second = fit_imu_only(runs[0], first.vehicle_file, [f"model.{name}" for name in free])
+    options = FitOptions(gyro_leads=True)
+    first = identify(runs[0], raw, [f"model.{name}" for name in free], options=options)
+    second = identify(runs[0], first.vehicle_file, [f"model.{name}" for name in free], options=options)
     assert np.isfinite(second.estimate).all()
     assert np.max(np.abs(second.estimate - first.estimate) / first.std) <= 0.3

@@ -14,19 +14,17 @@ from tests.codes import of_code
 
 
 @pytest.mark.parametrize(
-    ("tolerance", "python"),
+    ("tolerance", "parts"),
     [
-        ({"sensors.imu.gyro_scale": 0.01}, {"gyro": 0.01}),
-        ({"sensors.imu.accel_scale": 0.05}, {"accel": 0.05}),
-        ({"sensors.imu.gyro_scale": 0.2, "sensors.imu.accel_scale": 0.001}, {"gyro": 0.2, "accel": 0.001}),
-        ({}, {}),
+        ({"sensors.imu.gyro_scale": 0.01}, (0.03, 0.03, 0.01)),
+        ({"sensors.imu.accel_scale": 0.05}, (0.05, 0.05, 0.03)),
+        ({"sensors.imu.gyro_scale": 0.2, "sensors.imu.accel_scale": 0.0}, (0.0, 0.0, 0.2)),
+        ({}, (0.03, 0.03, 0.03)),
     ],
 )
-def test_a_tolerance_may_be_given_by_key_or_by_kind(tolerance, python):
-    car = load("car").with_values({"sensors.imu.gyro_scale": 1.035})
-    np.testing.assert_allclose(
-        scale_stds(with_tolerance(car, tolerance), "imu"), scale_stds(car, "imu", python), rtol=5e-3
-    )
+def test_a_tolerance_replaces_that_of_the_data_sheet(tolerance, parts):
+    car = with_tolerance(load("car").with_values({"sensors.imu.gyro_scale": 1.035}), tolerance)
+    np.testing.assert_allclose(scale_stds(car, "imu"), np.array(parts) / np.sqrt(3.0), rtol=5e-3)
 
 
 def test_scales_without_calibration_have_the_tolerance_of_the_data_sheet_in_every_room():
@@ -49,7 +47,7 @@ def test_a_given_tolerance_is_written_with_its_provenance():
         ({"sensors.imu.gyr": 0.01}, "tolerance.no-scale"),
         ({"sensors.odometer.scale": 0.01}, "tolerance.no-scale"),
         ({"sensors.imu.gyro_scale": 3.0}, "tolerance.no-part"),
-        ({"sensors.imu.gyro_scale": 0.0}, "tolerance.no-part"),
+        ({"sensors.imu.gyro_scale": -0.01}, "tolerance.no-part"),
     ],
 )
 def test_a_tolerance_of_a_parameter_that_is_not_a_scale_is_refused(tolerance, code):

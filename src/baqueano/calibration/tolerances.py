@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 ZERO_RATE_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
-DATA_SHEET_TOLERANCES = {"accel": SCALE_TOLERANCE, "gyro": SCALE_TOLERANCE}
-CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
+CHANNELS = (("accel_scale", 0), ("accel_scale", 1), ("gyro_scale", 0))
 
 
 def std_of_tolerance(tolerance: float) -> float:
@@ -29,26 +28,18 @@ def std_of_tolerance(tolerance: float) -> float:
     return tolerance / np.sqrt(3.0)
 
 
-def scale_stds(
-    vehicle_file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None
-) -> np.ndarray:
-    """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance` (keys
-    "accel", "gyro"). Otherwise the standard error in the file is used, or the tolerance of a data sheet. Raise
-    UsageError for an unknown key, or a tolerance outside 0 to 1."""
-    tolerances, stds = dict(tolerance or {}), []
-    is_valid = all(kind in DATA_SHEET_TOLERANCES and 0.0 <= x < 1.0 for kind, x in tolerances.items())
-    if not is_valid:
-        raise UsageError(fault("tolerance.keys", given=tolerances, keys=DATA_SHEET_TOLERANCES))
-    for kind, field, entry in CHANNELS:
-        std = _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry)
-        if std is None or kind in tolerances:
-            std = std_of_tolerance(tolerances.get(kind, DATA_SHEET_TOLERANCES[kind]))
-        stds.append(std)
-    return np.array(stds)
+def scale_stds(vehicle_file: "VehicleFile", imu: str) -> np.ndarray:
+    """Return the relative standard deviations (3,) of the scales of an IMU, from the file if they were measured or
+    stated, else from a data sheet."""
+    stds = [
+        _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry) for field, entry in CHANNELS
+    ]
+    return np.array([std_of_tolerance(SCALE_TOLERANCE) if std is None else std for std in stds])
 
 
 def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
-    """Return the file with standard deviations of scales: {"sensors.imu.gyro_scale": 0.01} means ± 1 % of the value.
+    """Return the file with standard deviations of scales: {"sensors.imu.gyro_scale": 0.01} means ± 1 % of the value,
+    and 0 an exact value.
     Raise UsageError for a path that is not a scale of an IMU in the file, and for a tolerance outside 0 to 1."""
     from baqueano.vehicle_file import Provenance
 
@@ -63,7 +54,7 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
         if path not in scale_paths:
             name = vehicle_file.name
             raise UsageError(fault("tolerance.no-scale", path=path, vehicle=name, valid=scale_paths))
-        if not 0.0 < relative_tolerance < 1.0:
+        if not 0.0 <= relative_tolerance < 1.0:
             raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))
         value = np.asarray(value_at_path(vehicle_file, path), float)
         std = np.abs(value) * std_of_tolerance(relative_tolerance)

@@ -17,6 +17,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters, has_offset
 from baqueano.identify.parameters.theta import Parameters, parameters_for_fit
+from baqueano.identify.residuals.gyro_aided import gyro_aided_paths
 from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.diagnostics.cleaning import clean
 from baqueano.runs.maps.columns import KINDS
@@ -161,6 +162,8 @@ def parameters_of(
     >>> [one.path for one in parameters_of(data, ["model.mass_kg"]).free]
     ['model.mass_kg']
     """
+    if options.gyro_leads:
+        free = gyro_aided_paths(data.blocks, free, data.vehicle_file.name)
     fixed_paths = (*options.fixed, *options.per_run)
     parameters = free_parameters(data.blocks, free, fixed_paths, options.bounds, data.channels)
     return parameters_for_fit(

@@ -20,18 +20,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault, note
-from baqueano.errors import UsageError
+from baqueano.diagnostics import note
 from baqueano.identify import imu_only
 from baqueano.identify.covariance.information import gyro_bias_covariance
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.estimation.delay import DUTY_STEP_PATH, duty_step_count, search_with_free_delay
+from baqueano.identify.estimation.delay import DUTY_STEP_PATH, duty_step_count, search_to_the_end
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability import finished_fit
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
 from baqueano.identify.parameters.theta import Parameters, sigma_from_option
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
+from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
 from baqueano.identify.residuals.noise_level import min_sigma, sigma_of_rare_channels
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
@@ -103,12 +103,9 @@ def identify(
     0.61 kg, USABLE
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    is_custom = residuals is not Residuals
-    if is_custom and options.gyro_leads:
-        raise UsageError(fault("imu-only.others", others=["residuals"]))
-    settings = {"options": options, "solver": solver, "progress": progress}
-    if not is_custom and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
-        return imu_only.fit_imu_only(runs, vehicle_file, free, use, **settings)
+    if imu_only.gyro_leads(vehicle_file, runs, use, free, options, residuals):
+        residuals, options = GyroAidedResiduals, replace(options, gyro_leads=True)
+        use = imu_only.imu_of(vehicle_file, use)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.from_parameters(parameters, options.backend)
@@ -117,7 +114,10 @@ def identify(
     if steps is None:
         return conclude(data, parameters, task, end, options)
     stepped_file = vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps})
-    fit = identify(runs, stepped_file, free, use=use, residuals=residuals, **settings)
+    fit = identify(
+        runs, stepped_file, free,
+        use=use, options=options, residuals=residuals, solver=solver, progress=progress,
+    )  # fmt: skip
     return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
 
 
@@ -166,9 +166,10 @@ def solve(
     task = Task(
         problem, parameters.start, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.has),
         None if options.sigma is None else sigma_from_option(options.sigma, sensors),
-        options.speed_noise, progress, sigma_of_rare_channels(sensors, problem.has), again, solver,
+        options.speed_noise or problem.has_speed_noise, progress,
+        sigma_of_rare_channels(sensors, problem.has), again, solver,
     )  # fmt: skip
-    return search_with_free_delay(task, _start_theta(task, parameters))
+    return search_to_the_end(task, _start_theta(task, parameters))
 
 
 def conclude(
@@ -209,6 +210,8 @@ def conclude(
     """
     end = finished_fit(task, result, parameters, data.vehicle_file, data.note, data.findings)
     end = end._replace(score_test=options.diagnose)
+    if options.gyro_leads:
+        return imu_only.fit_of_imu(end)
     if options.biases and has_offset(data.vehicle_file.vehicle):
         zero_cov = gyro_bias_covariance(
             end.task.problem,

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.tolerances import with_tolerance
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.imu_only import fit_imu_only
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 DRIVE_PARAMETERS = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
-GYRO_BIAS_PATH = "sensors.imu.gyro_bias"
+GYRO_BIAS_PATH, GYRO_SCALE_PATH = "sensors.imu.gyro_bias", "sensors.imu.gyro_scale"
 ZERO_RAD_S, ZERO_STD_RAD_S, RECORDED_ON = 0.0024, 0.0013, date(2019, 5, 13)
 FREE = (*DRIVE_PARAMETERS, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
 BARE_VALUES = {"model.quadratic_drag": 0.0, GYRO_BIAS_PATH: ZERO_RAD_S}
@@ -108,13 +108,11 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
             progress(
                 _("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name))
             )
-            vehicle_file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
-            fit = fit_imu_only(
-                runs[name],
-                vehicle_file,
-                FREE,
-                tolerance={"gyro": gyro.tolerance},
-                options=FitOptions(backend=backend),
+            vehicle_file = with_tolerance(
+                car.with_values({GYRO_SCALE_PATH: gyro.scale}), {GYRO_SCALE_PATH: gyro.tolerance}
+            )
+            fit = identify(
+                runs[name], vehicle_file, FREE, options=FitOptions(backend=backend, gyro_leads=True)
             )
             out += held_out_rows(
                 fit, reference[name], runs[test_name], f"cpm {name} → {test_name}, {_(gyro.name)}", backend

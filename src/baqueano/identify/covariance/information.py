@@ -10,7 +10,6 @@ which is its mean if σ is correct. docs/derivations/robust_covariance.md gives 
 Liang and Zeger 1986 for (3).
 """
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, measured_std_of_gyro_bias, std_of_tolerance
 from baqueano.contracts.optional import has_field
 from baqueano.identify.covariance.clusters import are_finite, inflation_factors, segment_derivatives
+from baqueano.identify.residuals.gyro_aided import GYRO_CHANNEL
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 # segments for each shared parameter: with fewer, the fit pulls the sums of scores to 0
 MIN_SEGMENTS_PER_PARAMETER = 2
 RELATIVE_STEP = 1e-3  # part of a reading, and of 1 rad/s
-GYRO_CHANNEL = 2  # channel of an IMU
 
 
 class Information(NamedTuple):
@@ -177,24 +176,21 @@ def _unmeasured_std_of_gyro_bias(score: float, power: float) -> float:
 
 
 def with_systematic_errors(
-    info: Information,
-    gradient: Callable[[int, float, float], np.ndarray],
-    scales: np.ndarray,
-    gyro_bias_rad_s: float,
+    info: Information, problem: Residuals, theta: np.ndarray, scales: np.ndarray, gyro_bias_rad_s: float
 ) -> Information:
     """Return `info` with the effect of errors in the scales and in the zero of the gyro, which the fit keeps fixed.
 
         θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε,   B ← B + Σ_c σ_c² g_c g_cᵀ
 
-    g is the gradient of the cost: `gradient(c, scale, shift)` returns it (p,) if channel c is divided by `scale` and
-    `shift` is added to it. `scales` (m,) and `gyro_bias_rad_s` [rad/s] are standard deviations. A⁻¹ B A⁻¹ grows by the
-    variance of θ̂ for each scale.
+    g is the gradient of the cost at θ. `scales` (m,) and `gyro_bias_rad_s` [rad/s] are standard deviations.
+    A⁻¹ B A⁻¹ grows by the variance of θ̂ for each scale.
     """
     steps = [(int(c), RELATIVE_STEP, 0.0, scales[c]) for c in np.flatnonzero(scales > 0.0)]
     steps += [(GYRO_CHANNEL, 0.0, RELATIVE_STEP, gyro_bias_rad_s)] if gyro_bias_rad_s > 0.0 else []
     meat = info.meat.copy()
     for c, scale, shift, std in steps:
-        change = gradient(c, 1.0 + scale, shift) - gradient(c, 1.0 - scale, -shift)
-        g = change / (2.0 * RELATIVE_STEP)
+        higher = problem.gradient_of_changed_channel(theta, c, 1.0 + scale, shift)
+        lower = problem.gradient_of_changed_channel(theta, c, 1.0 - scale, -shift)
+        g = (higher - lower) / (2.0 * RELATIVE_STEP)
         meat += std**2 * np.outer(g, g)
     return info._replace(meat=meat)

@@ -38,6 +38,43 @@ MAX_STEPS = 6  # largest number of ticks by which (4) moves
 DUTY_STEP_PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 MIN_COST_GAIN = 25.0
+MAX_UPDATES = 8  # updates of residuals that depend on the fit, at most
+# standard deviations: the search is settled if an update moves all parameters together by less
+SETTLED_SIGMA = 0.1
+
+
+def search_to_the_end(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
+    """Return the task and the search of `search_with_free_delay`. Residuals that depend on the fit are updated, and
+    searched again, until θ is constant. Each update changes the best delay, so both are searched in turn."""
+    bounded_task, end = search_with_free_delay(task, begin)
+    for _ in range(MAX_UPDATES if task.problem.depends_on_fit else 0):
+        end = _search_updated(bounded_task, end)
+        task, bounded_task = (part._replace(problem=end.problem) for part in (task, bounded_task))
+        if end.stopped or DELAY_PATH not in task.problem.shape.shared_paths:
+            break
+        previous = end
+        bounded_task, end = search_with_free_delay(task, previous.solution.theta)
+        end = end._replace(evaluations=previous.evaluations + end.evaluations)
+        if _is_settled(previous, end):
+            break
+    return bounded_task, end
+
+
+def _search_updated(task: Task, end: Search) -> Search:
+    """Update the residuals and repeat the search at this delay until θ is constant."""
+    for _ in range(MAX_UPDATES):
+        previous, problem = end, end.problem.updated(end.solution.theta)
+        end = search(task._replace(problem=problem), previous.solution.theta, None, previous)
+        end = end._replace(evaluations=previous.evaluations + end.evaluations)
+        if end.stopped or _is_settled(previous, end):
+            break
+    return end
+
+
+def _is_settled(previous: Search, end: Search) -> bool:
+    """Return True if a search changed all parameters together by less than SETTLED_SIGMA standard deviations."""
+    step = end.solution.theta - previous.solution.theta
+    return float(step @ information(end.problem, end.solution.theta).bread @ step) < SETTLED_SIGMA**2
 
 
 def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]:

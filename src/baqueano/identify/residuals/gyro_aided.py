@@ -12,17 +12,16 @@ weighted by (4) of noise_level.py. Source: Carroll, Ruppert, Stefanski and Crain
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from baqueano.contracts import optional
-from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.parameters.free import DELAY_PATH
+from baqueano.identify.parameters.free import DELAY_PATH, has_offset
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
@@ -33,6 +32,8 @@ from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
+LEVER_ARM = "lever_arm_m[0]"
+GYRO_CHANNEL = 2  # channel of an IMU
 SETTLING_LAGS = 3.0  # time constants after which a motor has settled
 # entries of a row beyond those of the simulation: ω_z and its derivative, at the end of the row
 EXTRA_COLUMNS = 2
@@ -49,6 +50,8 @@ class GyroAidedState(NamedTuple):
 
 class GyroAidedResiduals(Residuals):
     """Residuals (2), (3) of several runs as a function of one θ, for an IMU only."""
+
+    has_speed_noise = depends_on_fit = True
 
     def __init__(
         self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
@@ -68,8 +71,9 @@ class GyroAidedResiduals(Residuals):
         """Return for each segment |ν_x| (N,) of the gyro-aided simulation."""
         return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
-    def with_yaw_rate_at(self, theta: np.ndarray) -> "GyroAidedResiduals":
-        """Return the residuals with the expected yaw rate, given the gyro and the model at θ, in their simulation."""
+    def updated(self, theta: np.ndarray) -> Self:
+        """Return the residuals with the expected yaw rate, given the gyro and the model at θ, in their simulation.
+        (4)"""
         yaw_rates = []
         for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
             slow = slow_part(omega - outputs[:, 1])
@@ -94,15 +98,9 @@ class GyroAidedResiduals(Residuals):
         dt_s = [record.dt_s for record in self.records]
         return profile_with_slow_noise(misfits, self.has, self.speeds(theta), dt_s, floor)
 
-    def gradient_of_changed_channel(
-        self, theta: np.ndarray, c: int, scale: float, shift: float
-    ) -> np.ndarray:
-        """Return the gradient (p,) at θ if the readings of channel c were divided by `scale` and raised by `shift`."""
-        z = 1 + self._blocks.model.commands + c
-        columns = [z, -2, -1] if c == 2 else [z]
-        shifts = np.array([shift, shift, 0.0][: len(columns)])
-        shifted_columns = [rows[:, columns] / scale + shifts for rows in self.rows]
-        return self.with_columns(columns, shifted_columns).evaluate(theta).gradient
+    def columns_of_channel(self, c: int) -> list[int]:
+        """Return the columns of the rows that contain the readings of channel c, then of their derivative."""
+        return super().columns_of_channel(c) + ([-2, -1] if c == GYRO_CHANNEL else [])
 
 
 def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
@@ -208,7 +206,13 @@ def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
     return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 
 
-def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
-    """Return True for an IMU as the only sensor of a vehicle whose velocity is a state."""
-    is_imu_only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
-    return is_imu_only and optional.attribute(blocks.model, "turning_arm_m") is not None
+def gyro_aided_paths(blocks: FittedBlocks, free: Sequence[str] | None, vehicle: str) -> list[str]:
+    """Return the requested paths `free`, and the position of the IMU along the vehicle. If `free` contains the default
+    parameters, also return the delay of a car's commands. Raise UsageError if the velocity is not a state."""
+    if optional.attribute(blocks.model, "turning_arm_m") is None:
+        raise UsageError(fault("imu-only.no-dynamics", vehicle=vehicle, kind=type(blocks.model).__name__))
+    lever, names = f"sensors.{blocks.sensors._fields[0]}.{LEVER_ARM}", ["+"] if free is None else list(free)
+    if not all(path.startswith("+") for path in names):
+        return [*names, lever]
+    delay = [f"+{DELAY_PATH}"] if has_offset(blocks.model) else []
+    return [*delay, *names, f"+{lever}"]

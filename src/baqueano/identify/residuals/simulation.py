@@ -86,6 +86,9 @@ class Residuals:
     >>> [r.shape for r in Residuals.from_parameters(parameters).residuals(parameters.start)]
     [(50, 3)]"""
 
+    has_speed_noise = False  # True if the noise always grows with speed
+    depends_on_fit = False  # True if `updated` changes the residuals
+
     @staticmethod
     def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
         """Return the residual (m,) of a reading `z` (m,) of a sensor and the model's `h` (m,), before its weight."""
@@ -168,6 +171,23 @@ class Residuals:
             lambda rows, index: Evaluation(*self.scan.normal_equations(rows, theta[index], HUBER))
         )
         return sum_of_segments(parts, self._index, theta, self._prior, self._places)
+
+    def columns_of_channel(self, c: int) -> list[int]:
+        """Return the columns of the rows that contain the readings of channel c."""
+        return [1 + self._blocks.model.commands + c]
+
+    def gradient_of_changed_channel(
+        self, theta: np.ndarray, c: int, scale: float, shift: float
+    ) -> np.ndarray:
+        """Return the gradient (p,) at θ if the readings of channel c were divided by `scale` and raised by `shift`."""
+        columns = self.columns_of_channel(c)
+        shifts = np.array([shift, shift, 0.0][: len(columns)])  # a derivative does not change
+        changed_columns = [rows[:, columns] / scale + shifts for rows in self.rows]
+        return self.with_columns(columns, changed_columns).evaluate(theta).gradient
+
+    def updated(self, theta: np.ndarray) -> Self:
+        """Return the residuals with all that they take from a fit, taken from the fit θ (p,)."""
+        return self
 
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
         """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of(rows)`."""

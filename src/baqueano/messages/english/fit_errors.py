@@ -203,9 +203,6 @@ TEMPLATES: dict[str, str] = {
     "tape.of-another-run": (
         '{arg[measured]} "{line}" names run {value}: expected one of {valid} before the time.'
     ),
-    "tolerance.keys": (
-        "{arg[tolerance]} = {given}: expected fractions of 1 for {keys}, as in {{'gyro': 0.01}}."
-    ),
     "tolerance.no-part": (
         "{arg[tolerance]} of {path}, {part:g}: expected a fraction of 1, such as 0.01 for ± 1 %."
     ),
