@@ -32,6 +32,7 @@ from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs import Channel, Run
+from baqueano.sensors.sampling import is_imu
 from baqueano.signals import NANOSECONDS, Motion, seconds
 from baqueano.vehicle_file.file import VehicleFile
 
@@ -291,7 +292,7 @@ def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
 def _gyro_of(run: Run, vehicle_file: VehicleFile) -> str:
     """Return the name of the sensor with a gyro. Raise AnswerNo if the file or the run does not have one."""
     sensors = vehicle_file.sensors._asdict().items()
-    name = next((n for n, s in sensors if has_field(s, "gyro_scale") and n in run.sensors), None)
+    name = next((n for n, s in sensors if is_imu(s) and n in run.sensors), None)
     if name is None:
         raise AnswerNo(fault("marks.no-gyro", name=run.name))
     return name

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias
-from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import jackknife, with_jackknife
@@ -32,6 +31,7 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.assemble import fit_of, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
+from baqueano.sensors.sampling import is_imu
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -64,7 +64,7 @@ def is_imu_only(
     sensors = vehicle_file.sensors._asdict()
     recorded_names = [name for name in sensors if all(name in run.sensors for run in runs)]
     names = recorded_names if use is None else list(use)
-    has_one_imu = len(names) == 1 and has_field(sensors.get(names[0]), "gyro_scale")
+    has_one_imu = len(names) == 1 and is_imu(sensors.get(names[0]))
     has_free_sensor = any(path.lstrip("+").startswith("sensors.") for path in free or ())
     return has_one_imu and has_offset(vehicle_file.vehicle) and not has_free_sensor
 
@@ -73,7 +73,7 @@ def imu_of(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[str]:
     """Return the name of the IMU, as `use` of a fit. Raise UsageError if `use` names another sensor, or if the IMU is
     ambiguous or missing."""
     sensors = vehicle_file.sensors._asdict().items()
-    names = [name for name, sensor in sensors if has_field(sensor, "gyro_scale")]
+    names = [name for name, sensor in sensors if is_imu(sensor)]
     imus = names if use is None else list(use)
     if len(imus) == 1 and imus[0] in names:
         return imus

@@ -185,6 +185,8 @@ def _sensors(second: PredictionErrorFit) -> Diagnostic:
     """Return a note with the noise of the sensors without the process noise."""
     problem, noise = second.end.task.problem, second.likelihood_fit.noise
     sigma = problem.sigma * np.exp(noise.sensors)
-    by_sensor = zip(problem.names, np.split(sigma, np.cumsum(problem.sizes)[:-1]), strict=True)
-    stds = [note("noise.of-sensor", sensor=name, values=map(float, values)) for name, values in by_sensor]
+    stds = [
+        note("noise.of-sensor", sensor=name, values=map(float, sigma[span]))
+        for name, span in problem.spans.items()
+    ]
     return note("noise.without-floor", noise=stds)

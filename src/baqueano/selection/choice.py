@@ -15,6 +15,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.selection.terms import Term
+from baqueano.sensors.sampling import is_imu
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -37,7 +38,7 @@ def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
     """Return the labels of the entries of all sensors, in order."""
     out = []
     for name, sensor in blocks.sensors._asdict().items():
-        if has_field(sensor, "gyro_scale"):
+        if is_imu(sensor):
             names = N_("acceleration"), N_("lateral acceleration"), N_("yaw rate")
             out += map(ChannelLabel, names, ("m/s²", "m/s²", "rad/s"))
         elif has_field(sensor, "radius_scale"):

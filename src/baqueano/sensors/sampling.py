@@ -193,6 +193,11 @@ def mistake_corrections(sensor: Tree, z: np.ndarray) -> np.ndarray:
     return np.zeros((0, len(z))) if own_mistakes is None else own_mistakes(z)
 
 
+def is_imu(sensor: Tree) -> bool:
+    """Return True for a sensor with a gyro, whose readings are two accelerations and the yaw rate."""
+    return has_field(sensor, "gyro_scale")
+
+
 def measures_pose(sensor: Tree) -> bool:
     """Return True for a sensor of position and heading; with such a sensor, a run can begin anywhere in the map."""
     return optional.attribute(sensor, "difference") is not None and sensor.size >= 3

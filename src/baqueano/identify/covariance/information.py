@@ -146,18 +146,18 @@ def gyro_bias_covariance(
     W are the weights of the gyro's readings. σ is the standard error of the zero at rest if it was measured. Otherwise
     σ is estimated from the run by (4), and is at most the value of the data sheet.
     """
-    cov, positions, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
+    cov, positions = np.zeros_like(bread), np.flatnonzero(identifiable)
     sensors = vehicle_file.sensors._asdict().items()
     gyros = [name for name, sensor in sensors if has_field(sensor, "gyro_bias")]
-    for name, size in zip(problem.names, problem.sizes, strict=True):
-        end += size
+    for name, span in problem.spans.items():
+        c = span.stop - 1
         if name not in gyros or f"sensors.{name}.gyro_bias" in problem.shape.paths or not len(positions):
             continue
         g, score, power = np.zeros(problem.size), 0.0, 0.0
         for (r, d, index), weight in zip(segment_derivatives(problem, theta), problem.weights, strict=True):
-            r, W = r[:, end - 1], weight[:, end - 1]
+            r, W = r[:, c], weight[:, c]
             inlier_weight = W * (np.abs(r) < HUBER)
-            g[index] += inlier_weight @ d[:, end - 1]
+            g[index] += inlier_weight @ d[:, c]
             score, power = score + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inlier_weight @ W)
         A = bread[np.ix_(positions, positions)]
         if not (np.isfinite(g).all() and np.isfinite(A).all()):

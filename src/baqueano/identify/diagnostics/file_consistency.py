@@ -27,6 +27,7 @@ from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import FreeParameter, entries, value
 from baqueano.identify.parameters.theta import start_theta
+from baqueano.identify.residuals.gyro_aided import GYRO_CHANNEL
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.parameter import all_parameters
 from baqueano.runs.diagnostics.physical_units import MAX_UNIT_RATIO, compare_gyro
@@ -38,6 +39,7 @@ from baqueano.runs.diagnostics.signal_map import (
     nearest_ratio,
     signal_map,
 )
+from baqueano.sensors.sampling import is_imu
 from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
@@ -83,8 +85,7 @@ def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 
 def sensor_samples(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the measurements (n, m) of the channels of a sensor and their predictions (n, m), thinned and clipped."""
-    k = problem.names.index(name)
-    span = slice(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
+    span = problem.spans[name]
     z, h = measurements(problem)[:, span], predictions(problem, theta)[:, span]
     rows = np.flatnonzero(np.isfinite(z).any(axis=1))
     rows = rows[:: max(1, len(rows) // MAX_SAMPLES)]
@@ -109,15 +110,17 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded_parameters = [free._replace(low=-np.inf, high=np.inf) for free in end.parameters.free]
     by_file = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
-    first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = measurements(problem), predictions(problem, by_file)
-    wheels = [(k, sensors[name]) for name, k in first_channel.items() if has_field(sensors[name], "track_m")]
-    wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
+    wheel_rates = [
+        np.diff(z[:, span])[:, 0] / sensors[name].track_m
+        for name, span in problem.spans.items()
+        if has_field(sensors[name], "track_m")
+    ]
     fitted_thetas = [end.search.solution.theta] if _keeps_turning_gains(end) else []
     fitted_predictions = [predictions(problem, theta) for theta in fitted_thetas]
     messages, is_cleared, source = [], True, note("gyro.as-commands")
-    for name in (name for name in first_channel if has_field(sensors[name], "gyro_scale")):
-        i = first_channel[name] + 2
+    for name in (name for name in problem.names if is_imu(sensors[name])):
+        i = problem.spans[name].start + GYRO_CHANNEL
         turn_rates = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted_predictions)
         comparisons = [compare_gyro(name, z[:, i], omega, source) for omega in turn_rates]
         if not any(comparison.is_near for comparison in comparisons):
@@ -175,11 +178,7 @@ def with_mount_findings(end: "FinishedFit", messages: list[Diagnostic]) -> list[
     if type(task.problem) is not Residuals or all(message.severity == Severity.INFO for message in messages):
         return messages
     for name, block in blocks.sensors._asdict().items():
-        if (
-            has_field(block, "gyro_scale")
-            and _has_wrong_axes(task, name)
-            and (mount := _better_mount(end, name))
-        ):
+        if is_imu(block) and _has_wrong_axes(task, name) and (mount := _better_mount(end, name)):
             code = "axes.swapped" if mount[0].order[0] else "axes.inverted"
             other_messages = [
                 message for message in messages if message.code not in CHANNEL_CODES or message.code == code
@@ -203,8 +202,7 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     """Return a mount with clearly smaller residuals whose gains agree with the file, and its diagnostic, or None."""
     task, blocks = end.task, end.blocks
     records = [record.part(slice(MAX_ROWS)) for record in task.problem.records]
-    first_channel = sum(task.problem.sizes[: task.problem.names.index(name)])
-    channels = slice(first_channel, first_channel + 3)
+    channels = task.problem.spans[name]
     n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
     theta = end.search.solution.theta
     starts = task.start, np.where(np.isfinite(theta), theta, task.start)
@@ -337,20 +335,16 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
                 note("file.lever-arm", Severity.WARNING, f"--free +{offset}", f"u[{j}]", axis=axis)
             )
         of_gain = _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
-        if main_axis == TURNING_AXIS and (imu := _name_of_imu(blocks)):
+        imus = [name for name, block in blocks.sensors._asdict().items() if is_imu(block)]
+        if main_axis == TURNING_AXIS and imus:
             of_gain = [
-                replace(finding, code="file.mirrored", figures={**finding.figures, "imu": imu})
+                replace(finding, code="file.mirrored", figures={**finding.figures, "imu": imus[0]})
                 if finding.code == "file.inverted"
                 else finding
                 for finding in of_gain
             ]
         findings += of_gain
     return findings
-
-
-def _name_of_imu(blocks: FittedBlocks) -> str:
-    """Return the name of the first IMU of a fit, "" without one."""
-    return next((n for n, block in blocks.sensors._asdict().items() if has_field(block, "gyro_scale")), "")
 
 
 def _offset_path(blocks: FittedBlocks) -> str:

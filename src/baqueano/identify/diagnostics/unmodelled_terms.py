@@ -24,11 +24,11 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.covariance.information import GYRO_CHANNEL
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.parameters.theta import ThetaShape
+from baqueano.identify.residuals.gyro_aided import GYRO_CHANNEL
 from baqueano.identify.residuals.motion import (
     Motions,
     blocks_in_row,
@@ -40,6 +40,7 @@ from baqueano.identify.residuals.motion import (
 )
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.numerics.parallel import parallel_map, prefetch
+from baqueano.sensors.sampling import is_imu
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
@@ -184,8 +185,9 @@ def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMot
 
 def gyro_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> np.ndarray:
     """Return D (1, N m) of a relative error of the scales of all gyros: the predicted reading of each gyro."""
-    entries = [(has_field(block, "gyro_scale"), k) for block in blocks.sensors for k in range(block.size)]
-    is_gyro = np.array([is_imu and k == GYRO_CHANNEL for is_imu, k in entries])
+    is_gyro = np.array(
+        [is_imu(block) and k == GYRO_CHANNEL for block in blocks.sensors for k in range(block.size)]
+    )
     pairs = zip(fitted.motions, problem.weights, strict=True)
     return np.concatenate([(motion.h * is_gyro * weight).ravel() for motion, weight in pairs])[None, :]
 
@@ -266,10 +268,8 @@ def _reading_terms(
     """Return code, message and column (N, m) of each term that changes only the readings.  (6)"""
     h = motions.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
-    terms, offset = [("delay", note("term.delay"), h_dot)], 0
-    for name, block, size in zip(problem.names, blocks.sensors, problem.sizes, strict=True):
-        span = slice(offset, offset + size)
-        offset += size
+    terms = [("delay", note("term.delay"), h_dot)]
+    for (name, span), block in zip(problem.spans.items(), blocks.sensors, strict=True):
         if (mean_weights := record.sensors[name].mean_weights) is not None:
             h_dot[:, span] = averages(mean_weights, h_dot[:, span])
         if len(problem.names) > 1:

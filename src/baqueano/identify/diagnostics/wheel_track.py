@@ -14,7 +14,9 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.diagnostics.file_consistency import measurements
+from baqueano.identify.residuals.gyro_aided import GYRO_CHANNEL
 from baqueano.runs.diagnostics.signal_map import MIN_SCALE_GAIN, channel_regression, clip
+from baqueano.sensors.sampling import is_imu
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability import FinishedFit
@@ -25,16 +27,15 @@ MAX_TRACK_ERROR = 0.15
 def track_findings(end: "FinishedFit") -> list[Diagnostic]:
     """Return a finding on each pair of wheels with another track than in the file, unless its track is fitted."""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, findings = measurements(problem), []
-    gyros = [k + 2 for name, k in first_channel.items() if has_field(sensors[name], "gyro_scale")]
+    gyros = [problem.spans[name].start + GYRO_CHANNEL for name in problem.names if is_imu(sensors[name])]
     fitted_paths = {parameter.path for parameter in end.parameters.free}
-    for name, k in first_channel.items() if gyros else ():
+    for name, span in problem.spans.items() if gyros else ():
         path = f"sensors.{name}.track_m"
         if not has_field(sensors[name], "track_m") or path in fitted_paths:
             continue
         track_m = float(sensors[name].track_m)
-        rate, gyro = clip(np.column_stack([(z[:, k + 1] - z[:, k]) / track_m, z[:, gyros[0]]])).T
+        rate, gyro = clip(np.column_stack([np.diff(z[:, span]) / track_m, z[:, gyros[0]]])).T
         r = channel_regression(gyro, rate)
         if r.slope <= 0.0 or not r.is_clear(MIN_SCALE_GAIN):
             continue

@@ -132,6 +132,12 @@ class Residuals:
         return [f"{name}[{i}]" for name, m in zip(self.names, self.sizes, strict=True) for i in range(m)]
 
     @property
+    def spans(self) -> dict[str, slice]:
+        """Return for each sensor its channels among all m."""
+        ends = np.cumsum(self.sizes).tolist()
+        return {name: slice(end - m, end) for name, m, end in zip(self.names, self.sizes, ends, strict=True)}
+
+    @property
     def counts(self) -> np.ndarray:
         """Return the number (m,) of measurements of each channel, over all runs."""
         return np.sum([has.sum(axis=0) for has in self.has], axis=0)

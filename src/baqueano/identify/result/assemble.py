@@ -88,7 +88,6 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     run_entry_names, run_values, run_entry_std = _run_entries(
         problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
     )
-    sigma_by_sensor = np.split(end.search.sigma, np.cumsum(problem.sizes)[:-1])
     commands = end.vehicle_file.command.names
     start = np.array([value(end.blocks, parameter.path) for parameter in requested_parameters])
     start[in_theta] = end.task.start[: len(in_theta)]
@@ -111,7 +110,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         reasons=reasons,
         notes=(*_notes(end), *remarks(evidence._replace(bound=evidence.bound - basis.bound_excess))),
         channels=evidence.channels,
-        sigma=dict(zip(problem.names, sigma_by_sensor, strict=True)),
+        sigma={name: end.search.sigma[span] for name, span in problem.spans.items()},
         autocorrelated=end.info.autocorrelated,
         converged=solution.converged,
         cost=solution.evaluation.cost,
@@ -339,7 +338,7 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return notes on the time and the distance over which model and truth were compared."""
     if TRUTH not in problem.names:
         return []
-    column, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
+    column, pose = problem.spans[TRUTH].start, any(i >= 3 for i in problem.shape.start)
     spans, lengths_m = [], []
     for record, h, has in zip(problem.records, problem.predictions(theta), problem.has, strict=True):
         rows = np.flatnonzero(has[:, column] > 0.0)

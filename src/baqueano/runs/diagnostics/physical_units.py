@@ -24,6 +24,7 @@ from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, cli
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import window_means
+from baqueano.sensors.sampling import is_imu
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def implausible_values(run: Run, vehicle_file: "VehicleFile", sensors: dict[str,
     messages = _command_messages(run, vehicle_file)
     for name, block in sensors.items():
         is_recorded = name in run.sensors and run.sensors[name].z.shape[1] == block.size
-        if is_recorded and has_field(block, "gyro_scale"):
+        if is_recorded and is_imu(block):
             messages += _imu_messages(run, name, block) + check_gyro_unit(run, vehicle_file, name)
     return messages
 
