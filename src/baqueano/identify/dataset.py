@@ -18,10 +18,10 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters, has_offset
 from baqueano.identify.parameters.theta import Parameters, parameters_for_fit
 from baqueano.identify.residuals.gyro_aided import gyro_aided_paths
-from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.diagnostics.cleaning import clean
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.run import Channel, Run
+from baqueano.signals import sensor_slots
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -206,7 +206,8 @@ def sensors_of(
         size = getattr(sensors, name).size
         if name in channels and max(channels[name]) >= size:
             raise UsageError(fault("use.no-channel", sensor=name, entry=max(channels[name]), last=size - 1))
-    return FittedBlocks(vehicle_file.vehicle, chosen_sensors(sensors, names)), runs, channels
+    chosen = sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
+    return FittedBlocks(vehicle_file.vehicle, chosen), runs, channels
 
 
 def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:

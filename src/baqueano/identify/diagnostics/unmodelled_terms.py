@@ -32,13 +32,14 @@ from baqueano.identify.residuals.gyro_aided import GYRO_CHANNEL
 from baqueano.identify.residuals.motion import (
     Motions,
     blocks_in_row,
+    cached_kernel,
     example,
     initial_state,
     mean_columns,
     motion_rows,
     read_sensors,
 )
-from baqueano.identify.residuals.simulation import Residuals, cached_kernel
+from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import parallel_map, prefetch
 from baqueano.sensors.sampling import is_imu
 from baqueano.symbolic import scan

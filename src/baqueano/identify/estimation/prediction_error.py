@@ -22,7 +22,8 @@ from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.theta import arrow_layout
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
-from baqueano.identify.residuals.simulation import Residuals, cached_kernel
+from baqueano.identify.residuals.motion import cached_kernel
+from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
 from baqueano.numerics.least_squares import DAMPING, Solution, minimise

@@ -23,9 +23,9 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH, has_offset
 from baqueano.identify.parameters.theta import ThetaShape
-from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state
+from baqueano.identify.residuals.motion import blocks_in_row, cached_kernel, example, initial_state
 from baqueano.identify.residuals.noise_level import profile_with_slow_noise
-from baqueano.identify.residuals.simulation import Residuals, cached_kernel
+from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.slow_part import slow_part
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
 from baqueano.signals import Motion
@@ -146,7 +146,8 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = 
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
         blocks_at = blocks_in_row(blocks, shape, theta, row[:-EXTRA_COLUMNS])
         imu = blocks_at.sensors[0]
-        nu_with_speed = with_speed(blocks_at.model, state.free.nu, state.gyro_aided.nu[0])
+        nu = np.array([state.gyro_aided.nu[0], state.free.nu[1], state.free.nu[2]])
+        nu_with_speed = blocks_at.model.init(nu=nu).nu
         free, motion = blocks_at.model.step(
             state.free._replace(nu=nu_with_speed), row[1 : 1 + n], row[0], np.zeros(3)
         )
@@ -199,11 +200,6 @@ def with_yaw_rate(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot
     nu_dot = model.nu_dot(nu, effort, motion.eta[2])
     nu_dot = np.array([nu_dot[0], nu_dot[1] + model.turning_arm_m * (r_dot - nu_dot[2]), r_dot])
     return motion._replace(nu=nu, nu_dot=nu_dot)
-
-
-def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
-    """Return ν (3,) with ν_x replaced by `v`."""
-    return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 
 
 def gyro_aided_paths(blocks: FittedBlocks, free: Sequence[str] | None, vehicle: str) -> list[str]:

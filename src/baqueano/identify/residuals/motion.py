@@ -1,7 +1,9 @@
-"""Simulate a model row by row: its start, the readings of its sensors, and its motion without residuals."""
+"""Simulate a model row by row: its start, the readings of its sensors, its motion without residuals, its kernels."""
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,6 +17,10 @@ from baqueano.sensors.sampling import constant_signal, step_signal
 from baqueano.signals import ByName, Motion, sensor_slots
 from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
+
+CACHED_KERNELS = 24  # kernels in the cache
+_kernels: "OrderedDict[Any, Any]" = OrderedDict()
+K = TypeVar("K")
 
 
 def blocks_in_row(
@@ -141,3 +147,32 @@ def open_loop(
 
     theta = np.array([value(blocks, path) for path in paths])
     return scan(step, start, np.zeros(1 + model.commands), theta, backend=backend), theta
+
+
+def cached_kernel(
+    blocks: FittedBlocks, shape: ThetaShape, backend: str, traced: Callable[..., K], *more: Any
+) -> K:
+    """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
+    shape_blocks = blocks
+    for path in shape.paths:
+        shape_blocks = with_value(shape_blocks, path, 0.0)
+    key = (traced, more, _fingerprint(shape_blocks), shape, backend)
+    if key not in _kernels:
+        _kernels[key] = traced(blocks, shape, backend, *more)
+        if len(_kernels) > CACHED_KERNELS:
+            _kernels.popitem(last=False)
+    _kernels.move_to_end(key)
+    return _kernels[key]
+
+
+def _fingerprint(tree: Any) -> Any:
+    """Return a hashable copy of all numbers in a tree of blocks. Two trees with the same copy give the same trace."""
+    if is_dataclass(tree) and not isinstance(tree, type):
+        return (type(tree), *(_fingerprint(getattr(tree, f.name)) for f in fields(tree)))
+    if isinstance(tree, np.ndarray):
+        return (tree.shape, tree.tobytes())
+    if isinstance(tree, tuple | list):
+        return (type(tree), *map(_fingerprint, tree))
+    if isinstance(tree, dict):
+        return tuple((k, _fingerprint(v)) for k, v in tree.items())
+    return id(tree) if isinstance(tree, Callable) else tree

@@ -14,9 +14,8 @@ The model is simulated from its start to the end without a correction by measure
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import fields, is_dataclass
 from functools import partial
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from baqueano.identify.parameters.theta import ThetaShape, arrow_layout, layout_
 from baqueano.identify.residuals.motion import (
     Motions,
     blocks_in_row,
+    cached_kernel,
     example,
     initial_state,
     mean_columns,
@@ -40,16 +40,12 @@ from baqueano.numerics.normal_equations import Evaluation, sum_of_segments
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import HUBER, huber_cost
 from baqueano.sensors.sampling import difference
-from baqueano.signals import ByName, sensor_slots
-from baqueano.symbolic import scan, with_value
+from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.delay import delayed_value, with_newest
 
-CACHED_KERNELS = 24  # kernels in the cache
 CACHED_RESULTS = 3  # cached results of a problem: several tests need the results at the end of a search
 START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: prior of ν of a start without earlier measurements
-_kernels: "OrderedDict[Any, Any]" = OrderedDict()
-K = TypeVar("K")
 
 
 class SimulationState(NamedTuple):
@@ -318,22 +314,6 @@ def _rows(record: FitRecord, names: Sequence[str], shape: ThetaShape) -> np.ndar
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
 
 
-def cached_kernel(
-    blocks: FittedBlocks, shape: ThetaShape, backend: str, traced: Callable[..., K], *more: Any
-) -> K:
-    """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
-    shape_blocks = blocks
-    for path in shape.paths:
-        shape_blocks = with_value(shape_blocks, path, 0.0)
-    key = (traced, more, _fingerprint(shape_blocks), shape, backend)
-    if key not in _kernels:
-        _kernels[key] = traced(blocks, shape, backend, *more)
-        if len(_kernels) > CACHED_KERNELS:
-            _kernels.popitem(last=False)
-    _kernels.move_to_end(key)
-    return _kernels[key]
-
-
 def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Callable[..., Any]) -> Scan:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, names = sum(sizes), blocks.sensors._fields
@@ -384,21 +364,3 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
     return scan(
         step, start, np.zeros(1 + n + 2 * m + shape.extra_columns), example(blocks, shape), backend=backend
     )
-
-
-def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:
-    """Return the NamedTuple of the named sensor blocks."""
-    return sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
-
-
-def _fingerprint(tree: Any) -> Any:
-    """Return a hashable copy of all numbers in a tree of blocks. Two trees with the same copy give the same trace."""
-    if is_dataclass(tree) and not isinstance(tree, type):
-        return (type(tree), *(_fingerprint(getattr(tree, f.name)) for f in fields(tree)))
-    if isinstance(tree, np.ndarray):
-        return (tree.shape, tree.tobytes())
-    if isinstance(tree, tuple | list):
-        return (type(tree), *map(_fingerprint, tree))
-    if isinstance(tree, dict):
-        return tuple((k, _fingerprint(v)) for k, v in tree.items())
-    return id(tree) if isinstance(tree, Callable) else tree
