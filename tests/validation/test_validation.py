@@ -112,10 +112,12 @@ def test_a_fitted_run_cannot_validate_the_fit(fit, small):
 
 def test_students_quantile_equals_the_tables():
     for freedom, quantile in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
-        assert student_quantile(0.995, freedom) == pytest.approx(quantile, rel=3e-3)
-        assert student_quantile(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
+        assert student_quantile(0.995, freedom) == pytest.approx(quantile, abs=6e-4)
+        assert student_quantile(0.005, freedom) == pytest.approx(-quantile, abs=6e-4)
     for probability, freedom, quantile in ((0.975, 7, 2.3646), (0.975, 20, 2.0860), (0.999, 11, 4.0247)):
-        assert student_quantile(probability, freedom) == pytest.approx(quantile, abs=4e-3)
+        assert student_quantile(probability, freedom) == pytest.approx(quantile, abs=6e-5)
+    assert student_quantile(1.0 - 1.25e-5, 5) == pytest.approx(14.856, abs=6e-4)
+    assert student_quantile(0.975, 1001.0) == pytest.approx(student_quantile(0.975, 999.0), abs=2e-5)
 
 
 def alarms_of(blocks, own, noise=None):

@@ -7,11 +7,11 @@
 
 Sums over blocks longer than the errors of a model are independent, for any autocorrelation inside a block. With few
 blocks an interval needs Student's quantile. Sources: Liang and Zeger 1986 for (2); Quenouille 1956, Tukey 1958 for (3);
-Cornish and Fisher for Student's quantile; Wilson and Hilferty 1931 for χ².
+Wilson and Hilferty 1931 for χ².
 """
 
 from collections.abc import Sequence
-from math import erfc, exp, pi, sqrt
+from math import erfc, exp, lgamma, pi, sqrt
 from statistics import NormalDist
 
 import numpy as np
@@ -19,32 +19,26 @@ import numpy as np
 QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
+MAX_FREEDOM = 1000.0  # degrees of freedom above which Student's t is normal to 1e-4
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)  # of a quadrature over (−1, 1)
 MIN_BLOCKS, DRAWS = 5, 2000  # (4): blocks for an interval, and draws
 
 
 def student_quantile(probability: float, freedom: float) -> float:
-    """Return the quantile of Student's t with `freedom` degrees of freedom (below 5: a whole number)."""
-    if freedom < 5:
-        return _exact_student_quantile(probability, int(freedom))
-    z, n = NormalDist().inv_cdf(probability), float(freedom)
-    first = (z**3 + z) / (4.0 * n)
-    second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * n**2)
-    third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / (384.0 * n**3)
-    return z + first + second + third
-
-
-def _exact_student_quantile(probability: float, freedom: int) -> float:
-    """Return the exact quantile for n = 1 to 4 degrees of freedom, by bisection of the integral over θ = atan(t/√n)."""
-    distribution = {
-        1: lambda x: x / np.pi,
-        2: lambda x: 0.5 * np.sin(x),
-        3: lambda x: (x + np.sin(x) * np.cos(x)) / np.pi,
-        4: lambda x: 0.5 * np.sin(x) * (1.0 + 0.5 * np.cos(x) ** 2),
-    }[freedom]
-    low, high = -0.5 * np.pi, 0.5 * np.pi
+    """Return the quantile of Student's t with `freedom` degrees of freedom, at least 1, by bisection of the integral of
+    cosⁿ⁻¹θ over θ = atan(t/√n)."""
+    if probability < 0.5:
+        return -student_quantile(1.0 - probability, freedom)
+    if freedom > MAX_FREEDOM:
+        z = NormalDist().inv_cdf(probability)
+        return z + (z**3 + z) / (4.0 * freedom)
+    density = np.exp(lgamma(0.5 * (freedom + 1.0)) - lgamma(0.5 * freedom)) / np.sqrt(np.pi)
+    low, high = 0.0, 0.5 * np.pi
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if distribution(middle) < probability - 0.5 else (low, middle)
+        heights = density * np.cos(0.5 * middle * (1.0 + NODES)) ** (freedom - 1.0)
+        is_below = 0.5 * middle * float(WEIGHTS @ heights) < probability - 0.5
+        low, high = (middle, high) if is_below else (low, middle)
     return float(np.sqrt(freedom) * np.tan(low))
 
 

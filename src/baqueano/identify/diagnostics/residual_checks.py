@@ -41,12 +41,10 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
-from baqueano.numerics.statistics import MAD, white_std
+from baqueano.numerics.statistics import MAD, student_quantile, white_std
 
-# quantiles of Student's t for a probability of 1.25e-5 on each side: (degrees of freedom, t)
-CRITICAL_T = (
-    (1, 2.5e4), (2, 200.0), (3, 44.5), (5, 14.9), (7, 9.8), (9, 7.9), (14, 6.2), (19, 5.5), (29, 5.0), (59, 4.6),
-)  # fmt: skip
+P_VALUE = 2.5e-5  # p-value below which a result is significant
+LEAST_CRITICAL_Z = student_quantile(1.0 - 0.5 * P_VALUE, np.inf)
 LOW_PASS_Z = 3.0  # standard errors for a low-pass: nearly every IMU has one, so less evidence is sufficient
 MIN_SHIFT_STD, MIN_RELATIVE_SHIFT = (
     2.0,
@@ -145,11 +143,8 @@ class _FitEvidence(NamedTuple):
 
     def is_significant(self, test: ScoreTest) -> bool:
         """Return True if |z| of the test is above the critical value for its degrees of freedom."""
-        if abs(test.z) <= CRITICAL_T[-1][1]:
-            return False
-        dof = [-1.0 / d for d, _ in CRITICAL_T]
-        critical_z = np.exp(np.interp(-1.0 / max(test.freedom, 1.0), dof, np.log([t for _, t in CRITICAL_T])))
-        return bool(abs(test.z) > critical_z)
+        z = abs(test.z)
+        return z > LEAST_CRITICAL_Z and z > student_quantile(1.0 - 0.5 * P_VALUE, max(test.freedom, 1.0))
 
     def most_biased(self, test: ScoreTest) -> int | None:
         """Return the index of the parameter with the largest shift in standard errors, or None if all are small."""
