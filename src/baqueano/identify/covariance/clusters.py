@@ -5,10 +5,8 @@
     cov ← D cov D,   D_i² = max(cov, A⁻¹, A⁻¹ B A⁻¹)_ii / cov_ii                                           (3)
     cov_ii ← max(C, (2))_ii   where   tr C⁻¹ (2) / k > 1 + 4 √(2/(n k)),   C = A⁻¹ B A⁻¹                   (4)
 
-(2) leaves out each block in one step of Gauss-Newton; (3) is for a model that lacks an effect, (4) for a correct model,
-over its k shared parameters. No parameter may depend on one block only. Longer runs have longer blocks. In a run of
-segments each block is inside one segment, and d⊥ replaces ∂r. Then the segments are the blocks, and (4) is applied
-again. Reasons: docs/derivations/robust_covariance.md. Sources: Quenouille 1956, Tukey 1958; Künsch 1989 for blocks.
+(3) is for a model that lacks an effect, (4) for a correct model, over its k shared parameters. In a run of segments,
+(4) is applied again with the segments as blocks. docs/derivations/robust_covariance.md derives (1) to (4).
 """
 
 from collections.abc import Iterator

@@ -4,10 +4,8 @@
     B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ    if residuals are autocorrelated            (2)
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
 
-(1) is the sandwich of an M-estimator, (2) that of numerics/autocorrelation.py. (3) is for a run in K segments with q
-shared parameters; it does not change the correlations. If a channel has fewer than MIN_MEASUREMENTS, ψ² is set to 1,
-which is its mean if σ is correct. docs/derivations/robust_covariance.md gives the reasons. Sources: Huber 1981, 6.3;
-Liang and Zeger 1986 for (3).
+(3) is for a run in K segments with q shared parameters; it does not change the correlations. If a channel has fewer
+than MIN_MEASUREMENTS, ψ² is set to 1. docs/derivations/robust_covariance.md derives (1) to (3).
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple

@@ -6,13 +6,10 @@
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
     min ½ xᵀA x + α cᵀx + ½ (cᵀA⁻¹c + ρ) α² − ρ α,   low ≤ θ + x ≤ high,   c = −A Δθ,   ρ = δ D⊥ᵀψ         (5)
 
-r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. ψ(r) is the clipped residual of the Huber cost, and
-w = ψ'(r). −D is the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) estimates the
-scatter of (2) from the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥. z is Student's t with
-1/Σ h_b² − 1 degrees of freedom. B is 60 if the run is long enough. An effect can be a parameter that differs in a
-part of the run, D = 1_part d_j. Biases and starts are eliminated from d and D first. (5) is (3) for bounded parameters:
-without bounds x = Δθ and α = 1; an effect that needs a negative delay can only be smaller.
-docs/derivations/robust_covariance.md gives the reasons. Sources: Rao 1948; Andrews 1993 for parts of a sample.
+r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. −D is the change of r by a unit of the effect. z is
+Student's t with 1/Σ h_b² − 1 degrees of freedom. An effect can be a parameter that differs in a part of the run,
+D = 1_part d_j. Biases and starts are eliminated from d and D first. (5) is (3) for bounded parameters.
+docs/derivations/robust_covariance.md derives (1) to (4). Sources: Rao 1948; Andrews 1993 for parts of a sample.
 """
 
 from collections.abc import Callable, Sequence

@@ -4,15 +4,14 @@
     D_b = C_b(θ̃_b) − C_b(θ̂_b),      z = Σ D_b / √(n var D_b)   over n blocks                              (2)
     t_i = (θ̂ − θ̃)_i / √((n − 1)/n Σ_b (δ_b − δ̄)_i²),   δ_b = θ̂_b − θ̃_b                                   (3)
 
-C_b is the cost of an open-loop simulation of a held-out block. (3) is Hausman's test: both fits are consistent if the
-model is correct. docs/derivations/robust_covariance.md gives the reasons. The choice is
+C_b is the cost of an open-loop simulation of a held-out block. The choice is
 
     process noise is 0                        the simulation: both agree, and it is the harder test of a model
     noise, one θ, ΣD_b below 0                the innovations: errors of the simulation are a random walk
     noise, one θ, ΣD_b > 0, not significant   the simulation: nothing is gained
     two θ by (3), or a larger error by (2)    the simulation, with a warning: the model lacks an effect
 
-Sources: Stone 1974 for (2); Hausman 1978 for (3); Quenouille 1956 for (1).
+docs/derivations/robust_covariance.md gives the reasons and the sources.
 """
 
 from collections.abc import Iterator, Sequence
