@@ -122,66 +122,57 @@ class EstimationStudy:
     def table(self) -> str:
         """Return the rows, notes and verdict as a text table."""
         rows = self.rows_shown()
-        keys, cells = (N_("recording"), N_("estimator"), N_("quantity")), []
-        for r in rows:
-            finite = np.isfinite(r.get("low", float("nan")))
-            interval = (
-                _(r["verdict"])
-                if "verdict" in r
-                else (f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if finite else "")
-            )
-            ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
-            ok = _("NO") if r["ok"] is False else ""
-            figures = f"{number(r['value']):.3f}", f"{number(r['reference']):.3f}", ratio
-            cells.append([*(_(r[key]) for key in keys), *figures, interval, ok])
-        head = [*map(_, keys), _("value"), _("ref."), _("ratio"), "95 %", ""]
-        lines = text_table("<<<>>><<", head, *cells)
-        lines += [
-            _(
-                "Reference of a speed: {speed}. Of a position: {position}.",
-                speed=_(REFERENCE_NAMES[True]),
-                position=_(REFERENCE_NAMES[False]),
-            ),
-            _(
-                "NO marks a ratio on one recording that is significantly above {alone:g}, or a requirement "
-                "that is not met. The goal of a pooled ratio is {goal:g}.",
-                alone=MAX_SINGLE_RATIO,
-                goal=GOAL_RATIO,
-            ),
-            _(
-                "The NEES of a speed must be in {nees}, the NIS in {nis}, and the lag-1 correlation within "
-                "± {white:g}.",
-                nees=NEES_RANGE,
-                nis=NIS_RANGE,
-                white=MAX_AUTOCORRELATION,
-            ),
-            *(
-                f"{estimate.recording}, {estimate.estimator}: {estimate.consistency.sentence}"
-                for estimate in self.estimates
-            ),
-            *self.notes,
-            *dict.fromkeys(
-                _(
-                    "{recording}: its fit is {verdict}, so it is shown but not counted.",
-                    recording=estimate.recording,
-                    verdict=_(REFUSED),
-                )
-                for estimate in self.estimates
-                if estimate.fit == REFUSED
-            ),
-        ]
+        names = [_("recording"), _("estimator"), _("quantity")]
+        head = [*names, _("value"), _("ref."), _("ratio"), "95 %", ""]
+        refused = dict.fromkeys(each.recording for each in self.estimates if each.fit == REFUSED)
+        not_counted = N_("{recording}: its fit is {verdict}, so it is shown but not counted.")
         checks = [r["ok"] for r in rows if r["ok"] is not None]
+        met = {"verdict": _(self.verdict), "met": sum(checks), "all": len(checks)}
         return "\n".join(
             [
-                *lines,
-                _(
-                    "{verdict}: {met} of {all} requirements are met",
-                    verdict=_(self.verdict),
-                    met=sum(checks),
-                    all=len(checks),
+                *text_table("<<<>>><<", head, *map(_cells, rows)),
+                *_legend(),
+                *(
+                    f"{each.recording}, {each.estimator}: {each.consistency.sentence}"
+                    for each in self.estimates
                 ),
+                *self.notes,
+                *(_(not_counted, recording=name, verdict=_(REFUSED)) for name in refused),
+                _("{verdict}: {met} of {all} requirements are met", **met),
             ]
         )
+
+
+def _cells(r: "TableRow") -> list[str]:
+    """Return the cells of a row of the table."""
+    interval = _(r["verdict"]) if "verdict" in r else ""
+    if not interval and np.isfinite(r.get("low", float("nan"))):
+        interval = f"[{number(r['low']):.2f}, {number(r['high']):.2f}]"
+    names = [_(r[key]) for key in ("recording", "estimator", "quantity")]
+    ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
+    value, reference = (f"{number(r[key]):.3f}" for key in ("value", "reference"))
+    return [*names, value, reference, ratio, interval, _("NO") if r["ok"] is False else ""]
+
+
+def _legend() -> list[str]:
+    """Return the sentences on the references and the limits of the table."""
+    names = {"speed": _(REFERENCE_NAMES[True]), "position": _(REFERENCE_NAMES[False])}
+    return [
+        _("Reference of a speed: {speed}. Of a position: {position}.", **names),
+        _(
+            "NO marks a ratio on one recording that is significantly above {alone:g}, or a requirement "
+            "that is not met. The goal of a pooled ratio is {goal:g}.",
+            alone=MAX_SINGLE_RATIO,
+            goal=GOAL_RATIO,
+        ),
+        _(
+            "The NEES of a speed must be in {nees}, the NIS in {nis}, and the lag-1 correlation within "
+            "± {white:g}.",
+            nees=NEES_RANGE,
+            nis=NIS_RANGE,
+            white=MAX_AUTOCORRELATION,
+        ),
+    ]
 
 
 def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> "JsonObject":
