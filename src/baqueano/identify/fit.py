@@ -24,9 +24,14 @@ from baqueano.diagnostics import note
 from baqueano.identify import imu_only
 from baqueano.identify.covariance.information import gyro_bias_covariance
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.estimation.delay import DUTY_STEP_PATH, duty_step_count, search_to_the_end
+from baqueano.identify.estimation.delay import (
+    DUTY_STEP_PATH,
+    duty_step_count,
+    search_to_the_end,
+    with_bound_flags,
+)
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability import finished_fit
+from baqueano.identify.identifiability import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
 from baqueano.identify.parameters.theta import Parameters, sigma_from_option
@@ -208,18 +213,18 @@ def conclude(
     >>> str(conclude(data, parameters, *solve(Residuals.from_parameters(parameters), parameters)).verdict)
     'USABLE'
     """
-    end = finished_fit(task, result, parameters, data.vehicle_file, data.note, data.findings)
-    end = end._replace(score_test=options.diagnose)
+    best, identifiability, info = fix_unidentifiable(task, result, parameters.free)
+    # the bounds of the search are those of one tick if the delay is free
+    task = task._replace(low=parameters.low, high=parameters.high, problem=best.problem)
+    end = FinishedFit(
+        data.vehicle_file, parameters, task, with_bound_flags(task, best), identifiability, info,
+        data.note, data.findings, score_test=options.diagnose,
+    )  # fmt: skip
     if options.gyro_leads:
         return imu_only.fit_of_imu(end)
     if options.biases and has_offset(data.vehicle_file.vehicle):
-        zero_cov = gyro_bias_covariance(
-            end.task.problem,
-            end.search.solution.theta,
-            end.identifiability.mask,
-            end.info.bread,
-            data.vehicle_file,
-        )
+        theta, mask = best.solution.theta, identifiability.mask
+        zero_cov = gyro_bias_covariance(task.problem, theta, mask, info.bread, data.vehicle_file)
         end = end._replace(systematic=zero_cov)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 

@@ -23,7 +23,6 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.estimation.delay import with_bound_flags
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
 from baqueano.identify.parameters.theta import Parameters, eliminate_starts
@@ -262,18 +261,6 @@ class FinishedFit(NamedTuple):
         `identifiability`."""
         free = self.parameters.free
         return [free[j] for j in which.get(i, ()) if j < len(free)]
-
-
-def finished_fit(
-    task: Task, end: Search, parameters: Parameters, vehicle_file: "VehicleFile", message: Diagnostic | None,
-    findings: tuple[Diagnostic, ...],
-) -> FinishedFit:  # fmt: skip
-    """Return the state of the fit after the search `end` of a task. Parameters that the data do not determine are fixed
-    at their start. The bounds of `task` can be narrower than the bounds of the parameters."""
-    end, identifiability, info = fix_unidentifiable(task, end, parameters.free)
-    task = task._replace(low=parameters.low, high=parameters.high, problem=end.problem)
-    end = with_bound_flags(task, end)
-    return FinishedFit(vehicle_file, parameters, task, end, identifiability, info, message, findings)
 
 
 MAX_NAMES = 4  # names in one message
