@@ -95,61 +95,74 @@ def _read_in_any_encoding(path: Path) -> tuple[LogTable, str]:
 
 def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator[str]:
     """Yield each table of the map, and remove its columns from `free_columns`."""
-    yield "\n[files.log]" + (f'\nencoding = "{encoding}"' if encoding else "")
-    if time := _take_column(free_columns, TIME_PATTERN) or _take_clock(table, free_columns):
-        yield f'time = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
-    else:
-        yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    twist = _take_all(free_columns, TWIST_COMMANDS) or _take_all(free_columns, TWIST_COMMANDS[:2])
-    is_named = bool(twist) or any(re.search(COMMAND_PATTERN, plain_name(column)) for column in free_columns)
-    commands = (
-        []
-        if twist
-        else _take_pair(free_columns, COMMAND_PATTERN) or _take_pair(free_columns, SETPOINT_PATTERN)
-    )
-    bare_pair = [] if commands or is_named else _take_all(free_columns, BARE_SIDES)
-    commands = commands or bare_pair
-    single_column = (
-        []
-        if commands or twist
-        else [column for column in list(free_columns) if re.search(COMMAND_PATTERN, plain_name(column))]
-    )
-    if commands:
-        span = _span(table, *commands)  # both wheels share a full duty
-        until_text = _('"until": the command of a row held up to its time')
-        measured_text = _("if these are measured, not commands: write them as z of [sensors.wheels]")
-        remark = f"{'':28}# {measured_text}" if bare_pair else ""
-        yield f'\n[command]{remark}\nin_force = "from"                    # {until_text}'
-        pins = _take_pair(free_columns, PIN_PATTERN) or ["", ""]
-        entries = (
-            _with_pin(_wheel_command(table, column, span), table, column, pin)
-            for column, pin in zip(commands, pins, strict=True)
-        )
-        yield f"wheels = [\n{_list_lines(entries)}\n]"
-    elif single_column:
-        is_steering = [bool(re.search(STEERING_PATTERN, plain_name(column))) for column in single_column]
-        if 0 < sum(is_steering) < len(is_steering):  # a car; a further angle is measured
-            single_column = [single_column[is_steering.index(kind)] for kind in (False, True)]
-        free_columns[:] = [column for column in free_columns if column not in single_column]
-        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(map(_quoted, single_column))}]'
-        entries = _list_lines(_command(column, _span(table, column)) for column in single_column)
-        yield f"u = [\n{entries}\n]"
-    measured = _("if it is measured, not a command: write it as z of [sensors.odometer]")
-    remark = "" if twist else f"{'':28}# {measured}"
-    twist = twist or ([] if commands or single_column else _take_all(free_columns, TWIST_PATTERNS))
-    if twist:
-        yield f'\n[command]{remark}\nin_force = "from"\nnames = ["u_x", "u_y", "u_psi"]'
-        sideways = "{ constant = 0 }" if len(twist) < 3 else _entry(twist[2], "speed")
-        entries = [_entry(twist[0], "speed"), sideways, _entry(twist[1], "angular rate")]
-        yield f"u = [\n{_list_lines(iter(entries))}\n]"
+    yield _file_table(table, free_columns, encoding)
+    commands = _command_table(table, free_columns)
     signals = list(_signal_tables(table, free_columns))
-    if not commands and not single_column and not twist:
-        at_rest = _("no column looks like a command: without [command] the vehicle is at rest")
-        nothing = _(
-            "no column looks like a command or a measurement: write [command], [sensors.NAME] or [truth]"
-        )
-        yield f"\n# {at_rest if signals else nothing}"
+    at_rest = _("no column looks like a command: without [command] the vehicle is at rest")
+    nothing = _("no column looks like a command or a measurement: write [command], [sensors.NAME] or [truth]")
+    yield commands or f"\n# {at_rest if signals else nothing}"
     yield from signals
+
+
+def _file_table(table: LogTable, free_columns: list[str], encoding: str) -> str:
+    """Return the table of the file, with its encoding and its column of time."""
+    title = "\n[files.log]" + (f'\nencoding = "{encoding}"' if encoding else "")
+    if time := _take_column(free_columns, TIME_PATTERN) or _take_clock(table, free_columns):
+        return f'{title}\ntime = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
+    no_time = _("no column looks like a time: write the rows per second")
+    return f"{title}\nrate_hz = 0.0                        # {no_time}"
+
+
+def _command_table(table: LogTable, free_columns: list[str]) -> str:
+    """Return the table of the commands, or "" without one. Columns that are named as commands come before columns that
+    can also be measurements: a left and a right one without further name, and a twist."""
+    if twist := _take_all(free_columns, TWIST_COMMANDS) or _take_all(free_columns, TWIST_COMMANDS[:2]):
+        return _twist_commands(twist)
+    named_columns = [name for name in free_columns if re.search(COMMAND_PATTERN, plain_name(name))]
+    if pair := _take_pair(free_columns, COMMAND_PATTERN) or _take_pair(free_columns, SETPOINT_PATTERN):
+        return _wheel_commands(table, free_columns, pair)
+    if named_columns:
+        return _named_commands(table, free_columns, named_columns)
+    if pair := _take_all(free_columns, BARE_SIDES):
+        remark = _("if these are measured, not commands: write them as z of [sensors.wheels]")
+        return _wheel_commands(table, free_columns, pair, f"{'':28}# {remark}")
+    if twist := _take_all(free_columns, TWIST_PATTERNS):
+        remark = _("if it is measured, not a command: write it as z of [sensors.odometer]")
+        return _twist_commands(twist, f"{'':28}# {remark}")
+    return ""
+
+
+def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], remark: str = "") -> str:
+    """Return the table of the commands of two wheels. Remove their direction pins from `free_columns`."""
+    span, pins = _span(table, *pair), _take_pair(free_columns, PIN_PATTERN) or ["", ""]
+    entries = (  # both wheels share a full duty
+        _with_pin(_wheel_command(table, column, span), table, column, pin)
+        for column, pin in zip(pair, pins, strict=True)
+    )
+    until = _('"until": the command of a row held up to its time')
+    title = f'\n[command]{remark}\nin_force = "from"                    # {until}'
+    return f"{title}\nwheels = [\n{_list_lines(entries)}\n]"
+
+
+def _named_commands(table: LogTable, free_columns: list[str], columns: list[str]) -> str:
+    """Return the table of commands that are not those of two wheels. Remove their columns from `free_columns`."""
+    is_steering = [bool(re.search(STEERING_PATTERN, plain_name(column))) for column in columns]
+    if 0 < sum(is_steering) < len(is_steering):  # a car; a further angle is measured
+        columns = [columns[is_steering.index(kind)] for kind in (False, True)]
+    free_columns[:] = [column for column in free_columns if column not in columns]
+    entries = (_command(column, _span(table, column)) for column in columns)
+    return _command_list("", ", ".join(map(_quoted, columns)), entries)
+
+
+def _twist_commands(twist: list[str], remark: str = "") -> str:
+    """Return the table of a commanded speed and yaw rate, and a sideways speed if `twist` has a third column."""
+    sideways = "{ constant = 0 }" if len(twist) < 3 else _entry(twist[2], "speed")
+    entries = _entry(twist[0], "speed"), sideways, _entry(twist[1], "angular rate")
+    return _command_list(remark, '"u_x", "u_y", "u_psi"', iter(entries))
+
+
+def _command_list(remark: str, names: str, entries: Iterator[str]) -> str:
+    return f'\n[command]{remark}\nin_force = "from"\nnames = [{names}]\nu = [\n{_list_lines(entries)}\n]'
 
 
 def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
