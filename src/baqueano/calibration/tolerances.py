@@ -29,8 +29,10 @@ def std_of_tolerance(tolerance: float) -> float:
 
 
 def scale_stds(vehicle_file: "VehicleFile", imu: str) -> np.ndarray:
-    """Return the relative standard deviations (3,) of the scales of an IMU, from the file if they were measured or
-    stated, else from a data sheet."""
+    """Return the relative standard deviations (3,) of the scales of an IMU.
+
+    They are those of the file if they were measured or stated, else those of a data sheet.
+    """
     stds = [
         _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry) for field, entry in CHANNELS
     ]

@@ -95,8 +95,10 @@ def fit_of_imu(end: FinishedFit) -> Fit:
 
 
 def _with_all_errors(end: FinishedFit, scales: np.ndarray) -> Information:
-    """Return the information with its covariance enlarged by the scatter between parts of the run, and by the possible
-    errors of the `scales`, and of the zero of a car's gyro."""
+    """Return the information with an enlarged covariance.
+
+    It contains the scatter between parts of the run, the errors of the `scales`, and that of the zero of a car's gyro.
+    """
     problem, theta = end.task.problem, end.search.solution.theta
     identifiable = np.flatnonzero(end.identifiability.mask)
     is_car = has_offset(end.vehicle_file.vehicle)

@@ -63,7 +63,7 @@ def search_to_the_end(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
 def _search_updated(task: Task, end: Search) -> Search:
     """Update the residuals and repeat the search at this delay until θ is constant."""
     for _ in range(MAX_UPDATES):
-        previous, problem = end, end.problem.updated(end.solution.theta)
+        previous, problem = end, end.problem.at_estimate(end.solution.theta)
         end = search(task._replace(problem=problem), previous.solution.theta, None, previous)
         end = end._replace(evaluations=previous.evaluations + end.evaluations)
         if end.stopped or _is_settled(previous, end):

@@ -71,7 +71,7 @@ class GyroAidedResiduals(Residuals):
         """Return for each segment |ν_x| (N,) of the gyro-aided simulation."""
         return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
-    def updated(self, theta: np.ndarray) -> Self:
+    def at_estimate(self, theta: np.ndarray) -> Self:
         """Return the residuals with the expected yaw rate, given the gyro and the model at θ, in their simulation.
         (4)"""
         yaw_rates = []

@@ -83,7 +83,7 @@ class Residuals:
     [(50, 3)]"""
 
     has_speed_noise = False  # True if the noise always grows with speed
-    depends_on_fit = False  # True if `updated` changes the residuals
+    depends_on_fit = False  # True if `at_estimate` changes the residuals
 
     @staticmethod
     def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -187,7 +187,7 @@ class Residuals:
         changed_columns = [rows[:, columns] / scale + shifts for rows in self.rows]
         return self.with_columns(columns, changed_columns).evaluate(theta).gradient
 
-    def updated(self, theta: np.ndarray) -> Self:
+    def at_estimate(self, theta: np.ndarray) -> Self:
         """Return the residuals with all that they take from a fit, taken from the fit θ (p,)."""
         return self
 

@@ -124,7 +124,7 @@ class EstimationStudy:
         rows = self.rows_shown()
         names = [_("recording"), _("estimator"), _("quantity")]
         head = [*names, _("value"), _("ref."), _("ratio"), "95 %", ""]
-        refused = dict.fromkeys(each.recording for each in self.estimates if each.fit == REFUSED)
+        refused_recordings = dict.fromkeys(each.recording for each in self.estimates if each.fit == REFUSED)
         not_counted = N_("{recording}: its fit is {verdict}, so it is shown but not counted.")
         checks = [r["ok"] for r in rows if r["ok"] is not None]
         met = {"verdict": _(self.verdict), "met": sum(checks), "all": len(checks)}
@@ -137,7 +137,7 @@ class EstimationStudy:
                     for each in self.estimates
                 ),
                 *self.notes,
-                *(_(not_counted, recording=name, verdict=_(REFUSED)) for name in refused),
+                *(_(not_counted, recording=name, verdict=_(REFUSED)) for name in refused_recordings),
                 _("{verdict}: {met} of {all} requirements are met", **met),
             ]
         )
