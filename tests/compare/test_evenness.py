@@ -50,6 +50,20 @@ def test_the_start_from_rest_is_excluded_from_the_evenness():
     assert evenness.speed_errors(T_NS, speed, steady(), after_s=0.0).error > 0.1
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_braking_of_the_reference_at_its_end_is_excluded_from_the_evenness(sign):
+    requested = sign * 0.2 * np.clip((T_S[-1] - T_S) / 2.0, 0.0, 1.0)
+    speed = np.where(T_S[-1] - T_S < 1.9, 0.5, requested)
+    assert evenness.speed_errors(T_NS, speed, requested).error == 0.0
+    cruising = evenness.is_driving(T_NS, requested)
+    assert (np.flatnonzero(cruising)[0], np.flatnonzero(cruising)[-1]) == (100, N - 1 - 200)
+
+
+def test_a_reference_that_was_interrupted_at_speed_is_judged_until_its_end():
+    slowing = 0.2 - 0.1 * T_S / T_S[-1]
+    assert np.count_nonzero(evenness.is_driving(T_NS, slowing)) == N - 100
+
+
 def test_backward_driving_is_judged_like_forward_driving():
     back = evenness.speed_errors(T_NS, steady(-0.23), steady(-0.2))
     assert back.error == pytest.approx(0.15)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.compare.evenness import limits_of, share_at_limit, sign_changes, speed_errors
+from baqueano.compare.evenness import is_driving, limits_of, share_at_limit, sign_changes, speed_errors
 from baqueano.drive import experiment, repeat
 from baqueano.guides.shapes import rectangle, sinuous_circle
 from baqueano.identify import identify
@@ -34,4 +34,5 @@ def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route
     assert evenness.error < 0.05
     assert evenness.unevenness < 0.03
     assert share_at_limit(run.sent_commands[going], limits_of(fitted_file.text)) == 0.0
+    going &= is_driving(run.t_ns, run.reference.nu[:, 0], 0.0)
     assert sign_changes(run.t_ns[going], run.sent_commands[going, 0]) == 0.0

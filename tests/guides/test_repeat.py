@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides import Repeat, Route, SinuousCircle
+from baqueano.guides import Repeat, RepeatByProgress, Route, SinuousCircle
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import end_gap, move_route, with_closed_gap
 from baqueano.guides.shapes import circle
@@ -38,7 +38,7 @@ def test_the_reference_equals_the_taught_pose_at_each_time():
 
 def test_an_open_route_is_driven_once_for_any_number_of_laps():
     for laps in (0, 1, 3):
-        r = references(Repeat.along(LINE, laps), [0.0, 1.99, 2.0, 5.0])
+        r = references(Repeat.along(LINE, laps), [0.0, 2.82, 2.84, 5.0])
         assert [x.done for x in r] == [0.0, 0.0, 1.0, 1.0]
         np.testing.assert_allclose(r[-1].eta, [1.0, 0.0, 0.0])
         np.testing.assert_allclose(r[-1].nu, 0.0)
@@ -48,11 +48,32 @@ def test_three_laps_of_a_circle_pass_the_start_three_times():
     route = circle(0.5, 0.25)
     lap_s = route.t_s[-1]
     assert lap_s == pytest.approx(2.0 * np.pi * 0.5 / 0.25, rel=1e-12)
-    r = references(Repeat.along(route, 3), [0.0, lap_s, 2.0 * lap_s, 2.5 * lap_s, 3.0 * lap_s + 1e-6])
+    r = references(Repeat.along(route, 3), [0.0, lap_s, 2.0 * lap_s, 2.5 * lap_s, 3.0 * lap_s + 0.42])
     for x in (r[0], r[1], r[2], r[4]):
         np.testing.assert_allclose(x.eta[:2], 0.0, atol=1e-8)
     np.testing.assert_allclose(r[3].eta[:2], [0.0, 1.0], atol=1e-6)  # half a lap: across the circle
     assert [x.done for x in r] == [0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("speed", [0.25, -0.25])
+@pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
+def test_a_drawn_route_brakes_evenly_to_rest_at_the_end_of_its_last_lap(kind, speed):
+    """Before, the reference had its full speed in the last tick, and stopped in the next one."""
+    route = circle(0.5, abs(speed))
+    route = route._replace(nu=np.sign(speed) * route.nu)
+    guide, dt = kind.along(route, 2), 0.01
+    state, eta, r = guide.init(), route.eta[0], []
+    while not r or not r[-1].done:
+        state, reference = guide.step(state, at(len(r) * dt)._replace(eta=eta))
+        r.append(reference)
+        eta = reference.eta  # a vehicle on its reference
+    v = np.array([x.nu[0] for x in r])
+    steps_m = np.hypot(*np.diff([x.eta[:2] for x in r], axis=0).T)
+    assert np.abs(np.diff(v))[:-1].max() <= 0.34 * dt
+    assert np.abs(v[-2]) < 0.02
+    assert steps_m == pytest.approx(np.abs(0.5 * (v[1:] + v[:-1])) * dt, abs=1e-4)
+    np.testing.assert_allclose(r[-1].eta[:2], route.eta[0, :2], atol=1e-6)
+    assert len(r) * dt == pytest.approx(2.0 * route.t_s[-1] + 0.5 * 0.25 / 0.3, abs=0.1)
 
 
 def test_zero_laps_mean_endless_repetition():

@@ -358,14 +358,18 @@ def _speed_errors(log: Any, run: "Run") -> "SpeedErrors":
 
 
 def _command_figures(run: "Run") -> dict[str, float]:
-    """Return sign changes and share at a limit of the sent command, until the guide finished.
+    """Return the share at a limit of the sent command until the guide finished, and its sign changes until it brakes.
 
     If the sent command was not recorded, use the applied command.
     """
     ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
-    k = slice(None) if ref is None or not len(ref.t_ns) else _until_done(run.t_ns, ref)
-    u = (run.applied_commands if run.sent_commands is None else run.sent_commands)[k]
-    changes = evenness.sign_changes(run.t_ns[k], u[:, 0]) if u.size else float("nan")
+    t_ns, u = run.t_ns, run.applied_commands if run.sent_commands is None else run.sent_commands
+    drives = slice(None)
+    if ref is not None and len(ref.t_ns):
+        k = _until_done(t_ns, ref)
+        t_ns, u = t_ns[k], u[k]
+        drives = evenness.is_driving(t_ns, interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0], 0.0)
+    changes = evenness.sign_changes(t_ns[drives], u[drives, 0]) if u.size else float("nan")
     return {"sign_changes_per_s": changes, "saturated_fraction": evenness.share_at_limit(u, limits)}
 
 

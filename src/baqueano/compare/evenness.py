@@ -1,6 +1,6 @@
 """Measure the evenness of a drive, by its commands and by its forward speed against the reference speed.
 
-ν_x is the forward speed, ν_r the reference speed, and e = ν_x − ν_r, all after the first `START_S`:
+ν_x is the forward speed, ν_r the reference speed, e = ν_x − ν_r, from `START_S` until the reference brakes to its end:
 
     error        √ mean e²  /  mean |ν_r|                                                                (1)
     unevenness   √ mean (e − ē)²  /  mean |ν_r|,   ē the mean of e over 1 s, half of it before           (2)
@@ -25,6 +25,7 @@ from baqueano.vehicles.drivetrain import MIXINGS, mix
 START_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
 MEAN_WINDOW_S = 1.0  # of the mean in (2)
 DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller command is ignored
+REST_SHARE = 0.1  # of the largest reference speed: a reference that ends slower has braked to rest
 LIMIT_SHARE = 1.0 - 1e-9  # of a limit: a command scaled down to the limit can differ from it by rounding
 
 
@@ -52,20 +53,29 @@ def speed_errors(
 ) -> SpeedErrors:
     """Return (1) and (2) of a forward speed (N,) against the reference speed (N,) at the same times [m/s].
 
-    The first `after_s` seconds are ignored. The result is NaN if the reference speed is always 0, because the vehicle
-    then does not drive along a route.
+    The first `after_s` seconds and the braking at the end are ignored. The result is NaN if the reference speed is
+    always 0, because the vehicle then does not drive along a route.
     """
     if not len(t_ns):
         return UNKNOWN_SPEED_ERRORS
     e = speed - speed_ref
-    is_late = seconds(t_ns, t_ns[0]) >= after_s
-    is_known = is_late & np.isfinite(e)
+    is_counted = is_driving(t_ns, speed_ref, after_s)
+    is_known = is_counted & np.isfinite(e)
     if not np.any(speed_ref[is_known]):
         return UNKNOWN_SPEED_ERRORS
     scale = float(np.mean(np.abs(speed_ref[is_known])))
     return SpeedErrors(
-        rms(e[is_late]), rms(e[is_late]) / scale, rms(minus_moving_mean(t_ns, e)[is_late]) / scale
+        rms(e[is_counted]), rms(e[is_counted]) / scale, rms(minus_moving_mean(t_ns, e)[is_counted]) / scale
     )
+
+
+def is_driving(t_ns: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S) -> np.ndarray:
+    """Return True (N,) from `after_s` on, until the reference speed (N,) begins to fall to rest at its end."""
+    magnitude = np.abs(speed_ref)
+    has_braked = len(magnitude) > 0 and magnitude[-1] < REST_SHARE * np.max(magnitude)
+    not_falling = np.flatnonzero(np.diff(magnitude) >= 0.0)
+    last = (not_falling[-1] + 1 if not_falling.size else 0) if has_braked else len(magnitude)
+    return (seconds(t_ns, t_ns[:1]) >= after_s) & (np.arange(len(magnitude)) <= last)
 
 
 def minus_moving_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S) -> np.ndarray:

@@ -183,8 +183,10 @@ def drive_with_driver(
 ) -> Run:  # fmt: skip
     """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
     n, rate_hz, hand = vehicle_file.vehicle.commands, vehicle_file.rate_hz, None
-    if isinstance(driver, Route | type):
-        guide = Repeat.along(driver) if isinstance(driver, Route) else vehicle_file.guide(kind=driver)
+    if isinstance(driver, Route):
+        guide = Repeat.along(driver, braking_m_s2=np.inf)  # a closed lesson ends in motion, for further laps
+    elif isinstance(driver, type):
+        guide = vehicle_file.guide(kind=driver)
     elif callable(driver):
         guide, hand = Idle(float("inf")), ManualController(driver)
         hand = with_heading_hold(hand, vehicle_file) if hold else hand
@@ -208,9 +210,8 @@ def repeat(
 ) -> Run:  # fmt: skip
     """Repeat a route with the blocks of the file.
 
-    The route is checked before the vehicle moves (`routes.examine`). The vehicle begins at the start of the route, or
-    at the pose `eta`, from which it first drives to the route. If the estimate becomes doubtful, the vehicle slows down
-    and stops.
+    The vehicle begins at the start of the route, or at the pose `eta`, from which it first drives to the route. The
+    route is checked before (`routes.examine`). With a doubtful estimate the vehicle slows down and stops.
 
     Parameters
     ----------
@@ -249,7 +250,7 @@ def repeat(
     --------
     >>> run = bq.repeat(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2))
     >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
-    11.4 s, 0.6 m wide
+    11.8 s, 0.6 m wide
     """
     if laps < 0 or (laps == 0 and not ENDS & options.keys()):
         raise UsageError(fault("drive.laps", value=laps))
@@ -328,8 +329,7 @@ def replay(
 
 def recorded_vehicle_file(run: Run, allow_blocks: bool = False) -> VehicleFile:
     """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file.
-    Raise FileError for a user's block that the vehicle.toml of this folder does not name, except with `allow_blocks`.
-    """
+    Raise FileError for a user's block that vehicle.toml of this folder does not name, except with `allow_blocks`."""
     if not run.vehicle_text:
         raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
     with permit_blocks(allow_blocks):

@@ -6,6 +6,7 @@
       = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stop, move back
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
     η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps      (4)
+    τ̇ ≤ √(2 (laps T − τ) / D)                                 braking at the end, see repeat.py           (5)
 
 τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
 and (1) searches only near τ and between two changes of direction: neither a crossing nor a cusp is a short cut. slack =
@@ -28,6 +29,7 @@ from baqueano.signals import Estimate, Reference, seconds
 HEADING_WEIGHT_M = 0.1
 FAR_AWAY = 1e9
 MIN_SPEED_M_S = 0.02  # a slower pose belongs to the piece before it
+MIN_PACE = 0.05  # of (5), so that the reference reaches the end
 MAX_SPACING_M = 0.05  # of the points of (1): half of it is less than the slack
 
 
@@ -82,14 +84,23 @@ class RepeatByProgress(Repeat):
         phase = state.tau_s - period * np.floor(state.tau_s / period)
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
         pace, aside_m = self._pace(phase, estimate)
-        tau_s = np.clip(state.tau_s + pace * dt_s, 0.0, end)
+        braking_pace = self._braking_pace(end - state.tau_s)
+        tau_s = np.clip(state.tau_s + np.minimum(pace, braking_pace) * dt_s, 0.0, end)
         is_over: Value = np.where(tau_s >= end, 1.0, 0.0)
         phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
-        forward_pace = np.where(is_over > 0.0, 0.0, np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)))
+        forward_pace = np.minimum(np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)), braking_pace)
+        forward_pace = np.where(is_over > 0.0, 0.0, forward_pace)
         nu = forward_pace * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
         reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, is_over)
         return ProgressState(estimate.t_ns, tau_s), reference
+
+    def _braking_pace(self, left_s: Value) -> Value:
+        """Return the largest pace τ̇ if `left_s` [s] of the teacher's time are left: that of (2) of repeat.py.  (5)"""
+        if self.braking_s == 0.0:
+            return self.fastest
+        rest = np.maximum(left_s, 0.0) / self.braking_s
+        return np.where(rest < 0.5, np.maximum(np.sqrt(2.0 * rest + 1e-12), MIN_PACE), self.fastest)
 
     def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value]:
         """Return τ̇ at the time `phase` [s] of a lap, and the distance [m] of the vehicle from the route.  (1)-(3)"""

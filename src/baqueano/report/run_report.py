@@ -158,7 +158,7 @@ def speed_drawing(run: Run) -> Drawing | None:
 
 
 def _pace_table(row: dict) -> list[Table | Drawing]:
-    """Return the table of the speed errors against the reference, without the first second."""
+    """Return the table of the speed errors against the reference, without start and last braking."""
     rows = [
         {
             "speed": source,
@@ -170,7 +170,7 @@ def _pace_table(row: dict) -> list[Table | Drawing]:
         if np.isfinite(row[f"{name}_error"])
     ]
     return (
-        [Table(rows, _("After the first second; a steady error does not count as unevenness."))]
+        [Table(rows, _("Without start and last braking; a steady error does not count as unevenness."))]
         if rows
         else []
     )

@@ -341,7 +341,7 @@ def simulate_lap(
 ) -> list[tuple[float, ...]]:
     """Return the errors of one lap of each robot along a route, from rest at its start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
-    guide = Repeat.along(route)
+    guide = Repeat.along(route, 0)  # the lap does not end in braking
     t_ns = tick_times(int(route.t_s[-1] * rate_hz), rate_hz)
     state, references = guide.init(), []
     for t in t_ns:

@@ -115,12 +115,12 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
     t_ns, eta, speed = log.t_ns[k], log.eta[k], log.nu[k, 0]
     cross_track = errors.cross_track(t_ns, eta[:, :2], ref.t_ns, ref.eta[:, :2])
     speed_reference = interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]
-    is_after_start = seconds(t_ns, t_ns[0]) >= evenness.START_S
+    is_driving = evenness.is_driving(t_ns, speed_reference)
     path_length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ref.eta[:, :2], axis=0).T))])
     path_position = np.interp(t_ns, ref.t_ns, path_length)
     series = {
         "across_rms_m": (t_ns, cross_track),
-        "speed_error_m_s": (t_ns[is_after_start], (speed - speed_reference)[is_after_start]),
+        "speed_error_m_s": (t_ns[is_driving], (speed - speed_reference)[is_driving]),
     }
     single_figures = {
         "across_max_m": float(np.max(np.abs(cross_track))), "joining_m": joining_distance(path_position, cross_track),

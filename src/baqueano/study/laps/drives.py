@@ -113,7 +113,7 @@ def simulate_laps(
     ends = np.cumsum([0, *(len(part.team.vehicle_files) for part in parts)]).tolist()
     spans = [slice(a, b) for a, b in pairwise(ends)]
     world, readers = _truth(route, parts, backend)
-    guide, walls = Repeat.along(route, laps), room_around(route, parts[0].team.vehicle_files[0])
+    guide, walls = Repeat.along(route, 0), room_around(route, parts[0].team.vehicle_files[0])
     centre, touches = route.eta[0, :2] - np.array(walls.start[:2]), np.zeros(len(drivers), dtype=bool)
     progress, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)
     u, estimates = np.zeros((len(drivers), 3)), [_estimate_at(0)] * len(drivers)
