@@ -5,6 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from baqueano.compare.errors import cross_track
 from baqueano.controllers import PdFeedforward
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
@@ -165,3 +166,15 @@ def test_the_table_of_a_straight_route_has_no_line_about_curves():
         len(examine(route).table().splitlines()) for route in (line(1.0, 0.2), circle(0.5, 0.2))
     )
     assert straight == curved - 1
+
+
+@pytest.mark.parametrize("shape", [line(6.0, 0.5), clothoid(6.0, 1.57, 0.5)])
+def test_a_car_follows_its_fastest_route_and_ends_it_slowly(shape):
+    """Before, the route braked with 11 m/s², but the controllers limit their reference to 1: the end at 2.8 m/s."""
+    car = load("car")
+    route = fastest(shape, car)
+    run = simulate_loop(car, route, perfect=True, noise=False)
+    across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
+    assert np.abs(across).max() < 0.03
+    assert run.truth.nu[-1, 0] < 0.2
+    assert np.hypot(*(run.truth.eta[-1] - route.eta[-1])[:2]) < 0.08

@@ -30,7 +30,7 @@ NEWTON_DAMPING = (
 MIN_EFFECT = 1e-9  # a smaller derivative by the effort is treated as 0
 MIN_MOTION = 0.01  # a slower motion [m/s, rad/s] is not required from a command without an effect
 HALVING_COUNT = 24
-MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, MAX_ACCELERATION_M_S2 = 100.0, 100.0, 100.0  # upper ends of the searches
+MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 100.0, 100.0  # upper ends of the searches
 
 
 class Capability:

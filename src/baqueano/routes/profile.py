@@ -1,12 +1,12 @@
 """Set the speed along a path: constant, or as fast as the vehicle can.
 
     v(s) ≤ v_most(κ):   share(v, κ v, 0, 0) ≤ share,   |κ| v² ≤ a_y,   v ≤ v_limit                        (1)
-    d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ share,   forward from the start, backward from the end   (2)
+    d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ share,   |v̇| ≤ a_x,   forward and backward  (2)
 
-v is the speed, s the distance, κ the curvature, a_y the limit of the sideways acceleration. capability.py computes
-share(v, r, v̇, ṙ). (1) limits the speed in a curve of constant radius, (2) limits acceleration and braking. The result
-is the fastest profile within both limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics
-Research, 1985; Kunz and Stilman, Robotics: Science and Systems, 2012.
+v is the speed, s the distance, κ the curvature, a_y the limit of the sideways acceleration. a_x is the limit of the
+reference of the controllers (model_following.py). capability.py computes share(v, r, v̇, ṙ). (1) limits the speed in a
+curve of constant radius, (2) acceleration and braking. The result is the fastest profile within both limits. Source:
+Bobrow, Dubowsky and Gibson, International Journal of Robotics Research, 1985; Kunz and Stilman, RSS, 2012.
 """
 
 from typing import TYPE_CHECKING
@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
+from baqueano.controllers.model_following import MAX_ACCELERATION
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
-from baqueano.routes.capability import MAX_ACCELERATION_M_S2, MAX_SPEED_M_S, Capability, largest_allowed
+from baqueano.routes.capability import MAX_SPEED_M_S, Capability, largest_allowed
 from baqueano.routes.path import GRID_M, NAME_PLACEHOLDER, RoutePath, direction, path_of, route_along
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ def _rates(
     share: float,
 ) -> np.ndarray:
     """Return the largest |v̇| (m, SPEED_COUNT) [m/s²] of the sign `sign`, at fractions of `max_speed` (m,).  (2)
-    The result is at most MAX_ACCELERATION_M_S2.
+    The result is at most a_x.
     """
     v = max_speed[:, None] * np.linspace(0.0, 1.0, SPEED_COUNT)
     kappa, kappa_slope = (
@@ -172,7 +173,7 @@ def _rates(
             <= share
         )
 
-    return largest_allowed(is_possible, np.full(v.shape, MAX_ACCELERATION_M_S2))
+    return largest_allowed(is_possible, np.full(v.shape, MAX_ACCELERATION[0]))
 
 
 def _sweep(
