@@ -178,3 +178,10 @@ def test_the_headings_of_a_sideways_route_are_taken_from_its_path(lab, tmp_path,
     assert cause_of(end.reason) == "route.sideways"
     assert lab(*shlex.split(end.fix)[1:]).code == 0
     assert lab("route", "check", "my side-turned", "--vehicle", "small").code == 0
+
+
+def test_a_single_fast_lap_begins_at_rest(lab):
+    """Before, the reference began at 2.4 m/s, and the car was up to 0.65 m beside its route by its estimate."""
+    lab("route", "draw", "circle", "round", "--size", "3", "--speed", "0.5")
+    end = lab("repeat", "round", "--vehicle", "car", "--faster", "--json")
+    assert end.reply["rows"][0]["across_estimate_max_m"] < 0.05

@@ -103,7 +103,8 @@ def command(
     options.advise_to_measure(vehicle_file, robot)
     taught_route = options.find_route(route)
     if faster:
-        taught_route = fastest_route(taught_route, route, vehicle_file, backend)
+        ends = True if laps == 1 else None  # a single lap begins and ends at rest
+        taught_route = fastest_route(taught_route, route, vehicle_file, from_rest=ends, backend=backend)
     walled_room = room_of_options(vehicle_file, room, start)
     check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
     precautions = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)

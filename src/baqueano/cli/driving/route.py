@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -281,12 +281,12 @@ def check_drivable(
         print_message(note("cli.warning", cause=with_route_name(warning, name)))
 
 
-def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", backend: str) -> "Route":
+def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choices: Any) -> "Route":
     """Return the route at the highest speeds that the identified vehicle can drive."""
     from baqueano.routes import fastest
 
     try:
-        return fastest(route, vehicle_file, backend=backend)
+        return fastest(route, vehicle_file, **choices)
     except UsageError as error:
         raise UsageError(with_route_name(error.diagnostic, name)) from error
 
