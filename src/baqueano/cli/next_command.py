@@ -145,10 +145,8 @@ def advise_after_import(
     """Print the command that fits the runs: to the vehicle of the user, or else to one that `new` makes before."""
     first, *last = (path.stem if out is None else str(path) for path in paths)
     if not any(run.applied_commands.any() for run in runs):
-        noise, calibrate = (
-            baqueano_command("runs", verb, first, *options.runs_option(folder))
-            for verb in ("noise", "calibrate")
-        )
+        noise = baqueano_command("runs", "noise", first, *options.runs_option(folder))
+        calibrate = baqueano_command("runs", "calibrate", first, *options.runs_option(folder))
         return print_message(note("cli.next-at-rest", fix=noise, calibrate=calibrate))
     runs_and_options = [first, *(["--held-out", *last] if last else [])]
     is_new = vehicle_file is None and not options.DEFAULT_FILE.exists()
