@@ -113,7 +113,7 @@ def fastest(
     --------
     >>> lap = bq.guides.shapes.rectangle(1.2, 0.8, 0.2, 0.2)
     >>> print(f"{lap.t_s[-1]:.1f} s, then {fastest(lap, bq.load('small')).t_s[-1]:.1f} s")
-    18.3 s, then 10.5 s
+    18.3 s, then 10.6 s
     """
     for name, value, high in (("share", share, 1.0), ("lateral_m_s2", lateral_m_s2, np.inf)):
         if not 0.0 < value <= high:
