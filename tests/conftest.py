@@ -32,7 +32,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from baqueano.symbolic.c_code import compile
-from tests.turns import turn
+from tests.turns import lock_files, turn
 
 HERE = Path(__file__).parent
 SLOW = {  # folders and files
@@ -155,6 +155,14 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
         finally:
             if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
                 forget_failed_attempt()
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove the locks of a run whose processes have all ended."""
+    manager = getattr(config.pluginmanager.getplugin("dsession"), "nodemanager", None)
+    if manager is not None:
+        for path in lock_files(manager.testrunuid):
+            path.unlink(missing_ok=True)
 
 
 def forget_failed_attempt() -> None:

@@ -26,7 +26,7 @@ def turn(
     if not run or os.name == "nt":
         yield lambda: None
         return
-    places = [Path(tempfile.gettempdir()) / f"baqueano-{run}-{name}" for name in ("queue", "room")]
+    places = lock_files(run)
     with places[0].open("a+") as queue, places[1].open("a+") as room:
 
         def enter(lock: int) -> None:
@@ -37,3 +37,8 @@ def turn(
 
         enter(fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
         yield lambda: enter(fcntl.LOCK_EX)
+
+
+def lock_files(run: str) -> list[Path]:
+    """Return the files of the locks of a test run; the last process of the run removes them."""
+    return [Path(tempfile.gettempdir()) / f"baqueano-{run}-{name}" for name in ("queue", "room")]
