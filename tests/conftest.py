@@ -74,8 +74,8 @@ POSIX = (
 )
 
 REAL_TIME = {  # sockets, processes, firmware and browsers whose time is that of the wall
-    "door", "emulated", "web", "robot", "cli", "drive", "test_clock.py", "test_any_laptop.py", "test_notebooks.py",
-    "test_wheel.py",
+    "door", "emulated", "web", "robot", "cli", "drive", "worlds/test_clock.py", "test_any_laptop.py",
+    "test_notebooks.py", "test_wheel.py",
 }  # fmt: skip
 
 NO_SKIPS = bool(os.environ.get("BAQUEANO_NO_SKIPS")) and sys.platform == "linux"  # a skipped test fails

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from baqueano import clock, loop
+from baqueano import loop
 from baqueano.controllers import Pd
 from baqueano.diagnostics import StopReason, note
 from baqueano.estimators import Ekf
@@ -20,7 +20,7 @@ from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Reference, Slot, sensor_slots
 from baqueano.supervisor import Supervisor
 from baqueano.symbolic import compile_block
-from baqueano.worlds import ReplayedWorld, SimulatedWorld
+from baqueano.worlds import ReplayedWorld, SimulatedWorld, clock
 from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 
 PLAIN = Blocks(

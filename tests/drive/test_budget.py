@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.clock import simulated_ticks
 from baqueano.controllers import Schedule
 from baqueano.diagnostics import StopReason, stop
 from baqueano.drive import budget, drive, stop_reason_of
@@ -20,6 +19,7 @@ from baqueano.loop import Blocks
 from baqueano.runs import read_run
 from baqueano.signals import Command
 from baqueano.worlds import SimulatedWorld
+from baqueano.worlds.clock import simulated_ticks
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no interval timer")
 

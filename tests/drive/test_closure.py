@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.clock import simulated_ticks
 from baqueano.drive import teach
 from baqueano.drive.closure import closure
 from baqueano.drive.observers import Observer
@@ -16,6 +15,7 @@ from baqueano.geometry import map_from_body
 from baqueano.guides import shapes
 from baqueano.vehicle_file import override
 from baqueano.worlds import SimulatedWorld
+from baqueano.worlds.clock import simulated_ticks
 from tests.codes import refused
 
 SMALL = "small"

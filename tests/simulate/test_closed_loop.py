@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano import clock, loop
+from baqueano import loop
 from baqueano.diagnostics import StopReason
 from baqueano.errors import UsageError
 from baqueano.guides import Repeat, RepeatByProgress, SinuousCircle
@@ -12,7 +12,7 @@ from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
 from baqueano.simulate.closed_loop import loop_system, reference_duration, sample_references, start_pose
 from baqueano.supervisor import Supervisor
-from baqueano.worlds import SimulatedWorld
+from baqueano.worlds import SimulatedWorld, clock
 from tests.codes import refused
 
 ROUTE = circle(0.5, 0.3)

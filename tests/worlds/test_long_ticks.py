@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from baqueano import clock, loop
+from baqueano import loop
 from baqueano.guides.shapes import circle
 from baqueano.signals import Command
 from baqueano.simulate import simulate, simulate_loop
 from baqueano.simulate.closed_loop import loop_system
 from baqueano.vehicle_file import load
-from baqueano.worlds import FaultyWorld, SimulatedWorld
+from baqueano.worlds import FaultyWorld, SimulatedWorld, clock
 
 SLOW = load("small").with_values({"rate_hz": 10.0, "model.drivetrain.delay_s": 0.13})
 SEED, TICKS = 3, 40

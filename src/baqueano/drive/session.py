@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano import clock, loop
+from baqueano import loop
 from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
@@ -32,7 +32,7 @@ from baqueano.symbolic import TraceError, compile_block
 from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.units import channel_units
-from baqueano.worlds import FaultyWorld, SimulatedWorld
+from baqueano.worlds import FaultyWorld, SimulatedWorld, clock
 from baqueano.worlds.faults.fault import FaultLike
 
 

@@ -117,8 +117,8 @@ def simulation_options(
     vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit"
 ) -> "JsonObject":
     """Return the options of a simulated drive in real time."""
-    from baqueano.clock import wall
     from baqueano.worlds import SimulatedWorld
+    from baqueano.worlds.clock import wall
 
     truth = options.load_truth(robot, vehicle_file)
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)

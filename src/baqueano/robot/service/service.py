@@ -18,7 +18,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door.frames.descriptions import drive_description
@@ -43,7 +42,7 @@ from baqueano.robot.uno.link import Uno
 from baqueano.signals import NANOSECONDS, sensor_slots
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.head import Hardware
-from baqueano.worlds import Robot
+from baqueano.worlds import Robot, clock
 from baqueano.worlds.robot import Body
 
 HANG_TIMEOUT_S = 2.0  # after this time without a tick or an idle check, systemd starts the service again

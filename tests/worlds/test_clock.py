@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from baqueano import clock
+from baqueano.worlds import clock
 
 
 def test_a_simulated_clock_ends_each_tick_on_a_whole_nanosecond():
