@@ -19,8 +19,8 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart.robots import robot_file, robot_values
-from baqueano.study.driving import Loop, merge_robots
 from baqueano.study.truth import TruthWorld, draw_robots
+from baqueano.study.truth_drives import Loop, merge_robots
 
 ROUTE = sinuous_circle(0.6, 0.06, 5, 0.2)
 FIRST, ROBOTS = 900, 4

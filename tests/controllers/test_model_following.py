@@ -133,6 +133,7 @@ def test_the_garage_vehicle_drives_evenly(shape, perfect):
     assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
     drives = is_driving(run.t_ns, run.reference.nu[:, 0], 0.0)
     assert sign_changes(run.t_ns[drives], run.sent_commands[drives, 0]) == 0.0
+    assert sign_changes(run.t_ns, run.sent_commands[:, 0]) * run.duration_s < 1.5  # at most one, to brake
 
 
 def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
@@ -251,6 +252,7 @@ def test_the_vehicle_drives_evenly_around_the_corners_of_a_rectangle(law):
     assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
     drives = is_driving(run.t_ns, run.reference.nu[:, 0], 0.0)
     assert sign_changes(run.t_ns[drives], run.sent_commands[drives, 0]) == 0.0
+    assert sign_changes(run.t_ns, run.sent_commands[:, 0]) * run.duration_s < 1.5  # at most one, to brake
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -12,8 +12,8 @@ from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.study.driving import merge_robots
 from baqueano.study.truth import TruthWorld, draw_robots
+from baqueano.study.truth_drives import merge_robots
 from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar

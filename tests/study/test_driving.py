@@ -1,9 +1,15 @@
 """`baqueano study driving` on one robot: the controller is judged by the independent truth."""
 
+import numpy as np
 import pytest
 
+from baqueano.guides import Repeat
+from baqueano.guides.shapes import line
+from baqueano.identify import identify
 from baqueano.study import driving
 from baqueano.study.driving import Driving, LapErrors
+from baqueano.study.truth import draw_robots
+from baqueano.study.truth_drives import Loop, merge_robots, simulate_drives
 
 
 @pytest.mark.long
@@ -26,3 +32,24 @@ def test_a_lap_beyond_a_limit_is_reported_with_its_figure():
     assert across.startswith("pose, eight at 0.2 m/s: across_m 19")
     assert across.endswith("at most 6 mm")
     assert signs == "pose, eight at 0.2 m/s: sign_changes 2, expected 0"
+
+
+@pytest.fixture(scope="module")
+def fitted_robots():
+    """Return two robots of the independent truth, and their fitted vehicle files."""
+    robots = merge_robots([draw_robots(1, seed) for seed in (40, 42)])
+    runs = driving.simulate_experiments(robots, range(40, 42))
+    return robots, [identify(run, driving.initial_file(), driving.FREE).vehicle_file for run in runs]
+
+
+@pytest.mark.parametrize("perfect", [True, False])
+def test_a_drawn_line_ends_at_rest_on_independent_physics(fitted_robots, perfect):
+    """Without braking the robots pass the end at 0.2 m/s: the last tick is 26 mm before it with a known pose."""
+    robots, files = fitted_robots
+    loops = [Loop(file, perfect, "auto") for file in files]
+    guide = Repeat.along(line(1.0, 0.2))
+    duration_s = float(guide.t_s[-1]) + 0.5 * guide.braking_s
+    drives = simulate_drives(loops, robots, guide, duration_s, [41, 43])
+    x, _, _, speed = drives.truth[-1].T
+    assert np.all(speed < 0.05)
+    assert np.all(np.abs(1.0 - x) < (0.01 if perfect else 0.04))

@@ -103,6 +103,9 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
 def test_a_weight_on_the_command_gives_a_smoother_drive(small, tuning):
     calm = tune(small, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
     assert calm.drive.saturated_fraction < tuning.drive.saturated_fraction
+    endless = small.with_values({"guide.braking_m_s2": 1e4})  # braking at the end needs its own command
+    calm_endless = tune(endless, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
+    assert calm_endless.values["gamma"] < tune(endless, ROUTE, **PAPERS).values["gamma"]
     files = [small.with_values({f"controller.{k}": v for k, v in x.values.items()}) for x in (calm, tuning)]
     runs = [simulate_loop(file, ROUTE, perfect=True, noise=False) for file in files]
     jerks = [np.sum((run.sent_commands - run.applied_commands) ** 2) for run in runs]

@@ -20,13 +20,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano import loop
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, share_at_limit, sign_changes, speed_errors
-from baqueano.contracts.values import TableRow, Tree
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
-from baqueano.estimators import KnownState
-from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
@@ -36,12 +33,11 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
-from baqueano.sensors.truth import truth_sensor
-from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
 from baqueano.simulate.closed_loop import check_compilable
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.demo import GUESSED_VALUES
 from baqueano.study.truth import Robots, TruthWorld, draw_robots
+from baqueano.study.truth_drives import Loop, merge_robots, simulate_drives
 from baqueano.sweep.workers import run_in_processes
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
@@ -295,73 +291,23 @@ def simulate_experiments(robots: Robots, seeds: range) -> list[Run]:
     z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / vehicle_file.rate_hz) for row in u], axis=1)
     metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
     return [
-        Run(
-            f"robot {seed}",
-            None,
-            t_ns,
-            u,
-            sensors={"imu": Channel(t_ns, t_ns, x)},
-            vehicle_text=vehicle_file.text,
-            metadata=metadata,
-        )
+        Run(f"robot {seed}", None, t_ns, u, sensors={"imu": Channel(t_ns, t_ns, x)},
+            vehicle_text=vehicle_file.text, metadata=metadata)
         for seed, x in zip(seeds, z, strict=True)
-    ]
-
-
-class Loop:
-    """Estimator, controller and supervisor of a file as one compiled step with the reference as input."""
-
-    def __init__(
-        self, vehicle_file: VehicleFile, perfect: bool, backend: str, controller: str | None = None
-    ) -> None:
-        self.file, self.perfect = vehicle_file, perfect
-        estimator = KnownState() if perfect else vehicle_file.estimator()
-        self.blocks = loop.Blocks(
-            estimator, Idle(float("inf")), vehicle_file.controller(controller), vehicle_file.supervisor()
-        )
-        sensors = truth_sensor() if perfect else vehicle_file.sensors
-        self.slots = sensor_slots(tuple(sensors._fields))
-        tick = Tick(1, np.zeros(3), self.slots(*(Slot(1.0, np.zeros(s.size)) for s in sensors)))
-        reference = Reference(1, np.zeros(3), np.zeros(3), 0.0)
-        self.step = function(self._step, self.start(np.zeros(3)), tick, reference, backend=backend)
-
-    def start(self, eta: np.ndarray) -> tuple[Any, Any, Any]:
-        """Return the initial states of the three blocks at the pose `eta` (3,)."""
-        return self.blocks.estimator.init(eta), self.blocks.controller.init(), self.blocks.supervisor.init()
-
-    def _step(self, states: Tree, tick: Tick, reference: Reference) -> Any:
-        belief, estimate = self.blocks.estimator.step(states[0], tick)
-        controller, requested_command = self.blocks.controller.step(states[1], reference, estimate)
-        supervisor, command = self.blocks.supervisor.step(states[2], requested_command, tick, estimate)
-        return (belief, controller, supervisor), (command.u, estimate)
+    ]  # fmt: skip
 
 
 def simulate_lap(
     loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]
 ) -> list[tuple[float, ...]]:
     """Return the errors of one lap of each robot along a route, from rest at its start."""
-    rate_hz, n = loops[0].file.rate_hz, len(loops)
     guide = Repeat.along(route, 0)  # the lap does not end in braking
-    t_ns = tick_times(int(route.t_s[-1] * rate_hz), rate_hz)
-    state, references = guide.init(), []
-    for t in t_ns:
-        state, reference = guide.step(state, _belief_at_rest(int(t)))
-        references.append(reference)
-    world, u = TruthWorld(robots, seeds, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
-    states = [robot_loop.start(route.eta[0]) for robot_loop in loops]
-    truth, commands = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
-    for k, t in enumerate(t_ns):
-        z = world.tick(u, 1.0 / rate_hz)
-        now, previous_u, u = world.truth, u, np.zeros((n, 3))
-        for i, robot_loop in enumerate(loops):
-            true_state = np.concatenate([now.eta[i], now.nu[i]]) if robot_loop.perfect else z[i]
-            tick = Tick(int(t), previous_u[i], robot_loop.slots(Slot(1.0, true_state)))
-            states[i], (u[i], _) = robot_loop.step(states[i], tick, references[k])
-        truth[k], commands[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
-    nu, eta = (np.stack([getattr(r, name) for r in references]) for name in ("nu", "eta"))
+    drives = simulate_drives(loops, robots, guide, float(route.t_s[-1]), seeds)
+    nu, eta = (np.stack([getattr(r, name) for r in drives.references]) for name in ("nu", "eta"))
     limits = limits_of(loops[0].file.text)
     return [
-        _lap_errors(t_ns, truth[:, i], commands[:, i], eta, nu[:, 0], limits, states[i][2]) for i in range(n)
+        _lap_errors(drives.t_ns, drives.truth[:, i], drives.commands[:, i], eta, nu[:, 0], limits, supervisor)
+        for i, supervisor in enumerate(drives.supervisors)
     ]
 
 
@@ -384,12 +330,3 @@ def _lap_errors(
         cross_track_rms_m,
         float(supervisor.stopped > 0.0 or is_stuck),
     )
-
-
-def _belief_at_rest(t_ns: int = 0) -> Estimate:
-    return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
-
-
-def merge_robots(robots: list[Robots]) -> Robots:
-    """Return separately drawn robots as one group."""
-    return robots[0].merge(robots[1:])

@@ -10,8 +10,9 @@ from baqueano.guides.route import Route
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import identify_vehicles, switch_on_again, vehicles
-from baqueano.study.driving import SHAPES, Loop
+from baqueano.study.driving import SHAPES
 from baqueano.study.truth import Robots, TruthWorld
+from baqueano.study.truth_drives import Loop
 
 SPEED_M_S = 0.2
 REST_S, DRIVE_S = 2.0, 62.0

@@ -16,8 +16,9 @@ import numpy as np
 from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.study.driving import FREE, initial_file, merge_robots, simulate_experiments
+from baqueano.study.driving import FREE, initial_file, simulate_experiments
 from baqueano.study.truth import Robots, draw_robots
+from baqueano.study.truth_drives import merge_robots
 from baqueano.vehicle_file import VehicleFile
 
 SCALE_TOLERANCE, CROSS_AXIS = 0.03, 0.02  # of the scales and cross-axis sensitivities of an MPU-6050

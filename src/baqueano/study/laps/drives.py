@@ -24,9 +24,9 @@ from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.driving import Loop
 from baqueano.study.laps.fixes import FIXES, with_fix
 from baqueano.study.truth import PassingFaults, Reader, Robots, TruthWorld
+from baqueano.study.truth_drives import Loop
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 

@@ -27,10 +27,11 @@ from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Estimate, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switch_on_again, vehicles
-from baqueano.study.driving import FREE, SHAPES, Loop, initial_file, simulate_experiments
+from baqueano.study.driving import FREE, SHAPES, initial_file, simulate_experiments
 from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, simulate_laps
 from baqueano.study.laps.fixes import with_fix
 from baqueano.study.truth import PassingFaults, Robots, TruthWorld
+from baqueano.study.truth_drives import Loop
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 
