@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented.state import Layout
 
 MAX_LEVEL = 16.0  # of a variance: a standard deviation of the file is wrong by at most 4 times
-MIN_MOTION_LEVEL = 0.25  # a calm drive does not show that the next turn is calm, too
+MIN_MOTION_LEVEL = 0.5  # a calm drive does not show that the next turn is calm, too
 
 
 class NoiseLevels(NamedTuple):
