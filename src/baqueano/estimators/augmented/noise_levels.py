@@ -59,7 +59,7 @@ def levels_after(
     noise_share, excess = _noise_share(squares), squares.counts * (squares.y**2 / np.diag(squares.S) - 1.0)
     pose_channels = {c for group in states.pose_groups for c in group}
     adapts = np.array([0.0 if c in pose_channels else 1.0 for c in range(len(squares.y))])
-    corrects = np.where(states.rest_jacobian != 0.0, 1.0, 0.0) * adapts[:, None]
+    corrects = _corrects(states) * adapts[:, None]
     mean_excess = ((1.0 - noise_share) * excess) @ (corrects / np.maximum(np.sum(corrects, axis=0), 1.0))
     return NoiseLevels(
         _bounded(levels.sensors * (1.0 + gain * adapts * noise_share * excess), 1.0 / MAX_LEVEL),
@@ -69,12 +69,17 @@ def levels_after(
 
 def file_innovation_cov(levels: NoiseLevels, squares: InnovationSquares, states: "Layout") -> np.ndarray:
     """Return S (m, m) with the noise of the vehicle file; the part of S beside Q' is taken as proportional to κ."""
-    corrects = np.where(states.rest_jacobian != 0.0, 1.0, 0.0)
+    corrects = _corrects(states)
     count = np.sum(corrects, axis=1)
     motion = np.where(count > 0.0, corrects @ levels.motion / np.maximum(count, 1.0), 1.0)
     noise_share = _noise_share(squares)
     std = np.sqrt(noise_share / levels.sensors + (1.0 - noise_share) / motion)
     return squares.S * np.outer(std, std)
+
+
+def _corrects(states: "Layout") -> np.ndarray:
+    """Return a mask (m, 2): 1 if the channel corrects the speed, or the yaw rate."""
+    return np.where(states.rest_jacobian != 0.0, 1.0, 0.0)
 
 
 def _noise_share(squares: InnovationSquares) -> np.ndarray:
