@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from baqueano.identify.diagnostics.score_test import FitResiduals, bounded_shift, score_test
+from baqueano.numerics.score_test import bounded_shift, residuals_for_tests, score_test
 
 ROWS = 1200
 
@@ -18,13 +18,10 @@ def residuals_and_effect(own_fraction):
     own -= d * (own @ d) / (d @ d)
     own *= np.linalg.norm(d) / np.linalg.norm(own)
     misfit = 0.3 * own + 0.5 * rng.standard_normal(ROWS)  # motion outside the model, below its noise
-    psi, w, d = np.clip(misfit, -1.345, 1.345), (np.abs(misfit) < 1.345).astype(float), d[None, :]
-    power, blocks = float(psi @ psi / w.sum()), np.arange(0, ROWS, 20)
-    fit = FitResiduals(
-        [misfit[:, None]], psi, w, d, d @ psi, [], np.zeros(ROWS, int), blocks,
-        np.linalg.inv((d * w) @ d.T), np.vstack([d * w, psi]), power, float(np.sum(d**2)),
-    )  # fmt: skip
-    return fit, np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * own
+    has, run, is_free = np.ones(ROWS, bool), np.zeros(ROWS, int), np.ones(1, bool)
+    segments = [(misfit[:, None], -d[:, None, None])]
+    fit = residuals_for_tests(segments, has, run, is_free, [], float(np.sum(d**2)))
+    return fit, (np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * own)[None, :]
 
 
 def effect_on(own_fraction):

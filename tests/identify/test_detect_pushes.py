@@ -5,9 +5,10 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify import fit as module
-from baqueano.identify.diagnostics.score_test import fit_residuals, score_test, score_test_parts
+from baqueano.identify.diagnostics.residual_checks import fit_residuals
 from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 from baqueano.identify.parameters.free import substitute
+from baqueano.numerics.score_test import score_test, score_test_parts
 from baqueano.simulate import simulate
 
 

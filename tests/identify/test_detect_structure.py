@@ -11,7 +11,8 @@ import pytest
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.diagnostics import residual_checks
-from baqueano.identify.diagnostics.score_test import ScoreTest, fit_residuals, score_test
+from baqueano.identify.diagnostics.residual_checks import fit_residuals
+from baqueano.numerics.score_test import ScoreTest, score_test
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import FREE_CAR, car_file, car_values, drive_group, run_of_vehicle

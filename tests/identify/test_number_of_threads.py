@@ -7,7 +7,7 @@ import sys
 SUMS = """
 import numpy as np
 from baqueano.numerics.autocorrelation import _first_lag_products
-from baqueano.identify.diagnostics.score_test import _product, _sums_by_part
+from baqueano.numerics.score_test import _product, _sums_by_part
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.identify.result.verdict import by_channel
 from baqueano.runs.diagnostics.signal_map import channel_regression

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
-from baqueano.identify.diagnostics.score_test import fit_residuals
+from baqueano.identify.diagnostics.residual_checks import fit_residuals
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ least_squares      damped Gauss-Newton with bounds, on normal equations
 normal_equations   normal equations of segments, and the elimination of nuisance entries
 coordinate_search  minimisation without derivatives
 autocorrelation    white and autocorrelated residuals
+score_test         tests of effects that a model lacks, without a new fit
 statistics         quantiles, robust spreads, covariances of estimates
 slow_part          a slow signal and its white noise
 parallel           work on all cores

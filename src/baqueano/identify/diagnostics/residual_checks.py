@@ -15,6 +15,7 @@ to 5 %. Outliers during fast changes of the prediction (3) mean a wrong delay or
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,15 +23,6 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics.score_test import (
-    FitResiduals,
-    ScoreTest,
-    bounded_shift,
-    fit_residuals,
-    score_test,
-    score_test_parts,
-    shift_by_effects,
-)
 from baqueano.identify.diagnostics.unmodelled_terms import (
     FittedMotion,
     LabelledTerm,
@@ -41,6 +33,16 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
+from baqueano.numerics.score_test import (
+    FitResiduals,
+    Nuisance,
+    ScoreTest,
+    bounded_shift,
+    residuals_for_tests,
+    score_test,
+    score_test_parts,
+    shift_by_effects,
+)
 from baqueano.numerics.statistics import MAD, student_quantile, white_std
 
 P_VALUE = 2.5e-5  # p-value below which a result is significant
@@ -105,6 +107,28 @@ def check_residuals(
         gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion), is_inside)[0]
     results = *missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED]
     return Diagnosis(messages + [result.message for result in results], unmodelled_cov, gyro_shift)
+
+
+def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
+    """Return the residuals at θ for score tests, with the starts of segments and the entries of runs as nuisance
+    parameters. `identifiable` (p,) is a mask of the entries of θ that the data determine."""
+    layout, segments = problem.layout, problem.sensitivities(theta, last=True)
+    s, o = layout.shared_count, layout.run_entry_count
+    ends = np.cumsum([0, *(len(r) for r, _, _ in segments)])
+    run = np.repeat(layout.runs, np.diff(ends))
+    nuisances = [
+        Nuisance(slice(a, b), s + o, identifiable[layout.start_slice(k)])
+        for k, (a, b) in enumerate(pairwise(ends.tolist()))
+    ]
+    for k in range(layout.run_count):
+        first, *_, last = np.flatnonzero(run == k).tolist()
+        nuisances.append(Nuisance(slice(first, last + 1), s, identifiable[s + k * o : s + (k + 1) * o]))
+    signal_std = problem.signal_std()
+    signal = float(sum(np.sum((weight * signal_std) ** 2) for weight in problem.weights))
+    has = np.concatenate(problem.has).ravel() > 0.0
+    return residuals_for_tests(
+        [segment[:2] for segment in segments], has, run, identifiable[:s], nuisances, signal
+    )
 
 
 def _largest_errors_cov(errors: np.ndarray) -> np.ndarray:

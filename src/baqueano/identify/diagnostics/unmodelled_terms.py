@@ -1,4 +1,4 @@
-"""Compute terms that models often lack (forces, delays, sensor positions) as columns for score_test.py.
+"""Compute terms that models often lack (forces, delays, sensor positions) as columns for numerics/score_test.py.
 
 A force outside the model pushes the vehicle along an axis a with an acceleration ε φ(t). w are the channels of the
 drivetrain, ν is the velocity of the model, both relative to their largest value; s is the time since a sign changed.

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.least_squares import minimise
 from baqueano.numerics.normal_equations import Evaluation, pseudo_inverse
 from baqueano.numerics.parallel import cache_slices, inner
@@ -30,6 +29,14 @@ PROMISING_Z = 3.0  # standard errors of white noise
 EFFECTS_AT_ONCE = 16  # effects
 # an effect with a smaller part that θ cannot explain is not tested: a variance inflation factor above 10,000
 MIN_OWN_FRACTION = 1e-4
+
+
+class Nuisance(NamedTuple):
+    """Nuisance parameters of one run or one segment: columns of ∂r from the column `first` on."""
+
+    rows: slice  # of N
+    first: int
+    identifiable: np.ndarray  # (n,) mask of the parameters that the data determine
 
 
 class NuisanceDerivatives(NamedTuple):
@@ -78,45 +85,37 @@ class _ScoreSums(NamedTuple):
     nuisances: list[np.ndarray]  # (K, q) D w dᵀ with each nuisance
 
 
-def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
-    """Return the residuals at θ. `identifiable` (p,) is a mask of the entries of θ that the data determine."""
-    layout, segments = problem.layout, problem.sensitivities(theta, last=True)
-    s, m = layout.shared_count, len(problem.sigma)
-    has = np.concatenate(problem.has).ravel() > 0.0
-    r = np.concatenate([r.ravel() for r, _, _ in segments])
+def residuals_for_tests(
+    segments: Sequence[tuple[np.ndarray, np.ndarray]],
+    has: np.ndarray,
+    run: np.ndarray,
+    identifiable: np.ndarray,
+    nuisances: Sequence[Nuisance],
+    signal: float,
+) -> FitResiduals:
+    """Return the residuals as the tests need them. `segments` contain r (n, m) and ∂r (n, m, q), `has` (N m,) is a mask
+    of the measurements, and `run` (N,) the number of the run. The first columns of ∂r are the shared parameters, with
+    the mask `identifiable` (s,). The derivatives of `nuisances` are eliminated in order from all columns before theirs.
+    """
+    s, m = len(identifiable), segments[0][0].shape[1]
+    r = np.concatenate([r.ravel() for r, _ in segments])
     psi, w = np.where(has, np.clip(r, -HUBER, HUBER), 0.0), (has & (np.abs(r) < HUBER)).astype(float)
-    slopes = [d.reshape(-1, d.shape[2]) for _, d, _ in segments]
+    slopes = [d.reshape(-1, d.shape[2]) for _, d in segments]
     flat = (np.concatenate(slopes) if len(slopes) > 1 else slopes[0]).T  # (q, N m); rows stay together
     np.negative(flat, out=flat)
-    q = len(flat)
-    run = np.concatenate([np.full(len(r), k) for (r, _, _), k in zip(segments, layout.runs, strict=True)])
-    ends = np.cumsum([0, *(len(r) for r, _, _ in segments)])
     count = int(np.clip(len(run) // MIN_BLOCK_ROWS, 2, MAX_BLOCKS))
-    first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
-    nuisances: list[NuisanceDerivatives] = []
-    for k, (a, b) in enumerate(pairwise(ends.tolist())):
-        is_shown = identifiable[layout.start_slice(k)]
-        nuisances += _nuisance_derivatives(
-            flat, w, slice(a, b), m, range(q - layout.start_size, q), is_shown, range(q - layout.start_size)
-        )
-    for k in range(layout.run_count):
-        rows = np.flatnonzero(run == k)
-        is_shown = identifiable[s + k * layout.run_entry_count : s + (k + 1) * layout.run_entry_count]
-        segment_rows = slice(int(rows[0]), int(rows[-1]) + 1)
-        nuisances += _nuisance_derivatives(
-            flat, w, segment_rows, m, range(s, s + layout.run_entry_count), is_shown, range(s)
-        )
-    d = flat if identifiable[:s].all() and q == s else np.ascontiguousarray(flat[:s][identifiable[:s]].T).T
+    blocks = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
+    eliminated = [_eliminate(flat, w, m, nuisance) for nuisance in nuisances if nuisance.identifiable.any()]
+    is_complete = identifiable.all() and len(flat) == s
+    d = flat if is_complete else np.ascontiguousarray(flat[:s][identifiable].T).T
     weighted_rows = np.empty((len(w), len(d) + 1)).T
     np.multiply(d, w, out=weighted_rows[:-1])
     weighted_rows[-1] = psi
     products = _product(weighted_rows, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
-    residuals, signal_std = [r for r, _, _ in segments], problem.signal_std()
-    signal = float(sum(np.sum((weight * signal_std) ** 2) for weight in problem.weights))
-    inverse = pseudo_inverse(products[:-1])
+    inverse, residuals = pseudo_inverse(products[:-1]), [r for r, _ in segments]
     return FitResiduals(
-        residuals, psi, w, d, products[-1], nuisances, run, first, inverse, weighted_rows, power, signal
+        residuals, psi, w, d, products[-1], eliminated, run, blocks, inverse, weighted_rows, power, signal
     )
 
 
@@ -130,28 +129,17 @@ def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return out
 
 
-def _nuisance_derivatives(
-    flat: np.ndarray,
-    w: np.ndarray,
-    rows: slice,
-    m: int,
-    entries: range,
-    identifiable: np.ndarray,
-    other_entries: range,
-) -> list[NuisanceDerivatives]:
-    """Return the derivatives of the identifiable `entries` of a run or segment, as a list of at most one item.
-    Eliminate them from the `other_entries` of `flat` (q, N m), in place."""
-    index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
-    if not index:
-        return []
+def _eliminate(flat: np.ndarray, w: np.ndarray, m: int, nuisance: Nuisance) -> NuisanceDerivatives:
+    """Return the derivatives of the identifiable parameters of `nuisance`, and eliminate them from the columns of ∂r
+    before theirs, the first rows of `flat` (q, N m), in place."""
+    rows, first, identifiable = nuisance
     columns = slice(rows.start * m, rows.stop * m)
-    d = flat[index, columns].copy()
+    d = flat[first + np.flatnonzero(identifiable), columns].copy()
     weighted_slopes = d * w[columns]
     inverse = pseudo_inverse(_product(weighted_slopes, d.T))
-    nuisance = NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse)
-    other_rows = flat[other_entries.start : other_entries.stop, columns]
-    _subtract(other_rows, _product(other_rows, weighted_slopes.T) @ nuisance.inverse, d)
-    return [nuisance]
+    other_rows = flat[:first, columns]
+    _subtract(other_rows, _product(other_rows, weighted_slopes.T) @ inverse, d)
+    return NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse)
 
 
 def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
