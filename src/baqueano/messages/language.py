@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
+from math import isnan
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -123,6 +124,28 @@ def shown_unit(words: str) -> str:
     for unit_word in _OF_UNITS:
         words = words.replace(unit_word, translate(unit_word))
     return words
+
+
+def percent_text(part: float) -> str:
+    """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller value.
+
+    >>> percent_text(0.987), percent_text(-3.0)
+    ('98.7 %', 'below -100 %')
+    """
+    if isnan(part):
+        return "-"
+    return f"{number(100.0 * part):.1f} %" if part > -1.0 else translate(N_("below -100 %"))
+
+
+def ratio_text(ratio: float) -> str:
+    """Return a ratio as text, such as "2.10×"; "-" for NaN.
+
+    >>> ratio_text(2.1), ratio_text(1e4)
+    ('2.10×', 'over 1000×')
+    """
+    if isnan(ratio):
+        return "-"
+    return f"{number(ratio):.2f}×" if ratio < 1e3 else translate(N_("over 1000×"))
 
 
 def shown_placeholders(words: str) -> str:

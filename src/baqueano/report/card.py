@@ -15,10 +15,9 @@ from baqueano.drive.closure import Closure
 from baqueano.guides.route import Route
 from baqueano.identify import Fit
 from baqueano.identify.result.fit_result import verdict_lines
-from baqueano.identify.result.verdict import percent_text
 from baqueano.messages import text, texts
 from baqueano.messages.language import mark as N_
-from baqueano.messages.language import shown_unit
+from baqueano.messages.language import percent_text, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report.fit_report import row_of
 from baqueano.report.page import TONES, cell

@@ -6,10 +6,9 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict, most_severe_first
 from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
-from baqueano.identify.result.verdict import percent_text
 from baqueano.messages import texts, with_full_stop
 from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import number, percent_text, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report import figures
@@ -79,7 +78,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
     identifiable = np.isfinite(fit.std) & np.isfinite(fit.estimate)
-    names = [without_model_prefix(n) for n, k in zip(fit.names, identifiable, strict=True) if k]
+    names = [n.removeprefix("model.") for n, k in zip(fit.names, identifiable, strict=True) if k]
     parts: list[Table | Drawing] = [Table(rows)]
     if identifiable.any():
         true_values = None if truth is None else truth[identifiable]
@@ -107,7 +106,7 @@ def row_of(row: "TableRow") -> "JsonObject":
     std = row["std"]
     value = None if row["estimate"] is None else round_to_error(row["estimate"], std)
     return {
-        "parameter": without_model_prefix(row["name"]),
+        "parameter": row["name"].removeprefix("model."),
         "estimate": value,
         "std. error": None if std is None else float(f"{std:.2g}"),
         "unit": shown_unit(row["unit"]),
@@ -275,8 +274,3 @@ def label(channel: Any) -> str:
     """Return the label of a channel, "a_x [m/s²]" for the first channel of an IMU."""
     entries = CHANNEL_LABELS.get(channel.sensor, ())
     return _(entries[channel.entry]) if channel.entry < len(entries) else channel.label
-
-
-def without_model_prefix(name: str) -> str:
-    """Return a dotted path without the prefix "model."."""
-    return name.removeprefix("model.")

@@ -23,7 +23,7 @@ from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
-from baqueano.report.fit_report import draw_most_motion, label, without_model_prefix
+from baqueano.report.fit_report import draw_most_motion, label
 from baqueano.report.libraries import draw_onto, panel, panels, with_style
 from baqueano.report.page import Drawing, Table
 from baqueano.report.pages.at_rest import allan_curves, channels_by_sensor
@@ -98,7 +98,7 @@ def _first_figure(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figu
 def _fit_drawings(result: Fit) -> dict[str, Draw]:
     identifiable = np.isfinite(result.std) & np.isfinite(result.estimate)
     names = [
-        without_model_prefix(name)
+        name.removeprefix("model.")
         for name, is_kept in zip(result.names, identifiable, strict=True)
         if is_kept
     ]

@@ -30,9 +30,8 @@ from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.theta import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
-from baqueano.identify.result.verdict import percent_text, ratio_text
 from baqueano.messages import text, verdict_line
-from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import number, percent_text, ratio_text, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import prediction_limit, student_quantile

@@ -29,7 +29,6 @@ from baqueano.estimators.kalman import correct
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
-from baqueano.identify.result.verdict import without_model_prefix
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -131,7 +130,7 @@ class ParameterHistory(Result):
         head = [_("parameter"), self.runs[0], self.runs[-1], _("now"), _("unit")]
         rows = (
             [
-                without_model_prefix(name),
+                name.removeprefix("model."),
                 _with_error(self.single[0, i], self.single_std[0, i]),
                 _with_error(self.single[-1, i], self.single_std[-1, i]),
                 _with_error(self.filtered_values[-1, i], self.filtered_std[-1, i]),

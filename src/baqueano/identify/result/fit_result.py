@@ -12,10 +12,9 @@ from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, 
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import contains_readings
 from baqueano.identify.parameters.free import entries, free_parameter
-from baqueano.identify.result.verdict import percent_text, without_model_prefix
 from baqueano.messages import group_sentences, text
 from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import number, percent_text, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table, with_remark
 from baqueano.numerics.statistics import QUANTILE_95
@@ -244,17 +243,14 @@ class Fit(Result):
                 "front.fit", vehicle=self.file.name, runs=runs, count=identified_count, parameters=len(rows_)
             )
         )
-        width = max(len(without_model_prefix(row["name"])) for row in rows_)
-        rows = []
-        for row in (row for row in rows_ if row["estimate"] is not None):
-            value, std = (
-                round_to_error(row["estimate"], row["std"]),
-                np.nan if row["std"] is None else row["std"],
-            )
-            rows.append(
-                f"{without_model_prefix(row['name']):{width}}  {number(value):>10.5g} ± {number(std):<8.2g} "
-                f"{shown_unit(row['unit'])}"
-            )
+        names = [row["name"].removeprefix("model.") for row in rows_]
+        width, rows = max(map(len, names)), []
+        for name, row in zip(names, rows_, strict=True):
+            if row["estimate"] is None:
+                continue
+            value = round_to_error(row["estimate"], row["std"])
+            error = f"± {number(np.nan if row['std'] is None else row['std']):<8.2g}"
+            rows.append(f"{name:{width}}  {number(value):>10.5g} {error} {shown_unit(row['unit'])}")
         return shorten([head], rows, verdict_lines(self)[:3])
 
     def table(self, reported: bool = False) -> str:
@@ -263,7 +259,7 @@ class Fit(Result):
         cells, remarks = [], [""]
         for row in self.rows():
             remarks.append(row_remarks(row))
-            name = without_model_prefix(row["name"])
+            name = row["name"].removeprefix("model.")
             if row["estimate"] is None:
                 cells.append([name, "–", "", ""])
                 continue

@@ -21,8 +21,6 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.statistics import prediction_limit
@@ -30,20 +28,6 @@ from baqueano.vehicle_file.units import CHANNEL_UNITS
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
-
-
-def percent_text(part: float) -> str:
-    """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller value."""
-    if np.isnan(part):
-        return "-"
-    return f"{number(100.0 * part):.1f} %" if part > -1.0 else _("below -100 %")
-
-
-def ratio_text(ratio: float) -> str:
-    """Return a ratio as text, such as "2.1×"; "-" for NaN."""
-    if np.isnan(ratio):
-        return "-"
-    return f"{number(ratio):.2f}×" if ratio < 1e3 else _("over 1000×")
 
 
 MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
@@ -178,7 +162,7 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
     warnings = _findings_of(e, WARNING)
     warnings += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
     if e.poorly_identified.any():
-        names = ", ".join(without_model_prefix(e.names[k]) for k in np.flatnonzero(e.poorly_identified))
+        names = ", ".join(e.names[k].removeprefix("model.") for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.weak", WARNING, names=names))
         warnings += e.weak_reasons
     warnings += unlike_runs(e.runs_of_channel, hardly=False)
@@ -247,11 +231,6 @@ def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
 
 def _labels(e: Evidence) -> list[str]:
     return [c.label for c in e.channels[: len(e.autocorrelation)]]
-
-
-def without_model_prefix(name: str) -> str:
-    """Return the path of a parameter in its short form for people."""
-    return name.removeprefix("model.")
 
 
 class ChannelOfRun(NamedTuple):
