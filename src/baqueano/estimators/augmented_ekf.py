@@ -201,7 +201,7 @@ class AugmentedEkf:
         previous = belief.last_innovations, belief.pose_memory, belief.noise_levels
 
         def correct(x: Gaussian, at_rest: bool) -> Value:
-            if not np.any(layout(self).moving_mask[:, FORWARD_STATES[0]]):
+            if not layout(self).corrects(FORWARD_STATES[0]).any():
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
             return correct_tick(self, x, previous, effort, nu_dot, tick, at_rest, row.dt_s)
 

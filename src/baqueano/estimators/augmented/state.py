@@ -71,6 +71,15 @@ class Layout(NamedTuple):
         return mask
 
     @property
+    def corrects_motion(self) -> np.ndarray:
+        """Return a mask (m,) of the channels that correct any state while the vehicle drives."""
+        return np.any(self.moving_mask > 0.0, axis=1)
+
+    def corrects(self, state: int) -> np.ndarray:
+        """Return a mask (m,) of the channels that correct one entry of x while the vehicle drives."""
+        return self.moving_mask[:, state] > 0.0
+
+    @property
     def channels(self) -> int:
         """Return the number m of channels."""
         return len(self.moving_mask)

@@ -127,8 +127,7 @@ def filter_noise(
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
     ekf = _with_noise(ekf, free, [float(value) for value in x])
     if is_dynamic(ekf.vehicle):
-        speed_is_measured = np.any(filter_layout.moving_mask[:, FORWARD_STATES[0]])
-        if speed_is_measured:
+        if filter_layout.corrects(FORWARD_STATES[0]).any():
             ekf = _without_wheel_slip(ekf, fit, inertial)
         else:
             rate = _straight_drive(fit, _rms_forward_command(runs)).decay_rate
@@ -224,7 +223,7 @@ def _with_misfit_from_accelerometer(
 
 def _correcting_entries(layout: Layout, name: str) -> list[int]:
     """Return the entries of a sensor that correct the motion while the vehicle drives."""
-    channels = zip(layout.channel_entries, np.any(layout.moving_mask > 0.0, axis=1), strict=True)
+    channels = zip(layout.channel_entries, layout.corrects_motion, strict=True)
     return [i for (sensor, i), corrects in channels if sensor == name and corrects]
 
 
@@ -240,7 +239,7 @@ def _free_noise(
     counts = np.array([readings[name] for name, _ in filter_layout.channel_entries])
     free_noise = []
     for state, paths in ((FORWARD_STATES[0], FORWARD_NOISE), (TURNING_STATES[2], TURNING_NOISE)):
-        max_count = np.max(counts * (filter_layout.moving_mask[:, state] > 0.0), initial=0)
+        max_count = np.max(counts * filter_layout.corrects(state), initial=0)
         count = len(paths) if max_count >= MIN_RESIDUALS else int(max_count >= MIN_READINGS)
         free_noise += [FreeNoise(*path, 1.0) for path in paths[:count]]
     pairs = [n for n in filter_layout.names if _is_wheel_pair(getattr(ekf.sensors, n), filter_layout, n)]
@@ -314,7 +313,7 @@ def _rounding(
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
     """Return the step of a scan with the logarithms of the free noise as parameters. Its output is the term of J
     from the channels that correct the motion.  (1)"""
-    is_correcting = np.any(layout(ekf).moving_mask > 0.0, axis=1)
+    is_correcting = layout(ekf).corrects_motion
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = _with_noise(ekf, free, x).row(belief, tick)

@@ -96,8 +96,7 @@ def speed_channels(
 
 def _origin(ekf: AugmentedEkf) -> Diagnostic:
     """Return a note with the sensors that measure the speed without an accelerometer, or with the model."""
-    corrects_speed = layout(ekf).moving_mask[:, FORWARD_STATES[0]] > 0.0
-    channels = zip(layout(ekf).channel_entries, corrects_speed, strict=True)
+    channels = zip(layout(ekf).channel_entries, layout(ekf).corrects(FORWARD_STATES[0]), strict=True)
     sensors = list(dict.fromkeys(name for (name, _), corrects in channels if corrects))
     return note("speed.of-sensors", sensors=sensors) if sensors else note("speed.of-the-model")
 
@@ -241,7 +240,7 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[Normali
     square, count = np.concatenate(squares), np.concatenate(counts)
     return [
         _normalised_square(names[k], square[:, k], count[:, k], CLOSE_FACTOR)
-        for k in np.flatnonzero(np.any(filter_layout.moving_mask > 0.0, axis=1))
+        for k in np.flatnonzero(filter_layout.corrects_motion)
     ]
 
 
