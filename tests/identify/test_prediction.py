@@ -121,7 +121,7 @@ def test_the_innovations_equal_the_innovations_of_filterpy(cart, gauss):
         kf.predict(u=np.array([[u]]))
         kf.update(np.array([[z / 0.1]]))
         innovations.append(float(kf.y[0, 0] / np.sqrt(kf.S[0, 0])))
-    assert np.allclose(of_cart(cart, run).innovations(AT)[0][:, 0], innovations, rtol=1e-9, atol=1e-9)
+    assert np.allclose(of_cart(cart, run).derivatives(AT)[0].e[:, 0], innovations, rtol=1e-9, atol=1e-9)
 
 
 def fisher_of(run, x, rows_shown):
@@ -171,7 +171,7 @@ def test_the_mean_curvature_of_the_cost_equals_the_fisher_information(cart, gaus
 def test_innovations_without_floor_noise_equal_simulation_errors(cart):
     prediction = of_cart(cart, cart_run(cart, 1))
     x = prediction.x(AT[:3])
-    assert np.allclose(prediction.innovations(x)[0], prediction.simulation.residuals(AT[:3])[0], atol=1e-12)
+    assert np.allclose(prediction.derivatives(x)[0].e, prediction.simulation.residuals(AT[:3])[0], atol=1e-12)
 
 
 def test_the_gradient_matches_finite_differences_over_two_runs_with_outliers(cart):
@@ -191,7 +191,7 @@ def test_a_spike_has_the_same_effect_as_a_missing_measurement(cart):
     clean, spiked_run, gap = (cart_run(cart, 5) for _ in range(3))
     spiked_run.sensors["odometer"].z[20] = 1e6
     gap.sensors["odometer"].z[20] = np.nan
-    innovations = [of_cart(cart, run).innovations(AT)[0][:, 0] for run in (clean, spiked_run, gap)]
+    innovations = [of_cart(cart, run).derivatives(AT)[0].e[:, 0] for run in (clean, spiked_run, gap)]
     assert innovations[2][20] == 0.0
     assert np.allclose(np.delete(innovations[1], 20), np.delete(innovations[2], 20), atol=1e-9)
     assert not np.allclose(innovations[0][21:25], innovations[2][21:25], atol=1e-3)
@@ -207,7 +207,7 @@ def test_floor_noise_and_sensor_noise_are_identified(cart):
     assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)
     assert likely.noise.floor[1:] == pytest.approx([0.0, 0.0])  # the odometer does not measure them
     assert likely.p_value < 1e-6
-    white = np.concatenate(prediction.innovations(prediction.x(likely.theta, likely.noise)))
+    white = np.concatenate([s.e for s in prediction.derivatives(prediction.x(likely.theta, likely.noise))])
     assert np.std(white) == pytest.approx(1.0, abs=0.1)
 
 
@@ -240,10 +240,10 @@ def test_pose_covariance_grows_with_distance_and_innovations_are_white():
     problem = problem.weight(np.full(3, 0.01))
     prediction = Prediction(problem, blocks)
     moving = FilterNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
-    e = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
+    e = prediction.derivatives(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0].e
     present = problem.has[0] > 0.0
     assert np.std(e[present[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
-    innovations = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0])))[0]
+    innovations = prediction.derivatives(prediction.x(np.array([DRAG, 1.0, 0.0])))[0].e
     assert np.std(innovations[present[:, 0], 0]) > 5.0
 
 

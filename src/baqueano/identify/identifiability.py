@@ -288,11 +288,8 @@ def unobservable_reason(
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
     path = parameter.path
     if collinear:
-        by, others, apart = (
-            parameter.definition.measured_by,
-            _names(collinear),
-            _separation((parameter, *collinear)),
-        )
+        by, others = parameter.definition.measured_by, _names(collinear)
+        apart = _separation((parameter, *collinear))
         how = note("identifiability.by-hand", by=by) if by else note("identifiability.fix-one")
         return note("identifiability.tied", subject=path, others=others, at=value, how=how, apart=apart)
     if parameter.definition.role == "scale":

@@ -90,11 +90,8 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Return the covariance (p + k, p + k) of the parameters of `fit` and of the standard deviations of the process
     noise. Unknown entries are NaN."""
     p, k, count = len(fit.names), len(second.axes), len(second.end.identifiability.mask)
-    floor, bread, in_theta = (
-        second.likelihood_fit.noise.floor,
-        second.info.bread,
-        second.end.parameters.in_theta,
-    )
+    floor, in_theta = second.likelihood_fit.noise.floor, second.end.parameters.in_theta
+    bread = second.info.bread
     is_free = np.r_[second.end.identifiability.mask, floor > 0.0, np.ones(len(bread) - count - k, bool)]
     entries = np.flatnonzero(is_free & (np.diagonal(bread) > 0.0))
     full_cov, cov = np.full(bread.shape, np.nan), np.full((p + k, p + k), np.nan)

@@ -71,11 +71,13 @@ class FitRecord(NamedTuple):
 
     def with_mask(self, mask: np.ndarray) -> "FitRecord":
         """Return the record with the measurements of the rows of `mask` (N,) only."""
-        sensors = {
-            name: readings._replace(has=readings.has * mask[:, None])
-            for name, readings in self.sensors.items()
-        }
+        sensors = {name: s._replace(has=s.has * mask[:, None]) for name, s in self.sensors.items()}
         return self._replace(sensors=sensors)
+
+    def after(self, unknown_s: float) -> "FitRecord":
+        """Return the record without the measurements of the first `unknown_s` [s]. In this time the vehicle moves by
+        commands before the record, which are unknown."""
+        return self.with_mask(np.cumsum(self.dt_s) > unknown_s)
 
 
 def record_of(

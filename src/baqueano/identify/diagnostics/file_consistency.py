@@ -208,13 +208,14 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     starts = task.start, np.where(np.isfinite(theta), theta, task.start)
     as_in_file = min(
         (_search_from(task, blocks, records, start) for start in starts),
-        key=lambda result: _log_sigma(result, channels, n),
+        key=lambda result: result.log_sigma_sum(n, channels),
     )
     trials = []
     for mount in MOUNTS:
         turned_records = [_with_remounted_imu(record, name, mount) for record in records]
         result = _search_from(task, blocks, turned_records, task.start)
-        gain = _log_sigma(as_in_file, channels, n) - _log_sigma(result, channels, n[list(mount.order)])
+        log_sigma = result.log_sigma_sum(n[list(mount.order)], channels)  # (1)
+        gain = as_in_file.log_sigma_sum(n, channels) - log_sigma
         trials.append((gain, mount, result))
     max_gain = max(gain for gain, _, _ in trials)
     for gain, mount, result in trials if is_clear(max_gain, max_gain / n.sum()) else ():
@@ -235,12 +236,6 @@ def _with_remounted_imu(record: FitRecord, name: str, hypothesis: MountHypothesi
     order, readings = list(hypothesis.order), record.sensors[name]
     z, has = readings.z[:, order] * np.array(hypothesis.sign), readings.has[:, order]
     return record._replace(sensors={**record.sensors, name: readings._replace(z=z, has=has)})
-
-
-def _log_sigma(end: Search, channels: slice, n: np.ndarray) -> float:
-    """Return Σ n log σ over the channels of the IMU with n (3,) readings, or infinity if the search diverged.  (1)"""
-    log_sigma = float(n @ np.log(end.sigma[channels]))
-    return log_sigma if np.isfinite(log_sigma) and np.isfinite(end.solution.evaluation.cost) else np.inf
 
 
 def _agrees_with_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:

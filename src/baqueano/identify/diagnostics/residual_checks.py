@@ -48,10 +48,7 @@ from baqueano.numerics.statistics import MAD, student_quantile, white_std
 P_VALUE = 2.5e-5  # p-value below which a result is significant
 LEAST_CRITICAL_Z = student_quantile(1.0 - 0.5 * P_VALUE, np.inf)
 LOW_PASS_Z = 3.0  # standard errors for a low-pass: nearly every IMU has one, so less evidence is sufficient
-MIN_SHIFT_STD, MIN_RELATIVE_SHIFT = (
-    2.0,
-    0.02,
-)  # least shift: in standard errors, and relative to the parameter
+MIN_SHIFT_STD, MIN_RELATIVE_SHIFT = 2.0, 0.02  # least shift: in standard errors, and of the parameter
 MIN_RELATIVE_DIFFERENCE = 0.05  # relative to the parameter
 MIN_SHARE, MIN_EXCESS = 0.05, 1.3  # (1), (2)
 MIN_MEASUREMENTS = 20  # measurements of a channel

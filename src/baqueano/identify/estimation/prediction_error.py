@@ -84,6 +84,9 @@ class Prediction:
         self.simulation, self.size = simulation, simulation.size
         self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
         self.kernel = cached_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
+        noise = self.size + np.arange(len(self.axes) + self.channels)
+        # per segment the indices in x of its θ and of the noise
+        self._indices = [np.concatenate([index, noise]) for index in simulation.layout.indices]
 
     def x(self, theta: np.ndarray, noise: FilterNoise | None = None) -> np.ndarray:
         """Return x = (θ, v, ½ log q). Without `noise`, v is 0 and σ is that of the simulation."""
@@ -99,12 +102,8 @@ class Prediction:
         """Return J, its gradient and its Hessian with respect to x.  (1), (2)"""
         parts, no_prior = self._map_segments(x, _segment_cost), np.zeros(len(x))
         places = arrow_layout(self.simulation.layout, len(x) - self.size)
-        total = sum_of_segments(parts, self._indices(), x, no_prior, places)
+        total = sum_of_segments(parts, self._indices, x, no_prior, places)
         return total if np.isfinite(total.cost) else total._replace(cost=np.inf)
-
-    def innovations(self, x: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment e (N, m), 0 without a measurement."""
-        return self._map_segments(x, lambda slopes: slopes.e)
 
     def derivatives(self, x: np.ndarray) -> list[InnovationDerivatives]:
         """Return for each segment the innovations and their derivatives."""
@@ -112,34 +111,23 @@ class Prediction:
 
     def _map_segments(self, x: np.ndarray, of_segment: Callable[[InnovationDerivatives], R]) -> list[R]:
         """Return `of_segment(derivatives)` for each segment, computed on all cores."""
+        m, rows = self.channels, self.simulation.rows
 
         def of_rows(rows: np.ndarray, indices: np.ndarray) -> R:
-            return of_segment(self._derivatives(rows, x, indices))
+            out, d = self.kernel.sensitivities(rows, x[indices])
+            return of_segment(InnovationDerivatives(out[:, :m], out[:, m:], d[:, :m], d[:, m:], indices))
 
-        rows = self.simulation.rows
         work_rows = sum(map(len, rows)) if self.kernel.backend == "c" else 0
-        return parallel_map(of_rows, rows, self._indices(), rows=work_rows)
-
-    def _indices(self) -> list[np.ndarray]:
-        """Return, for each segment, the indices in x of its θ and of the noise."""
-        noise = self.size + np.arange(len(self.axes) + self.channels)
-        return [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
-
-    def _derivatives(self, rows: np.ndarray, x: np.ndarray, indices: np.ndarray) -> InnovationDerivatives:
-        m = self.channels
-        innovations, d = self.kernel.sensitivities(rows, x[indices])
-        return InnovationDerivatives(innovations[:, :m], innovations[:, m:], d[:, :m], d[:, m:], indices)
+        return parallel_map(of_rows, rows, self._indices, rows=work_rows)
 
     def information(self, x: np.ndarray) -> Information:
         """Return A and B with respect to x.  (3)"""
         A, B = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
         by_channel = np.zeros((self.channels, len(x)))
-        has, records = self.simulation.has, self.simulation.records
-        autocorrelation = autocorrelation_sums(self.innovations(x), has)
+        has, records, segments = self.simulation.has, self.simulation.records, self.derivatives(x)
+        autocorrelation = autocorrelation_sums([slopes.e for slopes in segments], has)
         is_autocorrelated = bool(np.any(np.abs(autocorrelation) > WHITE_LIMIT))
-        segments = zip(self.simulation.rows, self._indices(), has, records, strict=True)
-        for rows, indices, is_present, record in segments:
-            slopes = self._derivatives(rows, x, indices)
+        for slopes, is_present, record in zip(segments, has, records, strict=True):
             block, psi = np.ix_(slopes.indices, slopes.indices), weight(slopes.e) * slopes.e
             by_e, by_s = slopes.e_derivatives, slopes.s_derivatives
             A[block] += _hessian_sum(psi_derivative(slopes.e), by_e) + _hessian_sum(0.25 * BETA, by_s)

@@ -70,9 +70,9 @@ class Search(NamedTuple):
         )
         return self.solution.converged and not is_unexplained.any()
 
-    def log_sigma_sum(self, counts: np.ndarray) -> float:
-        """Return Σ counts log σ, the value by which searches are compared. It is infinite if the model diverged."""
-        log_sigma = float(counts @ np.log(self.sigma))
+    def log_sigma_sum(self, counts: np.ndarray, channels: slice = slice(None)) -> float:
+        """Return Σ counts log σ over the `channels`, by which searches are compared; infinite if the model diverged."""
+        log_sigma = float(counts @ np.log(self.sigma[channels]))
         return log_sigma if np.isfinite(log_sigma) and np.isfinite(self.solution.evaluation.cost) else np.inf
 
 

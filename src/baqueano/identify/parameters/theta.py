@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
@@ -88,6 +88,12 @@ class ThetaShape(NamedTuple):
         return [
             columns[first[n] : first[n] + WEIGHT_COLUMNS] if n in first else whole_row.get(n) for n in names
         ]
+
+    def sample_fractions(self, columns: np.ndarray) -> list[Value | None]:
+        """Return for each sensor the number of `columns` that its timestamps between ticks need, after the weights of
+        the means; None for a sensor without such a number."""
+        index = WEIGHT_COLUMNS * len(self.means) + np.cumsum(self.sample_fraction) - 1
+        return [columns[k] if part else None for k, part in zip(index, self.sample_fraction, strict=True)]
 
     @property
     def extra_columns(self) -> int:
@@ -262,20 +268,17 @@ def records_of(
         intervals_s = [longest_interval_s(s.mean_weights, record.dt_s) for s in record.sensors.values()]
         lead_s = max(delay_s, settled_s, past_s, *intervals_s)
         if not options.at_rest:
-            record = _after_unknown_commands(record, float(getattr(drivetrain, "delay_s", 0.0)))
+            record = record.after(_unknown_s(record, float(getattr(drivetrain, "delay_s", 0.0))))
         segments += [record] if options.segment_s is None else split_record(record, options.segment_s, lead_s)
     return segments
 
 
-def _after_unknown_commands(record: FitRecord, delay_s: float) -> FitRecord:
-    """Return the record without the measurements before its commands take effect, `delay_s` [s] after it begins.
-    Earlier commands are unknown, and the start is estimated from later measurements. `delay_s` is the delay in the
-    file, even if the delay is free: a run from rest shows a delay by its first command. The record is unchanged if it
-    begins without a command (not driven before), or is shorter than twice `delay_s`."""
-    ends = np.cumsum(record.dt_s)
-    if not np.any(record.u[0]) or ends[-1] < 2.0 * delay_s:
-        return record
-    return record.with_mask(ends > delay_s * (1.0 + 1e-9))
+def _unknown_s(record: FitRecord, delay_s: float) -> float:
+    """Return the time [s] until the first command of the record takes effect: `delay_s`, the delay in the file, even if
+    the delay is free, because a run from rest shows a delay by its first command. Return 0 for a record that begins
+    without a command (not driven before), or is shorter than twice `delay_s`."""
+    is_driven_before = np.any(record.u[0]) and np.cumsum(record.dt_s)[-1] >= 2.0 * delay_s
+    return delay_s * (1.0 + 1e-9) if is_driven_before else 0.0
 
 
 def _check_bounds(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:

@@ -56,9 +56,8 @@ class GyroAidedResiduals(Residuals):
     def __init__(
         self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
-        records = [
-            _after_unknown_commands(record, blocks, DELAY_PATH in shape.shared_paths) for record in records
-        ]
+        is_delay_free = DELAY_PATH in shape.shared_paths
+        records = [record.after(_unknown_s(record, blocks, is_delay_free)) for record in records]
         super().__init__(blocks, shape, records, backend)
         self.scan = cached_kernel(blocks, shape, backend, _trace)
         imu = self.names[0]
@@ -103,13 +102,12 @@ class GyroAidedResiduals(Residuals):
         return super().columns_of_channel(c) + ([-2, -1] if c == GYRO_CHANNEL else [])
 
 
-def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
-    """Return the record without the first measurements, while unknown earlier commands can still move the vehicle. A
-    free delay is treated as the longest delay, so that every search has the same rows."""
+def _unknown_s(record: FitRecord, blocks: FittedBlocks, is_delay_free: bool) -> float:
+    """Return the time [s] in which commands before the record can still move the vehicle. A free delay is treated as
+    the longest delay, so that every search has the same rows."""
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
-    unknown_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
-    unknown_s += SETTLING_LAGS * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
-    return record.with_mask(np.cumsum(record.dt_s) > unknown_s)
+    delay_s = drivetrain.delay_slots * tick_s if is_delay_free else float(drivetrain.delay_s)
+    return delay_s + SETTLING_LAGS * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
 
 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:

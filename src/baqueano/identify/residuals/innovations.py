@@ -22,7 +22,6 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
-from baqueano.identify.data.averaging import WEIGHT_COLUMNS
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state, read_sensor
@@ -156,17 +155,14 @@ def _innovation(
     shape: ThetaShape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h after the low-pass, without delay."""
-    innovations, jacobians, lines, offset, fraction_index = [], [], [], 0, 0
-    mean_weights = shape.mean_weights(sensors._fields, extra)
-    sample_fraction, motion = extra[WEIGHT_COLUMNS * len(shape.means) :], predicted.motion(predicted.mean)
+    innovations, jacobians, lines, offset = [], [], [], 0
+    mean_weights, fractions = shape.mean_weights(sensors._fields, extra), shape.sample_fractions(extra)
+    motion = predicted.motion(predicted.mean)
     for k, sensor in enumerate(sensors):
         signal, shown_h = read_sensor(sensor, state.signals[k], motion, dt_s, mean_weights[k])
         h = signal.low_passed if mean_weights[k] is None and len(signal.low_passed) else sensor.h(motion)
-        if shape.sample_fraction[k]:
-            shown_h = shown_h + sample_fraction[fraction_index] * difference(
-                sensor, state.previous_h[k], shown_h
-            )
-            fraction_index += 1
+        if fractions[k] is not None:
+            shown_h = shown_h + fractions[k] * difference(sensor, state.previous_h[k], shown_h)
         innovations.append(difference(sensor, z[offset : offset + sensor.size], shown_h))
         jacobian_of_h = jacobian(lambda x, s=sensor: s.h(predicted.motion(x)))(predicted.mean)
         jacobians.append(_gain_after_low_pass(sensor, dt_s) * jacobian_of_h)

@@ -319,6 +319,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
     m, names = sum(sizes), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
     at_start = initial_state(blocks, shape)
+    first_duration = 1 + n + 2 * m + WEIGHT_COLUMNS * len(shape.means) + sum(shape.sample_fraction)
 
     def start(theta: np.ndarray) -> SimulationState:
         vehicle, signals = at_start(theta)
@@ -334,25 +335,25 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         mean_weights = shape.mean_weights(names, row[1 + n + 2 * m :])
-        sample_fraction = row[1 + n + 2 * m + WEIGHT_COLUMNS * len(shape.means) :]
+        fractions = shape.sample_fractions(row[1 + n + 2 * m :])
+        durations = row[first_duration:]
         vehicle, motion = blocks_at.model.step(state.vehicle, u, dt_s, np.zeros(3))
         readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
         steps_s = with_newest(state.steps_s, dt_s)
-        residuals, past_h, lines, offset, fraction_index = [], [], [], 0, 0
+        residuals, past_h, lines, offset = [], [], [], 0
         for k, sensor in enumerate(blocks_at.sensors):
             h = newest = readings[k]
             if free_clock[k]:
                 offset_s = theta[len(shape.paths) + shape.clocks.index(names[k])]
-                age_s = sample_fraction[fraction_index] - offset_s
+                age_s = fractions[k] - offset_s
                 if names[k] in shape.clock_means:
                     newest = state.lines[k][0] + dt_s * h  # ∫ h dt
-                    length_s = sample_fraction[sum(shape.sample_fraction) + shape.clock_means.index(names[k])]
+                    length_s = durations[shape.clock_means.index(names[k])]
                     h = delayed_average(newest, state.lines[k], steps_s, age_s, length_s)
                 else:
                     h = delayed_value(h, state.lines[k], steps_s, age_s, partial(difference, sensor))
             elif shape.sample_fraction[k]:
-                h = h + sample_fraction[fraction_index] * difference(sensor, state.previous_h[k], h)
-            fraction_index += shape.sample_fraction[k]
+                h = h + fractions[k] * difference(sensor, state.previous_h[k], h)
             past_h.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
             lines.append(with_newest(state.lines[k], newest))
             span = slice(offset, offset + sizes[k])
