@@ -41,6 +41,16 @@ class WholeNumber(Number):
         super().__init__("", low, high, exclude_low=False)
 
 
+def parse_bounds(argument: str) -> tuple[str, tuple[float, float]]:
+    """Return ("model.friction.linear", (0, 10)) for "model.friction.linear=0,10". Raise UsageError for other text."""
+    key, _, limits = argument.partition("=")
+    try:
+        low, high = (float(x) for x in limits.split(","))
+    except ValueError as error:
+        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", value=argument)) from error
+    return key, (low, high)
+
+
 def _name(param: click.Parameter | None) -> str:
     return param.opts[0] if param is not None else ""
 

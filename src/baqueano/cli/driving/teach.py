@@ -89,12 +89,7 @@ def command(
     from baqueano.runs.route_file import check_ending, write_route
 
     check_ending(options.route_path(route))
-    if driver != "keys" and (pad is not None or not hold or closed or update):
-        raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
-    if driver not in SHAPES:
-        options.refuse_together(f"--driver {driver}", "speed_m_s", "size_m")
-    if driver == "keys":
-        options.refuse_together("--driver keys", "rest_s")
+    _check_driver(driver, pad is not None or not hold or closed or update)
     if shown:
         options.refuse_together("--page", "pad")
     vehicle_file = options.load_vehicle(vehicle, settings)
@@ -121,36 +116,35 @@ def command(
     if driver == "keys":
         text, values = (scale_from_lap if closed else scales_from_marks)(run, vehicle_file)
         run = replay(run, vehicle_file.with_values(values)) if closed and values else run
+    vehicle_options = options.vehicle_and_runs_options(vehicle_file)
     try:
         taught_route = route_of(run, is_closed)
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
-        slower_command = baqueano_command(
-            "teach",
-            route,
-            "--driver",
-            driver,
-            "--speed",
-            "0.2",
-            *options.vehicle_and_runs_options(vehicle_file),
-        )
-        diagnostic = fault(
-            "cli.not-followed", slower_command, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic
-        )
-        raise AnswerNo(diagnostic) from None
-    if options.route_path(route).exists():
-        print_message(note("cli.route-replaced", path=options.route_path(route)))
-    print_answer(
-        LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json
-    )
+        slower = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *vehicle_options)
+        figures = {"shape": driver, "speed_m_s": speed_m_s, "cause": error.diagnostic}
+        raise AnswerNo(fault("cli.not-followed", slower, **figures)) from None
+    route_path = options.route_path(route)
+    if route_path.exists():
+        print_message(note("cli.route-replaced", path=route_path))
+    print_answer(LessonResult(taught_route, write_route(taught_route, route_path), path), as_json)
     if text:
         print_message(text)
     if values and update:
         options.save_update(vehicle_file.with_values(values), update)
-    vehicle_options = options.vehicle_and_runs_options(vehicle_file)
     tune = baqueano_command("tune", "--route", route, *vehicle_options, "--update")
     print_message(note("cli.taught", repeat=baqueano_command("repeat", route, *vehicle_options), tune=tune))
+
+
+def _check_driver(driver: str, has_hand_options: bool) -> None:
+    """Raise UsageError for an option that does not belong to this driver."""
+    if driver != "keys" and has_hand_options:
+        raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
+    if driver not in SHAPES:
+        options.refuse_together(f"--driver {driver}", "speed_m_s", "size_m")
+    if driver == "keys":
+        options.refuse_together("--driver keys", "rest_s")
 
 
 def shape_or_route(name: str, speed_m_s: float, size_m: float, others: tuple[str, ...] = ()) -> Any:

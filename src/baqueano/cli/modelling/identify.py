@@ -119,10 +119,8 @@ def command(
     report: ReportFiles, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
-    from baqueano.errors import AnswerNo
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused_sensors
-    from baqueano.identify.diagnostics.file_consistency import GAIN_CODES
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
     _check_table(table)
@@ -146,16 +144,12 @@ def command(
             if choose
             else identify(fit_runs, vehicle_file, progress=progress_line, **settings_of_fit)
         )
-    fit = result.fit if choose else result
-    validation = _validate_fit(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
-    if validation is not None:
-        from baqueano.validation.cost_advice import refit_with_cost, with_cost_advice
-
-        with show_activity(note("cli.judging", runs=len(validation_runs))):
-            start_file, changes = (fit.vehicle_file, result.refit_arguments) if choose else (vehicle_file, {})
-            refit = refit_with_cost(fit_runs, start_file, **{**settings_of_fit, **changes})
-            fit = with_cost_advice(fit, validation_runs, validation, refit)
-            result = replace(result, fit=fit) if choose else fit
+    fit, validation = result.fit if choose else result, None
+    if validation_runs and fit.verdict != Verdict.REFUSED:
+        start_file, changes = (fit.vehicle_file, result.refit_arguments) if choose else (vehicle_file, {})
+        changed_settings = settings_of_fit | changes
+        fit, validation = _validate_fit(fit, fit_runs, validation_runs, start_file, changed_settings)
+        result = replace(result, fit=fit) if choose else fit
     drive_forecast = _forecast_drive(fit, fit_runs, lap, how["route"])
     if as_json or report.page is None:
         print_answer(
@@ -173,11 +167,7 @@ def command(
         report.write(lambda: page_of_fit(fit, held_out=validation, ahead=drive_forecast), reproducible=True)
     if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
-    for code, outcome in (("cli.fit-refused", fit), ("cli.fit-refused-held-out", validation)):
-        if outcome is not None and outcome.verdict == Verdict.REFUSED:
-            raise AnswerNo(_refusal(code, outcome.reasons, report.page))
-    if update and (contradictions := [reason for reason in fit.reasons if reason.code in GAIN_CODES]):
-        raise AnswerNo(_refusal("cli.fit-mirrored", contradictions, report.page))
+    _check_verdicts(fit, validation, update, report.page)
     output = fit.vehicle_file
     if not no_noise:
         noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)
@@ -192,6 +182,18 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
     if parameter_history and (choose or with_validation):
         conflict = "--choose" if choose else "--held-out"
         raise UsageError(fault("cli.options-conflict", other=conflict))
+
+
+def _check_verdicts(fit: "Fit", validation: Any, update: bool, page: Path | None) -> None:
+    """Raise AnswerNo for a refused fit or validation. For `update`, also raise it if the gains contradict the file."""
+    from baqueano.errors import AnswerNo
+    from baqueano.identify.diagnostics.file_consistency import GAIN_CODES
+
+    for code, outcome in (("cli.fit-refused", fit), ("cli.fit-refused-held-out", validation)):
+        if outcome is not None and outcome.verdict == Verdict.REFUSED:
+            raise AnswerNo(_refusal(code, outcome.reasons, page))
+    if update and (contradictions := [reason for reason in fit.reasons if reason.code in GAIN_CODES]):
+        raise AnswerNo(_refusal("cli.fit-mirrored", contradictions, page))
 
 
 def _refusal(code: str, reasons: Sequence[Diagnostic], page: Path | None) -> Diagnostic:
@@ -255,7 +257,7 @@ def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
 
     options = FitOptions(
         fixed=values["fix"],
-        bounds=dict(map(parse_bounds, values["bound"])),
+        bounds=dict(map(numbers.parse_bounds, values["bound"])),
         per_run=values["per_run"],
         clocks=values["clock"],
         segment_s=values["segment"],
@@ -329,14 +331,21 @@ _OPTIONS = {
 }
 
 
-def _validate_fit(fit: "Fit", validation_runs: "list[Run]") -> Any:
-    """Return the validation of the fit on held-out runs; None without such runs."""
-    if not validation_runs:
-        return None
+def _validate_fit(
+    fit: "Fit",
+    runs: "list[Run]",
+    validation_runs: "list[Run]",
+    start_file: "VehicleFile",
+    arguments: "JsonObject",
+) -> tuple["Fit", Any]:
+    """Return the fit with a note on its cost, and its validation on held-out runs."""
+    from baqueano.validation.cost_advice import refit_with_cost, with_cost_advice
     from baqueano.validation.held_out import validate
 
     with show_activity(note("cli.judging", runs=len(validation_runs))):
-        return validate(fit, validation_runs)
+        validation = validate(fit, validation_runs)
+        refit = refit_with_cost(runs, start_file, **arguments)
+        return with_cost_advice(fit, validation_runs, validation, refit), validation
 
 
 def _noise_of_fit(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
@@ -386,15 +395,3 @@ def _save_table(result: Any, vehicle_file: "VehicleFile", table: Path | None, ca
 
         blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
         print_message(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
-
-
-def parse_bounds(argument: str) -> tuple[str, tuple[float, float]]:
-    """Return ("model.friction.linear", (0, 10)) for "model.friction.linear=0,10". Raise UsageError for other text."""
-    from baqueano.errors import UsageError
-
-    key, _, limits = argument.partition("=")
-    try:
-        low, high = (float(x) for x in limits.split(","))
-    except ValueError as error:
-        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", value=argument)) from error
-    return key, (low, high)
