@@ -231,6 +231,17 @@ def test_an_estimator_of_a_vehicle_without_an_imu_uses_its_sensors_of_velocity()
     assert parse(head + imu + wheels + camera, "robot").estimator().use == ("imu",)
 
 
+@pytest.mark.parametrize("content", ["", 'kind = "battery"'])
+def test_a_table_of_a_logged_battery_is_accepted_as_in_the_map_of_an_import(content):
+    file = parse(f"{load('small').text}\n[sensors.battery]\n{content}\n", "robot")
+    assert file.sensors._fields == load("small").sensors._fields
+
+
+def test_a_key_in_the_table_of_a_battery_is_refused():
+    with refused("vehicle.key-unknown", FileError):
+        parse(f"{load('small').text}\n[sensors.battery]\nz = []\n", "robot")
+
+
 def test_the_documentation_lists_every_key_with_its_meaning():
     key_rows = rows()
     assert [row for row in key_rows if not row["meaning"]] == []

@@ -12,7 +12,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_hand_measurements, with_truth
+from baqueano.identify.data.added_channels import TRUTH, with_hand_measurements, with_truth
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters, has_offset
@@ -22,12 +22,11 @@ from baqueano.runs.diagnostics.cleaning import clean
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import sensor_slots
+from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-# channels that do not measure motion: added_channels.py, `runs noise`
-NON_MOTION_CHANNELS = BATTERY_CHANNEL, "imu_temperature"
 KIND_BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 

@@ -30,6 +30,7 @@ from baqueano.vehicle_file.tables import (
     keys_of,
     missing_keys,
 )
+from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
 from baqueano.vehicles.rk4 import row_rate_hz
 
 if TYPE_CHECKING:
@@ -91,6 +92,9 @@ def sensors(report: ReadReport, tables: object, context: BuildContext) -> Any:
         path = ("sensors", name)
         if not name.isidentifier() or name.startswith("_"):
             report.add_table_problem(path, "vehicle.sensor-name")
+            continue
+        if name in NON_MOTION_CHANNELS and isinstance(table, dict) and table.get("kind", name) == name:
+            arguments(report, path, {}, table)  # a fit reads the channel of the run
             continue
         default = name if name in kinds("sensor") else None
         block_class = _named_class(report, path, "sensor", table, default, context)

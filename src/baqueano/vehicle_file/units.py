@@ -28,6 +28,7 @@ CHANNEL_UNITS = {
     "back_on_mark": ("m", "m"),
     "battery": ("V",),
 }
+NON_MOTION_CHANNELS = "battery", "imu_temperature"  # channels of a run that are not sensors of the vehicle
 
 
 class Unit(NamedTuple):
