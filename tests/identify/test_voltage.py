@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify import identify, random_steps
+from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.messages import texts
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load
+from baqueano.validation.held_out import validate
+from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.edit import override
 from tests.codes import of_code
 
@@ -72,3 +73,48 @@ def test_a_voltage_that_contradicts_the_file_is_refused(small):
     run = replace(run, sensors={**run.sensors, "battery": wrong})
     with pytest.raises(UsageError, check=of_code("battery.other-voltage", voltage_v=30.0, nominal_v=7.4)):
         identify(run, small, FREE)
+
+
+@pytest.fixture(scope="module")
+def unstated(small):
+    """Return the small vehicle without a voltage in its file."""
+    text = "\n".join(line for line in small.text.splitlines() if not line.startswith("battery"))
+    return override(parse(text, "small"), ["model.drivetrain.limit=[inf]"])
+
+
+def test_a_default_fit_uses_a_logged_voltage_whose_effect_is_visible(unstated):
+    """The nominal voltage is that of the runs, so a drive without a voltage has a mean battery."""
+    fit = identify(emptied(unstated, 1.0, 3, 7.4, 6.6), unstated, ["+model.drivetrain.delay_s"])
+    k, drivetrain = fit.names.index(EFFECT), fit.vehicle_file.vehicle.drivetrain
+    assert abs(fit.estimate[k] - 1.0) < 3.5 * fit.std[k] < 0.2
+    assert drivetrain.battery_nominal_v == drivetrain.battery_v == pytest.approx(7.0, abs=0.02)
+    assert "battery.shown" in codes(fit)
+
+
+def test_a_default_fit_states_that_the_motion_does_not_follow_a_logged_voltage(unstated):
+    fit = identify(emptied(unstated, 0.0, 3, 7.4, 6.6), unstated)
+    assert EFFECT not in fit.names
+    assert "battery.not-shown" in codes(fit)
+    assert fit.vehicle_file.vehicle.drivetrain.battery == "steady"
+
+
+@pytest.mark.parametrize("options", [{"free": FREE[:3]}, {"options": FitOptions(fixed=(EFFECT,))}])
+def test_requested_parameters_and_a_fixed_effect_are_kept(unstated, options):
+    fit = identify(emptied(unstated, 1.0, 3, 7.4, 6.6), unstated, **options)
+    assert EFFECT not in fit.names
+    assert not any(code.startswith("battery.") for code in codes(fit))
+
+
+def test_a_constant_voltage_costs_no_second_fit(unstated):
+    fit = identify(emptied(unstated, 1.0, 3, 7.3, 7.25), unstated)
+    assert not any(code.startswith("battery.") for code in codes(fit))
+
+
+def test_a_held_out_run_without_a_voltage_has_the_voltage_of_the_file(small):
+    fit = identify(emptied(small, 1.0, 1), small, FREE)
+    held_out = emptied(small, 0.0, 2, with_battery=False)
+    assert max(figure.times for figure in validate(fit, held_out).figures) < 1.3
+
+
+def codes(fit):
+    return [message.code for message in fit.notes]

@@ -22,6 +22,7 @@ import numpy as np
 from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import note
 from baqueano.identify import imu_only
+from baqueano.identify.battery import with_shown_battery
 from baqueano.identify.covariance.information import gyro_bias_covariance
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import (
@@ -33,7 +34,7 @@ from baqueano.identify.estimation.delay import (
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import has_offset
+from baqueano.identify.parameters.free import adds_to_default, has_offset
 from baqueano.identify.parameters.theta import Parameters, sigma_from_option
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
@@ -115,15 +116,22 @@ def identify(
     parameters = parameters_of(data, free, options)
     problem = residuals.from_parameters(parameters, options.backend)
     task, end = solve(problem, parameters, options, solver=solver, progress=progress, again=data.is_usable)
+
+    def refit(file: "VehicleFile", paths: Sequence[str] | None) -> Fit:
+        return identify(
+            runs, file, paths, use=use, options=options, residuals=residuals, solver=solver, progress=progress
+        )
+
     steps = None if end.stopped else duty_step_count(parameters.blocks, end.problem, end.solution.theta)
-    if steps is None:
-        return conclude(data, parameters, task, end, options)
-    stepped_file = vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps})
-    fit = identify(
-        runs, stepped_file, free,
-        use=use, options=options, residuals=residuals, solver=solver, progress=progress,
-    )  # fmt: skip
-    return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
+    if steps is not None:
+        fit = refit(vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps}), free)
+        return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
+    fit = conclude(data, parameters, task, end, options)
+    if end.stopped or not adds_to_default(free):
+        return fit
+    return with_shown_battery(
+        fit, runs, vehicle_file, options.fixed, lambda file, path: refit(file, [*(free or ()), f"+{path}"])
+    )
 
 
 def solve(

@@ -19,13 +19,21 @@ from baqueano.calibration.rest import begins_at_rest, with_gyro_bias_at_rest
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
+from baqueano.identify.battery import separation_problem
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.search import Task, search
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import DELAY_PATH, LAG_PATH, MIN_LAG, free_parameters, has_offset
+from baqueano.identify.parameters.free import (
+    BATTERY_EFFECT,
+    DELAY_PATH,
+    LAG_PATH,
+    MIN_LAG,
+    free_parameters,
+    has_offset,
+)
 from baqueano.identify.parameters.theta import parameters_for_fit
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
@@ -49,7 +57,6 @@ from baqueano.selection.terms import (
     Term,
     candidate_terms,
     minimal_free,
-    separation_problem,
     with_term_slots,
     with_terms,
     without_terms,
@@ -278,7 +285,8 @@ class _ModelSelection:
         verdict = Decision.TAKEN if test.errors > test.critical_value(alpha) else Decision.LEFT_OUT
         of_hessian = marginal_std(dense(end.evaluation.hessian), index, mask)
         std = np.fmax(jackknife(score, index.tolist()), of_hessian)
-        reason = separation_problem(term, end.theta[index], std) if verdict == Decision.TAKEN else None
+        is_battery = verdict == Decision.TAKEN and term.paths == (BATTERY_EFFECT,)
+        reason = separation_problem(float(end.theta[index][0]), float(std[0])) if is_battery else None
         verdict = Decision.REFUSED if reason else verdict
         limit = test.critical_value(alpha)
         result = self._result(term, verdict, reason, model, (score, test), end.theta, limit)

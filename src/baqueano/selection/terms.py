@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, fault, nearest, note
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
@@ -40,7 +40,6 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.messages.language import mark as N_
-from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import compile_block, value_at_path, with_value
 from baqueano.vehicles.freedoms import with_ideal_drivetrain
@@ -250,13 +249,3 @@ def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bo
 
 def _term(name: str, path: str, *starts: float) -> Term:
     return Term(name, (path,), (0.0,), tuple((float(start),) for start in starts))
-
-
-def separation_problem(term: Term, x: np.ndarray, std: np.ndarray) -> Diagnostic | None:
-    """Return the reason why the runs do not separate the effect κ of the battery. Return None for other terms, or if
-    κ is known to ± 0.5 and, within its error, between 0 and 1."""
-    half_width = QUANTILE_95 * float(std[0])
-    is_separated = 2.0 * half_width <= 1.0 and -half_width <= x[0] <= 1.0 + half_width
-    if is_separated or term.paths != (BATTERY_EFFECT,):
-        return None
-    return note("term.battery-not-separable", value=x[0], half=half_width)

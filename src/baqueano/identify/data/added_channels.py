@@ -87,13 +87,15 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
     return runs_with_truth, sensor_slots((*sensors._fields, TRUTH))(*sensors, block)
 
 
-def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
-    """Return the records with the voltage of their run, if the drivetrain requires it. Raise UsageError if no run
-    contains a voltage, or if the median voltage of a run is far from the nominal voltage."""
+def with_voltage(
+    records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks, is_needed: bool
+) -> list[FitRecord]:
+    """Return the records with the voltage of their run, if the drivetrain uses it. Raise UsageError if no run contains
+    a voltage and `is_needed`, or if the median voltage of a run is far from the nominal voltage."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)
-    if not any(_has_voltage(run) for run in runs):
+    if is_needed and not any(_has_voltage(run) for run in runs):
         raise UsageError(fault("battery.no-voltage", channel=BATTERY_CHANNEL))
     records_with_voltage = []
     for record in records:

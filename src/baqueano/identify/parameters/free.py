@@ -194,7 +194,7 @@ def free_parameter(
 
 def free_parameters(
     blocks: FittedBlocks,
-    free: Iterable[str] | None,
+    free: Sequence[str] | None,
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
     channels: Mapping[str, Sequence[int]] = NO_CHANNELS,
@@ -215,12 +215,17 @@ def free_parameters(
     return [free_parameter(blocks, p, {**near, **bounds}) for p in free_paths]
 
 
-def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
+def requested_paths(free: Sequence[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
     """Return the requested paths. They are the `needed` paths if `free` is None, the `needed` paths and the
     additions if all names begin with "+", else only the names."""
+    additions = [path.removeprefix("+") for path in free or () if path not in ("", "+")]
+    return [*needed(), *additions] if adds_to_default(free) else additions
+
+
+def adds_to_default(free: Sequence[str] | None) -> bool:
+    """Return True if `free` is None, or if all its names begin with "+"."""
     names = ["+"] if free is None else list(free)
-    additions = [path.removeprefix("+") for path in names if path not in ("", "+")]
-    return [*needed(), *additions] if names and all(path.startswith("+") for path in names) else additions
+    return bool(names) and all(path.startswith("+") for path in names)
 
 
 def enable_parameters(

@@ -31,6 +31,7 @@ from baqueano.identify.data.record import (
 )
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
+    BATTERY_EFFECT,
     FreeParameter,
     enable_parameters,
     entries,
@@ -197,8 +198,9 @@ def parameters_for_fit(
     blocks, requested_parameters = enable_parameters(
         blocks, list(requested_parameters), rate_hz, u, past_rows_of(runs)
     )
-    records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
     free = [parameter for k, parameter in enumerate(requested_parameters) if k not in frozen_numbers]
+    has_effect = any(parameter.path == BATTERY_EFFECT for parameter in free)
+    records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks, has_effect)
     shape = shape_of(blocks, free, records, options)
     layout = layout_of(shape, records)
     begin = start_theta(blocks, free, shape, records, options)

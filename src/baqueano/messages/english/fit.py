@@ -107,6 +107,18 @@ TEMPLATES: dict[str, str] = {
         "{percent:.2g} %. Speeds have the same relative error. To measure it, put the vehicle on "
         "a known slope"
     ),
+    "battery.shown": (
+        "the battery had {high_v:.4g} to {low_v:.4g} V, and the motion follows its voltage: "
+        "drivetrain.battery_effect is {value:.2f} ± {half:.2g} (95 %). So the fit uses the logged voltage"
+    ),
+    "battery.not-shown": (
+        "the battery had {high_v:.4g} to {low_v:.4g} V. The motion does not show its effect: "
+        "drivetrain.battery_effect would be {value:.2f} ± {half:.2g} (95 %). The fit does not use the voltage"
+    ),
+    "battery.not-used": (
+        "the battery had {high_v:.4g} to {low_v:.4g} V. The fit does not use this voltage, because its effect is "
+        "{reason}"
+    ),
     "bias.at-rest": "{subject}: gyro_bias = {bias_rad_s:.4f} ± {std_rad_s:.2g} rad/s was measured at rest, in {runs}",
     "bias.no-rest": (
         "{subject}: gyro_bias was not measured, because no run contains a rest of {rest_s:g} s without a command. A "
