@@ -7,12 +7,14 @@ tick.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.runs.run import Run, TruthLog
+from baqueano.identify.noise.covariances import measure_noise
+from baqueano.runs.run import Channel, Run, TruthLog
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import parse
 
@@ -111,3 +113,23 @@ def test_unseen_runs_are_predicted_as_well_as_fitted_runs(fit):
     assert validation.verdict == "USABLE"
     assert max(figure.times for figure in validation.figures) < 1.3
     assert min(figure.times for figure in validation.figures) > 0.7
+
+
+def with_gyro(run):
+    """Return the run with a gyro that measures the turns that the camera sees."""
+    t_s, camera_s = (1e-9 * x for x in (run.t_ns, run.truth.t_ns - int(1e9 * LATE_S)))
+    psi = np.interp(t_s, camera_s, np.unwrap(run.truth.eta[:, 2]))
+    rate = np.convolve(np.gradient(psi, t_s), np.ones(5) / 5.0, "same")
+    return replace(run, sensors={"imu": Channel(run.t_ns, run.t_ns, rate[:, None] * [np.nan, np.nan, 1.0])})
+
+
+def test_the_disturbance_of_a_filter_with_a_gyro_alone_is_that_of_the_true_speed():
+    """The floor disturbs the speed by 0.02 m/s with a time constant of 0.5 s; the default is 0.3 m/s and 1 s."""
+    file = parse(FILE + '[sensors.imu]\nkind = "imu"\n', "stranger.toml")
+    runs = [with_gyro(drive(seed)) for seed in (1, 2)]
+    options = FitOptions(clocks=("truth",), diagnose=False)
+    noise = measure_noise(identify(runs, file, FREE, use=("truth",), options=options), runs)
+    assert 0.01 < noise.fields["disturbance_std"][0] < 0.03
+    assert 0.3 <= noise.fields["disturbance_fade_s"][0] < 1.5
+    units = {row["name"]: row["unit"] for row in noise.rows()}
+    assert (units["disturbance_std[0]"], units["disturbance_std[1]"]) == ("m/s", "rad/s")

@@ -22,6 +22,7 @@ import numpy as np
 
 from baqueano.calibration.rest import is_at_rest
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
@@ -74,7 +75,7 @@ class Noise(Result):
     notes : tuple of Diagnostic
         Changes that make Q and R positive definite.
     units : dict of str to str
-        Unit of each channel, such as "imu[0]".
+        Unit of each channel, such as "imu[0]", and of a field that differs from its definition.
     fields : dict of str to ndarray (k,)
         Noise of the recommended filter [unit of each key].
     speed : SpeedChannels, optional
@@ -122,7 +123,7 @@ class Noise(Result):
             for i, value in enumerate(np.atleast_1d(values)):
                 label = f"{name}[{i}]" if np.ndim(values) else name
                 row = {"name": label, "std": float(value), "std_at_rest": None}
-                out.append(row | {"unit": units[i % len(units)]})
+                out.append(row | {"unit": self.units.get(label, units[i % len(units)])})
         for i, state in enumerate(STATES[: len(self.process)]):
             std = float(np.sqrt(self.process[i, i]))
             out.append({"name": state, "std": std, "std_at_rest": None, "unit": STATE_UNITS[i]})
@@ -221,6 +222,8 @@ def measure_noise(
     notes: list[Diagnostic] = []
     in_motion, at_rest = _measurement(fit, runs, notes)
     units = channel_units(fit.file) | channel_units(fit.file, fit.blocks.sensors)
+    if not is_dynamic(fit.blocks.model):
+        units |= {"disturbance_std[0]": "m/s", "disturbance_std[1]": "rad/s"}
     if fit.file.kind("estimator") is AugmentedEkf:
         estimator, covariances = fit.file.estimator(), dict(in_motion)
         filters = cache(lambda names: filter_noise(fit, runs, covariances, at_rest, backend, names))

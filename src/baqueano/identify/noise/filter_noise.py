@@ -10,9 +10,10 @@ differences in (2) remove slow errors of the model, but not the jerks of a rough
 this limit is not used. A channel that does not correct the motion has the noise of its residuals. A sensor with fewer
 than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities have σ² ≥ step²/12. With only an IMU, (3)
 estimates the disturbance from the forward accelerometer: its r is the rate of change of the speed error, which the drag
-λ of the model limits to d/λ. If wheels measure the speed, an error that the accelerometer does not measure is slip
-(speed_error.py). In (4) a wrong track changes both wheels oppositely, so neither is better. The least
-`course_std` is the angle between course and heading of the model. docs/derivations/kalman.md derives (3) and (4).
+λ of the model limits to d/λ. In a kinematic model d is the speed error itself: truth_noise.py. If wheels measure the
+speed, an error that the accelerometer does not measure is slip (speed_error.py). In (4) a wrong track changes both
+wheels oppositely, so neither is better. The least `course_std` is the angle between course and heading of the model.
+docs/derivations/kalman.md derives (3) and (4).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,6 +35,7 @@ from baqueano.identify.noise.process_noise import (
     total_cost,
 )
 from baqueano.identify.noise.speed_error import accelerometer_share, forward_accelerometer, with_speed_error
+from baqueano.identify.noise.truth_noise import MAX_FADE_S, MIN_FADE_S, with_misfit_from_truth
 from baqueano.numerics.autocorrelation import fourier_length, lag_products
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.statistics import expected_variance, white_std
@@ -46,15 +48,14 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.identify.result.fit_result import Fit
 
-MIN_FADE_S = 0.3  # least T of a misfit; faster changes belong to the walk of ν (process noise)
 FORWARD_NOISE = (
     ("disturbance_std[0]", 1e-4, 1e2),
-    ("disturbance_fade_s[0]", MIN_FADE_S, 30.0),
+    ("disturbance_fade_s[0]", MIN_FADE_S, MAX_FADE_S),
     ("velocity_walk_std[0]", 1e-4, 10.0),
 )
 TURNING_NOISE = (
     ("disturbance_std[1]", 1e-4, 1e3),
-    ("disturbance_fade_s[1]", MIN_FADE_S, 30.0),
+    ("disturbance_fade_s[1]", MIN_FADE_S, MAX_FADE_S),
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
 FIELDS = (
@@ -126,14 +127,17 @@ def filter_noise(
     start = np.clip([_start(ekf, one) for one in free], low, high)
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
     ekf = _with_noise(ekf, free, [float(value) for value in x])
+    speed_is_measured = filter_layout.corrects(FORWARD_STATES[0]).any()
     if is_dynamic(ekf.vehicle):
-        if filter_layout.corrects(FORWARD_STATES[0]).any():
+        if speed_is_measured:
             ekf = _without_wheel_slip(ekf, fit, inertial)
         else:
             rate = _straight_drive(fit, _rms_forward_command(runs)).decay_rate
             ekf = _with_misfit_from_accelerometer(ekf, fit, inertial, rate)
+    elif not speed_is_measured:
+        ekf = with_misfit_from_truth(ekf, fit, runs)
     ekf = with_speed_error(ekf, fit, runs)
-    return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit))))
+    return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit, runs))))
 
 
 def _rms_forward_command(runs: Sequence[Run]) -> float:
@@ -164,10 +168,11 @@ def _straight_drive(fit: "Fit", command: float) -> StraightDrive:
     return StraightDrive(nu, max(0.0, (accelerations[0] - accelerations[1]) / (2.0 * step[0])))
 
 
-def _crab_angle_rad(fit: "Fit") -> float:
+def _crab_angle_rad(fit: "Fit", runs: Sequence[Run]) -> float:
     """Return the angle between course and heading of the fitted model, driving forward at half its largest command
     [rad]. Return 0 if its speed is below MIN_SPEED_M_S."""
-    nu = _straight_drive(fit, 0.5 * fit.file.command.limit[0]).nu
+    limit = fit.file.command.limit[0]
+    nu = _straight_drive(fit, 0.5 * limit if np.isfinite(limit) else _rms_forward_command(runs)).nu
     return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > MIN_SPEED_M_S else 0.0
 
 
