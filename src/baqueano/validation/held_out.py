@@ -1,11 +1,11 @@
 """Validate a fit on held-out runs, simulated from the commands only.
 
-    e = z − h(θ̂),   error = √ mean e²,   explained = 1 − Σ e² / Σ (z − z̄)²                                 (1)
+    e = z − h(θ̂),   error = √ mean e²,   explained = 1 − Σ ẽ² / Σ (z − z̄)²,  ẽ = e clipped at 4 σ          (1)
     noise² = mean e_own² + max(0, w² − w_own²),   w² = ½ mean (e_{k+1} − e_k)²                            (2)
     g_b = log mean_{block b} e²,   ḡ − ḡ_own > t_{1−α} s √(1/B + 1/B_own)   and   error² > 2 noise²        (3)
     g_b − ḡ_own > t_{1−α/B} s_own √(1 + 1/B_own)   and   mean_{block b} e² > 2 noise²                      (4)
-    error² − s² > χ²_{1,1−α} n² / (T / SHORT_BLOCK_S),   s² = mean (z − z̄)²,
-                  n² = min(noise², s²), or w² if the own runs are explained by less than 0 too            (5)
+    error² − s² > χ²_{1,1−α} n² / (T / SHORT_BLOCK_S),   s² = mean (z − z̄)²,                              (5)
+                  n² = min(noise², s²), or w² if the own runs have Σ e² > Σ (z − z̄)² too
 
 Biases, clocks, the mount of a truth, and a start in motion are estimated on each run. (2) contains the residual on the
 fitted runs, and the excess of this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly
@@ -271,47 +271,39 @@ def _channel_metrics(
     """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs of
     the fit. Also return the evidence against the model."""
     own_channels = [channel for channel in own_channels if np.isfinite(channel.explained_fraction)]
-    e = c.residuals
-    metrics = ChannelMetrics(
-        c.run, c.label, float(np.sqrt(np.nanmean(e**2))), _explained_fraction([c]), np.nan, unit
-    )
+    error = float(np.sqrt(np.nanmean(c.residuals**2)))
+    metrics = ChannelMetrics(c.run, c.label, error, c.explained_fraction, np.nan, unit)
     if not own_channels:
         return metrics, []
     errors, own_errors = _channel_errors(c, own_channels)
     samples = [np.isfinite(channel.measurements).sum() for channel in own_channels]
-    share = _explained_fraction(own_channels)
+    signals = [np.nansum((c.measurements - np.nanmean(c.measurements)) ** 2) for c in own_channels]
+    share = float(
+        np.average([c.explained_fraction for c in own_channels], weights=np.maximum(signals, 1e-300))
+    )
     square, white = (
         np.average([getattr(error, k) for error in own_errors], weights=samples)
         for k in _ChannelError._fields[:2]
     )
     noise = float(np.sqrt(square + max(0.0, errors.white - white)))
     metrics = metrics._replace(on_own_runs=share, noise=noise)
-    if worse_finding := _worse_than_mean(metrics, c, noise**2 if share > 0.0 else errors.white):
+    explains = sum(np.nansum(own.residuals**2) for own in own_channels) < sum(signals)
+    if worse_finding := _worse_than_mean(metrics, c, noise**2 if explains else errors.white):
         return metrics, [worse_finding]
     return metrics, _evidence_against(metrics, errors, np.concatenate([error.g for error in own_errors]))
 
 
-def _explained_fraction(channels: Sequence[ChannelFit]) -> float:
-    """Return the explained part of the variance of a channel, over all its runs and with outliers.  (1)"""
-    squares = [
-        (np.nansum(c.residuals**2), np.isfinite(c.residuals).sum() * np.nanvar(c.measurements))
-        for c in channels
-    ]
-    error, total = np.sum(squares, axis=0)
-    return 1.0 - float(error / max(total, 1e-300))
-
-
 def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:
-    """Return a finding on a channel whose explained part is significantly below 0, or None.  (5)"""
+    """Return a finding on a channel whose error significantly exceeds its motion, or None.  (5)"""
     finite = np.isfinite(c.residuals)
     blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_BLOCK_S)
     total = float(np.var(c.measurements[finite]))
-    excess = -metrics.explained_fraction * total
+    excess = metrics.error**2 - total
     chance = student_quantile(1.0 - 0.5 * FALSE_ALARM_RATE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
         return None
     return _channel_finding(
-        "validation.worse-than-mean", Severity.ERROR, metrics, explained=100 * metrics.explained_fraction
+        "validation.worse-than-mean", Severity.ERROR, metrics, explained=-100.0 * excess / max(total, 1e-300)
     )
 
 

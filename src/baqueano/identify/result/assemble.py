@@ -26,11 +26,12 @@ from baqueano.identify.residuals.noise_level import sigma_of_file
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
-from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
+from baqueano.identify.result.verdict import CLIP_SIGMA, Evidence, by_channel, remarks, verdict_of
 from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import parallel_map
+from baqueano.numerics.statistics import MAD
 from baqueano.vehicle_file.provenance import is_measured
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
@@ -251,13 +252,15 @@ def _channels(
 
 
 def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
-    """Return 1 − var(z − h) / var(z), with residuals beyond 4 σ clipped; NaN without measurements.
+    """Return 1 − var(z − h) / var(z) of a run, with outliers clipped; NaN without measurements.
 
-    The clipped residuals remove outliers of z from var(z). Jumps of h do not increase it.
+    An outlier is a residual beyond CLIP_SIGMA times the noise `sigma`, or times the typical error of the run if that
+    is larger. The clipped residuals remove outliers of z from var(z). Jumps of h do not increase it.
     """
     if len(z) < 2:
         return float("nan")
-    residuals = np.clip(z - h, -4.0 * sigma, 4.0 * sigma)
+    limit = CLIP_SIGMA * max(sigma, MAD * float(np.median(np.abs(z - h))))
+    residuals = np.clip(z - h, -limit, limit)
     total = float(min(np.var(h + residuals), np.var(z)))
     return 1.0 - float(np.mean(residuals**2)) / total if total > 0.0 else 0.0
 
