@@ -197,6 +197,21 @@ def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
     assert np.all(np.abs(off) < 2.5), off
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_delay_of_a_car_with_soft_tyres_and_a_slow_servo_is_within_its_error(seed):
+    """Tyres and servo are two lags; the model has one, and its delay contains a part of the other."""
+    car = draw_car(seed, "understeer").with_parameters(servo_lag_s=np.full(1, 0.12))
+    rng, file = np.random.default_rng([seed, 50]), car_file(car)
+    u = np.stack([steps(rng, 0.1, 0.55, 2.0, 30.0, 50.0), steps(rng, -0.3, 0.3, 1.2, 30.0, 50.0)], axis=1)
+    u[:150] = 0.0
+    motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
+    fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
+    off = fit.value("model.drivetrain.delay_s") - car.delay_s[0]
+    assert abs(off) < 3.0 * fit.std[fit.names.index("model.drivetrain.delay_s")] < 0.04
+    assert "delay.sum" in [message.code for message in fit.notes]
+    assert not any("+sensors." in message.fix for message in fit.reasons)
+
+
 def test_a_free_parameter_added_with_plus_does_not_remove_default_parameters():
     file, run = drive_seed(3, 20.0)
     plain, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))

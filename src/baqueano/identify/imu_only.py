@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import jackknife, with_jackknife
 from baqueano.identify.covariance.information import Information, with_systematic_errors
@@ -89,9 +89,20 @@ def fit_of_imu(end: FinishedFit) -> Fit:
     sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.has, end.task.floor)
     end = end._replace(info=_with_all_errors(end, scales), search=end.search._replace(sigma=sigma))
     basis = verdict_basis(end)
-    # the jackknife already contains effects that the model lacks
-    diagnosis = basis.diagnosis._replace(unmodelled_cov=np.zeros_like(basis.diagnosis.unmodelled_cov))
-    return _with_notes(fit_of(end, basis._replace(diagnosis=diagnosis)), imu, scales)
+    # the jackknife contains effects that the model lacks, except a short lag, which shifts the times of all parts alike
+    is_time = np.array([parameter.unit == "s" for parameter in end.parameters.free], bool)
+    lag_errors = np.where(is_time, basis.diagnosis.lag_errors, 0.0)
+    cov = np.outer(lag_errors, lag_errors)
+    basis = basis._replace(
+        diagnosis=basis.diagnosis._replace(unmodelled_cov=cov),
+        evidence=basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages))),
+    )
+    return _with_notes(fit_of(end, basis), imu, scales)
+
+
+def _without_advice(message: Diagnostic) -> Diagnostic:
+    """Return a message without the advice to free a parameter of a sensor, which would end this method."""
+    return replace(message, code="residual.missing", fix="") if "+sensors." in message.fix else message
 
 
 def _with_all_errors(end: FinishedFit, scales: np.ndarray) -> Information:

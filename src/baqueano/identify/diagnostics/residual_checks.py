@@ -87,7 +87,8 @@ def check_residuals(
     s = problem.layout.shared_count
     index, unmodelled_cov, gyro_shift = np.flatnonzero(identifiable[:s]), np.zeros((s, s)), np.zeros(s)
     if not len(index):
-        return Diagnosis(_residual_messages(problem, problem.residuals(theta)), unmodelled_cov, gyro_shift)
+        messages = _residual_messages(problem, problem.residuals(theta))
+        return Diagnosis(messages, unmodelled_cov, gyro_shift, np.zeros(s))
     motion = fitted_motion(blocks, problem, theta)
     candidates = list if motion is None else term_columns(blocks, problem, motion)
     fit = fit_residuals(problem, theta, identifiable)
@@ -102,8 +103,23 @@ def check_residuals(
     if motion is not None:
         is_inside = (low < 0.0) & (high > 0.0)
         gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion), is_inside)[0]
+    lag_errors = np.zeros(s)
+    lag_errors[index] = _errors_by_hidden_lag(fit_evidence, tests)
     results = *missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED]
-    return Diagnosis(messages + [result.message for result in results], unmodelled_cov, gyro_shift)
+    return Diagnosis(
+        messages + [result.message for result in results], unmodelled_cov, gyro_shift, lag_errors
+    )
+
+
+def _errors_by_hidden_lag(fit: "_FitEvidence", tests: Sequence[tuple[LabelledTerm, ScoreTest]]) -> np.ndarray:
+    """Return the errors (k,) of the parameters by a short lag that the file lacks, also if its test is not significant.
+    It is the shift by the lag, times √(1 + 1/z²) for the uncertainty of the lag."""
+    for (_, term_note), test in tests:
+        if term_note.code == "term.low-pass":
+            z2 = max(test.z**2 or test.gain, 1e-12)
+            shift = bounded_shift(fit.residuals, test, fit.low, fit.high)
+            return shift * np.sqrt(1.0 + 1.0 / z2)
+    return np.zeros(len(fit.theta))
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
@@ -142,6 +158,7 @@ class Diagnosis(NamedTuple):
     messages: list[Diagnostic]
     unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks  (4)
     gyro_shift: np.ndarray  # (s,) change of θ per relative error of the gyro's scale
+    lag_errors: np.ndarray  # (s,) errors of θ by a short lag that the file lacks
 
 
 class _SignificantResult(NamedTuple):

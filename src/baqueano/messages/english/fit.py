@@ -135,8 +135,9 @@ TEMPLATES: dict[str, str] = {
         "rest for 3 s"
     ),
     "delay.sum": (
-        "a run identifies only the sum of the delay of the motors and that of {subject}, drivetrain.delay_s. If the "
-        "data sheet gives the filter, write low_pass_hz into [sensors.{subject}]"
+        "drivetrain.delay_s is a sum, because a run does not separate its terms: the delays of the motors and of "
+        "{subject}, and short lags that the model lacks. If the data sheet gives the filter, write low_pass_hz into "
+        "[sensors.{subject}]"
     ),
     "bias.tilt-sum": (
         "a run identifies only the sum of the tilt of {subject} and the bias of its accelerometers. "

@@ -221,7 +221,9 @@ TEMPLATES: dict[str, str] = {
     "term.sideways-push": "a sideways force when turning",
     "term.delay": "a delay or lag between command and sensors",
     "term.delay-of-sensor": "a clock offset of {subject}, or its delay",
-    "term.low-pass": "a low-pass filter in {subject} that is missing in the file",
+    "term.low-pass": (
+        "a low-pass filter in {subject}, or a further lag of motor or steering, that is missing in the file"
+    ),
     "term.imu-ahead": "a position of {subject} in front of or behind the one in the file",
     "term.imu-beside": "a position of {subject} to the side of the one in the file",
     "term.imu-turned": "a rotation of {subject} on its mount",
