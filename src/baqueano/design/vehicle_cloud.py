@@ -23,6 +23,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import default_free, value
 from baqueano.numerics.parallel import parallel_map
+from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.parameter import all_parameters
 from baqueano.simulate.many import batch_kernel, parameter_bounds
 from baqueano.simulate.system import System
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 RELATIVE_STD = 0.2  # of a parameter without a fit
+SIDEWAYS = 1  # entry of ν
 MAX_RELATIVE_STD = 0.5  # largest standard deviation of a parameter, relative to its value
 VEHICLES = 48  # possible vehicles: the error of their standard deviation is 10 %
 NOISE_S = 64.0  # duration of the noise that is drawn at once, longer if requested
@@ -121,10 +123,40 @@ def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray
 def planning_file(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
     """Return the file for the plan after a first drive: the file of its `fit`. If the fit is refused, return the
     `rough_file` of `with_rough_gains`. If the fit does not show how the vehicle stops, a plan with it would expect
-    vehicles that never stop: return the rough file with the standard errors of its gains."""
+    vehicles that never stop: return the rough file with the standard errors of its gains. If the fit does not show how
+    the vehicle stops sideways, only the sideways friction is that of the rough file."""
     if undetermined_damping(fit):
         return with_uncertain_gains(rough_file)
-    return rough_file if fit.verdict == Verdict.REFUSED else fit.vehicle_file
+    return rough_file if fit.verdict == Verdict.REFUSED else _with_sideways_friction(fit, rough_file)
+
+
+def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
+    """Return the file of the fit, with the sideways friction of the `rough_file` if each entry of it may be 0. Pulses
+    on one spot hardly show it, and without it a vehicle slides endlessly."""
+    file, cov = fit.vehicle_file, fit.vehicle_file.parameter_cov
+    slopes = damping_derivatives(fit.blocks.model, _fields(fit))
+    paths = [path for path, slope in slopes if slope[SIDEWAYS] > 0.0]
+    is_shown = [
+        x > QUANTILE_95 * std
+        for name, x, std in zip(fit.names, fit.estimate, fit.std, strict=True)
+        if name in paths
+    ]
+    if not is_shown or any(is_shown) or cov is None:
+        return file
+    values: dict[str, list[float]] = {}
+    for path in paths:
+        field, _, entry = path.partition("[")
+        number = np.array(values.get(field, file.value(field)), dtype=float)
+        index = tuple(map(int, filter(None, entry.rstrip("]").split(","))))
+        number[index] = np.asarray(rough_file.value(field), dtype=float)[index]
+        values[field] = number.tolist()
+    others = [k for k, name in enumerate(cov.names) if name not in paths]
+    names = tuple(cov.names[k] for k in others)
+    return file.with_values(values, None, cov._replace(names=names, cov=cov.cov[np.ix_(others, others)]))
+
+
+def _fields(fit: "Fit") -> set[str]:
+    return {name.partition("[")[0] for name in fit.names}
 
 
 def with_uncertain_gains(rough_file: "VehicleFile") -> "VehicleFile":
@@ -141,8 +173,7 @@ def with_uncertain_gains(rough_file: "VehicleFile") -> "VehicleFile":
 
 def undetermined_damping(fit: "Fit") -> list[str]:
     """Return the parameters that slow a forward motion, if the fit does not determine them or found only a bound 0."""
-    fields = {name.partition("[")[0] for name in fit.names}
-    damping = {path for path, slope in damping_derivatives(fit.blocks.model, fields) if slope[0] > 0.0}
+    damping = {path for path, slope in damping_derivatives(fit.blocks.model, _fields(fit)) if slope[0] > 0.0}
     is_unknown = ~np.isfinite(fit.estimate) | (fit.poorly_identified & (fit.bound < 0))
     return [name for name, unknown in zip(fit.names, is_unknown, strict=True) if unknown and name in damping]
 
