@@ -42,7 +42,9 @@ def code_of(call) -> str:
         ("call.unknown", lambda: bq.tune(ROBOT, ROUTE, speed=0.2)),
         ("call.kind", lambda: bq.replay("0001.mcap")),
         ("call.kind", lambda: bq.compare([RUN, ROBOT])),
-        ("call.kind", lambda: bq.compare(RUN, RUN)),
+        ("call.kind", lambda: bq.compare(RUN, ROBOT)),
+        ("call.kind", lambda: bq.compare({"a": RUN, "b": 3})),
+        ("call.kind", lambda: bq.compare(3)),
         ("call.kind", lambda: bq.repeat(Path("small.toml"), ROUTE)),
         ("call.kind", lambda: bq.identify(Path("1.mcap"), ROBOT)),
         ("call.kind", lambda: bq.guides.shapes.sinuous_circle([0.5], 0.1, 1, 0.2)),
@@ -159,6 +161,12 @@ def test_an_unknown_attribute_of_a_result_is_answered_with_its_methods():
 
 def test_a_run_in_memory_is_saved(tmp_path):
     assert bq.read_run(RUN.save(tmp_path / "mine.mcap")) == RUN
+
+
+def test_runs_are_compared_one_by_one_in_a_list_and_with_names():
+    row = bq.compare(RUN, RUN).rows()[1]
+    assert repr(bq.compare([RUN, RUN]).rows()[1]) == repr(row)
+    assert [one.name for one in bq.compare({"a": RUN, "b": RUN}).runs] == ["a", "b"]
 
 
 def test_correct_calls_are_not_changed():

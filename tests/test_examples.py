@@ -26,7 +26,7 @@ TEXTS = {
     if ">>> " in (text := path.read_text(encoding="utf-8"))
 }
 HAVE_ONE = """
-    compare.comparison: compare
+    compare.front: compare
     drive.first_drive: first_drive
     drive.mission: Mission pack perform
     drive.tasks: experiment repeat replay teach

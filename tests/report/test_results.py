@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import baqueano as bq
 from baqueano.calibration.at_rest import measure_at_rest
 from baqueano.calibration.result import CalibratedNumber, Calibration
-from baqueano.contracts.result import MAX_LINES, Result, shorten
+from baqueano.contracts.result import MAX_LINES, Result
 from baqueano.diagnostics import Severity, note
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
@@ -337,12 +337,6 @@ def test_each_result_is_printed_in_the_language_of_the_user(results):
     finally:
         language.choose_language("")
     assert not [name for name, printed in english.items() if printed == spanish[name] != "USABLE"]
-
-
-def test_a_long_line_is_wrapped_if_there_is_space_and_cut_if_not():
-    sentence = "a long word " * 12
-    assert shorten([], [sentence], []).replace("\n ", "").split() == sentence.split()
-    assert shorten([], [sentence] * MAX_LINES, []).splitlines()[0].endswith(" …")
 
 
 def test_the_residuals_of_a_fit_are_drawn_over_time(results):

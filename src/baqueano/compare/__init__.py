@@ -5,8 +5,9 @@ compare(runs).table()      # ATE, RPE, cross-track error, NEES and NIS with thei
 
 from typing import TYPE_CHECKING
 
-from baqueano.compare.comparison import Comparison, RunComparison, compare
+from baqueano.compare.comparison import Comparison, RunComparison
 from baqueano.compare.consistency import Band
+from baqueano.compare.front import compare
 from baqueano.on_demand import on_demand
 
 if TYPE_CHECKING:

@@ -6,33 +6,27 @@ corridor at the end (corridor.py). A value that the run does not determine is Na
 same route, each row also contains the distance of the run's vehicle from the first run's path.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.compare import errors, evenness
-from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
-from baqueano.compare.divergence import InvalidCovariance, cut_at_divergence, divergence_s, invalid_covariance
-from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
-from baqueano.compare.laps import DriveLap, laps_of
+from baqueano.compare.corridor import Corridor, corridor_row
+from baqueano.compare.divergence import InvalidCovariance
+from baqueano.compare.filter_consistency import FilterConsistency
+from baqueano.compare.laps import DriveLap
 from baqueano.compare.table import table
-from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
-from baqueano.errors import UsageError, cause_of
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.text_table import LINE_LETTERS
-from baqueano.monitor import Rejections, rejections_in
-from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
+from baqueano.monitor import Rejections
 
 if TYPE_CHECKING:
     from baqueano.compare.evenness import SpeedErrors
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.runs.run import Run
 
 
 class PathDistances(NamedTuple):
@@ -41,9 +35,6 @@ class PathDistances(NamedTuple):
     rms_m: float
     p95_m: float
     max_m: float
-
-
-UNKNOWN_DISTANCES = PathDistances(float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,174 +218,3 @@ class Comparison(Result):
             for verdict in dict.fromkeys(run.verdict for run in self.runs)
             if verdict in ADVICE_CODES
         ]
-
-
-@checked_call("bq.compare([first, second])")
-def compare(
-    runs: "Sequence[Run] | Run",
-    alignment: str = "none",
-    over_s: float = 1.0,
-    skip_s: float = 0.0,
-    names: Sequence[str] | None = None,
-) -> Comparison:
-    """Measure the errors of each estimate and vehicle, and the consistency of the filter.
-
-    Parameters
-    ----------
-    runs : Run or sequence of Run
-        The runs; across_first is the distance from the path of the first run.
-    alignment : str
-        Alignment of estimate and truth: "none" (both in one map), "start" or "rigid"; only "none" allows a NEES.
-    over_s : float
-        Time span of the relative error.
-    skip_s : float
-        Seconds at the start that are ignored; the rest before a drive is always ignored.
-    names : sequence of str, optional
-        Names that replace the names of the runs.
-
-    Returns
-    -------
-    Comparison
-        A row per run.
-
-    Raises
-    ------
-    UsageError
-        For another alignment, a span that is not above 0, an empty `runs`, or another number of names than of runs.
-
-    Examples
-    --------
-    >>> from baqueano.drive import repeat
-    >>> from baqueano.guides.shapes import circle
-    >>> from baqueano.vehicle_file import load
-    >>> errors = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
-    >>> print(f"{100 * errors.across_true.rms_m:.0f} cm rms across its route, NIS {errors.consistency.nis.mean:.1f}")
-    0 cm rms across its route, NIS 0.7
-    """
-    run_list = [runs] if not isinstance(runs, Sequence) else list(runs)
-    if not run_list:
-        raise UsageError(fault("compare.no-runs"))
-    if not (over_s > 0.0 and skip_s >= 0.0):
-        raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
-    errors.align_trajectory(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
-    cut_runs = [run.cut(skip_s) if skip_s else run for run in (r.without_rest for r in run_list)]
-    labels = list(names) if names else [run.name for run in run_list]
-    if len(labels) != len(run_list):
-        raise UsageError(fault("compare.names", names=len(labels), runs=len(run_list)))
-    return Comparison(
-        tuple(
-            _run_comparison(run, name, cut_runs[0], alignment, over_s)
-            for run, name in zip(cut_runs, labels, strict=True)
-        ),
-        alignment,
-        over_s,
-        all(run.metadata.get("kind") != "replay" for run in cut_runs),
-    )
-
-
-def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> RunComparison:
-    end_s, run = divergence_s(run), cut_at_divergence(run)  # the errors are those before the divergence
-    figures = dict.fromkeys(
-        ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
-         "end_error_m"), float("nan"))  # fmt: skip
-    if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
-        figures = _against_truth(run, alignment, over_s)
-    return RunComparison(
-        name, run.duration_s, **figures,
-        across_true=_path_distances(run.truth, run), across_estimate=_path_distances(run.estimate, run),
-        across_first=_distances_between_runs(run, first), pace_true=_speed_errors(run.truth, run),
-        pace_estimate=_speed_errors(run.estimate, run),
-        **_command_figures(run), consistency=filter_consistency(run, alignment),
-        refusals=rejections_in(run.events), laps=laps_of(run), corridor=corridor_of(run), divergence_s=end_s,
-        invalid_covariance=invalid_covariance(run))  # fmt: skip
-
-
-def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float]:
-    est, truth = run.estimate, run.truth
-    assert est is not None
-    assert truth is not None
-    eta_true = interpolate_poses(est.t_ns, truth.t_ns, truth.eta)
-    nu_true = interpolate_rows(est.t_ns, truth.t_ns, truth.nu)
-    try:
-        eta = errors.align_trajectory(est.eta, eta_true, alignment)
-    except UsageError as error:
-        raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
-    pose_errors = errors.absolute_pose_errors(eta, eta_true)
-    drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, over_s)
-    known_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]
-    e_nu = est.nu - nu_true
-    return {
-        "ate_m": errors.rms(pose_errors.position_m),
-        "ate_heading_rad": errors.rms(pose_errors.heading_rad),
-        "rpe_m": errors.rms(drift.position_m),
-        "rpe_heading_rad": errors.rms(drift.heading_rad),
-        "speed_error_m_s": errors.rms(np.hypot(e_nu[:, 0], e_nu[:, 1])),
-        "yaw_rate_error_rad_s": errors.rms(e_nu[:, 2]),
-        "end_error_m": float(known_errors[-1]) if known_errors.size else float("nan"),
-    }
-
-
-def _path_distances(log: Any, run: "Run") -> PathDistances:
-    """Return the distances of a log from the reference path of its run, until the guide finished."""
-    ref = run.guide_reference
-    if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
-        return UNKNOWN_DISTANCES
-    if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: the run has no reference path
-        return UNKNOWN_DISTANCES
-    rows = _until_done(log.t_ns, ref)
-    return _distance_statistics(
-        errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2])
-    )
-
-
-def _speed_errors(log: Any, run: "Run") -> "SpeedErrors":
-    """Return the errors of the forward speed of a log against the reference speed, until the guide finished."""
-    ref = run.guide_reference
-    if log is None or ref is None or not len(ref.t_ns):
-        return evenness.UNKNOWN_SPEED_ERRORS
-    k = _until_done(log.t_ns, ref)
-    reference_speed = interpolate_rows(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
-    return evenness.speed_errors(log.t_ns[k], log.nu[k, 0], reference_speed)
-
-
-def _command_figures(run: "Run") -> dict[str, float]:
-    """Return the share at a limit of the sent command until the guide finished, and its sign changes until it brakes.
-
-    If the sent command was not recorded, use the applied command.
-    """
-    ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
-    t_ns, u = run.t_ns, run.applied_commands if run.sent_commands is None else run.sent_commands
-    drives = slice(None)
-    if ref is not None and len(ref.t_ns):
-        k = _until_done(t_ns, ref)
-        t_ns, u = t_ns[k], u[k]
-        drives = evenness.is_driving(t_ns, interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0], 0.0)
-    changes = evenness.sign_changes(t_ns[drives], u[drives, 0]) if u.size else float("nan")
-    return {"sign_changes_per_s": changes, "saturated_fraction": evenness.share_at_limit(u, limits)}
-
-
-def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
-    """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
-    done_ns = ref.t_ns[ref.done > 0.0]
-    return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
-
-
-def _distances_between_runs(run: "Run", first: "Run") -> PathDistances:
-    """Return the distances of the vehicle from the path of another run; times begin with each run."""
-    if run is first:
-        return UNKNOWN_DISTANCES
-    a, b = (r.truth if r.truth is not None else r.estimate for r in (run, first))
-    if a is None or b is None or len(b.t_ns) < 2 or not len(a.t_ns):
-        return UNKNOWN_DISTANCES
-    a_ns, b_ns = a.t_ns - a.t_ns[0], b.t_ns - b.t_ns[0]
-    is_common = a_ns <= b_ns[-1]
-    return _distance_statistics(errors.cross_track(a_ns[is_common], a.eta[is_common, :2], b_ns, b.eta[:, :2]))
-
-
-def _distance_statistics(distance: np.ndarray) -> PathDistances:
-    d = np.abs(distance[np.isfinite(distance)])
-    return (
-        PathDistances(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d)))
-        if d.size
-        else UNKNOWN_DISTANCES
-    )

@@ -111,6 +111,7 @@ def checked_call(example: str, options_of: Callable[..., Tree] | None = None) ->
             if parameter.kind != parameter.VAR_KEYWORD
             and (kinds_of_argument := _kinds_of(parameter.annotation))
         }
+        variadic_names = [p.name for p in signature.parameters.values() if p.kind == p.VAR_POSITIONAL]
 
         @wraps(function)
         def call(*args: Tree, **options: Tree) -> Tree:
@@ -118,6 +119,8 @@ def checked_call(example: str, options_of: Callable[..., Tree] | None = None) ->
                 values = signature.bind(*args, **options).arguments
             except TypeError:
                 _refuse_arguments(signature, example, args, options)
+            for name in variadic_names:
+                values[name] = args[0] if len(args) == 1 and not _is_container(args[0]) else items_of(args)
             wrong = [n for n in kinds if n in values and not any(k.accepts(values[n]) for k in kinds[n])]
             if wrong:
                 _refuse_kind(kinds, wrong, values, example)
@@ -127,6 +130,24 @@ def checked_call(example: str, options_of: Callable[..., Tree] | None = None) ->
         return cast(F, call)
 
     return decorate
+
+
+def items_of(arguments: Iterable[Tree]) -> list[Tree]:
+    """Return the arguments of a function(*arguments), with the items of each list, dict or generator in its place.
+
+    >>> items_of([1, [2, 3], {"name": 4}])
+    [1, 2, 3, 4]
+    """
+    items: list[Tree] = []
+    for argument in arguments:
+        parts = argument.values() if isinstance(argument, Mapping) else argument
+        items += list(parts) if _is_container(argument) else [argument]
+    return items
+
+
+def _is_container(value: Tree) -> bool:
+    is_record = isinstance(value, tuple) and type(value) is not tuple
+    return isinstance(value, Iterable) and not isinstance(value, str) and not is_record
 
 
 def _with_options(signature: inspect.Signature, options_of: Callable[..., Tree] | None) -> inspect.Signature:
@@ -149,7 +170,7 @@ def _kinds_of(annotation: object) -> tuple[ArgumentKind, ...]:
 
 
 def _kind_of(part: str) -> ArgumentKind | None:
-    items = re.fullmatch(r"Sequence\[(.*)\]", part)
+    items = re.fullmatch(r"(?:Sequence|Mapping)\[(?:str, )?(.*)\]", part)
     if not items:
         return ALLOWED.get(part)
     kinds = _kinds_of(items[1])

@@ -8,13 +8,15 @@ import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from importlib import import_module
+from itertools import accumulate, chain
 from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault, nearest, note
+from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import NoAttribute, UsageError
 from baqueano.messages import text
 from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate
 from baqueano.messages.printable import in_lines
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 MAX_LINES, MAX_LETTERS = 12, 110  # lines, and characters of a line, of a short print
+MIN_ROWS = 5  # rows that remain in a short print beside long sentences
 MIN_PREFIX = 3  # letters of a short name, such as cov of covariance
 MAX_SENTENCE = 80  # characters of a line of sentences below a table
 
@@ -61,7 +64,10 @@ class Result:
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        return shorten([], self.table().splitlines(), [])
+        lines = self.table().splitlines()
+        words = tuple(translate(verdict) for verdict in Verdict)
+        start = next((i for i, line in enumerate(lines) if i and line.startswith(words)), len(lines))
+        return shorten([], [line for line in lines[:start] if line or start == len(lines)], lines[start:])
 
     if not TYPE_CHECKING:
 
@@ -108,9 +114,9 @@ def no_attribute(owner: object, name: str, label: str) -> NoAttribute:
 def shorten(
     head: Sequence[str], rows: Sequence[str], tail: Sequence[str], line_count: int = MAX_LINES
 ) -> str:
-    """Return a text of at most `line_count` lines: `head`, as many `rows` as fit, how many more exist, and `tail`.
+    """Return a text of at most `line_count` lines: `head`, `rows`, how many more lines exist, and `tail`.
 
-    Long lines are wrapped if there is space for them, and cut if not.
+    Long lines are wrapped, never cut. The first row, and the first line of `tail`, are always part of the text.
 
     >>> print(shorten(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], line_count=4))
     gains
@@ -118,13 +124,25 @@ def shorten(
     3 more lines: .table()
     USABLE
     """
-    whole = [part for line in (*head, *rows, *tail) for part in _parts(line)]
-    if len(whole) <= line_count:
-        return in_lines(whole)
-    row_count = max(1, line_count - len(head) - len(tail))
-    if len(rows) > row_count:
-        rows = [*rows[: row_count - 1], text(note("front.more", lines=len(rows) - row_count + 1))]
-    return in_lines(map(_shorten_line, [*head, *rows, *tail]))
+    first, middle, last = ([_parts(line) for line in lines] for lines in (head, rows, tail))
+    free_count = line_count - _count(first)
+    if free_count >= _count([*middle, *last]):
+        return in_lines(chain(*first, *middle, *last))
+    least_count = _count(middle[: min(MIN_ROWS, max(1, free_count - len(last[:1]) - 1))])
+    tail_count = _fitting(last, free_count - 1 - min(least_count, free_count - 1), least=1)
+    row_count = _fitting(middle, free_count - 1 - _count(last[:tail_count]), least=1)
+    more = text(note("front.more", lines=len(middle) - row_count + len(last[tail_count:])))
+    return in_lines(chain(*first, *middle[:row_count], [more], *last[:tail_count]))
+
+
+def _count(lines: Sequence[Sequence[str]]) -> int:
+    return sum(map(len, lines))
+
+
+def _fitting(lines: Sequence[Sequence[str]], free_count: int, least: int) -> int:
+    """Return how many wrapped lines, in order, fit into `free_count` lines; at least `least`, if there are as many."""
+    ends = accumulate(map(len, lines))
+    return max(sum(end <= free_count for end in ends), min(least, len(lines)))
 
 
 def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]:
@@ -145,10 +163,6 @@ def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]
 
 def _parts(line: str) -> list[str]:
     return wrap_sentences([line]) if len(line) > MAX_LETTERS else [line]
-
-
-def _shorten_line(line: str) -> str:
-    return line if len(line) <= MAX_LETTERS else f"{line[: MAX_LETTERS - 2]} …"
 
 
 def pandas() -> Any:

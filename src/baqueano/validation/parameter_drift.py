@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import Result
+from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators.kalman import correct
@@ -105,7 +105,14 @@ class ParameterHistory(Result):
         blocks = substitute(self.last.blocks, paths, [float(x) for x in value[is_measured]])
         cov = np.where(np.outer(is_measured, is_measured), self.cov, np.nan)
         return replace(
-            self.last, estimate=value, std=std, cov=cov, blocks=blocks, runs=self.runs
+            self.last,
+            names=self.names,
+            units=self.units,
+            estimate=value,
+            std=std,
+            cov=cov,
+            blocks=blocks,
+            runs=self.runs,
         ).vehicle_file
 
     def rows(self) -> list["TableRow"]:
@@ -140,6 +147,11 @@ class ParameterHistory(Result):
         )
         lines = text_table("<>>><", head, *rows)
         return "\n".join([*lines, *self._sentences()])
+
+    def __repr__(self) -> str:
+        title = text(note("front.card-history", vehicle=self.last.file.name, runs=len(self.runs)))
+        *changes, summary = self._sentences()
+        return shorten([title], changes, [summary])
 
     def _sentences(self) -> list[str]:
         out = [f"- {text(change.message)}" for change in self.changes]
@@ -201,31 +213,51 @@ def parameter_history(
     if len(accepted_fits) < 2:
         fix = baqueano_command("identify", refused_fits[0])
         raise UsageError(fault("over-time.few-fits", fix, good=len(accepted_fits), count=len(fits)))
-    return track_parameters(fits, tuple(refused_fits), [_date_of(run) for run in runs])
+    return track_parameters(fits, [_date_of(run) for run in runs])
+
+
+def compare_fits(fits: Sequence["Fit"], names: Sequence[str] = ()) -> ParameterHistory:
+    """Return the parameters of two or more fits, and the ones that changed; `names` replace those of the runs.
+
+    Raise UsageError unless two of the fits are accepted.
+    """
+    good = sum(fit.verdict != Verdict.REFUSED for fit in fits)
+    if good < 2:
+        raise UsageError(fault("compare.few-fits", "print(fit.table())", good=good, count=len(fits)))
+    return track_parameters(fits, labels=names)
 
 
 def track_parameters(
-    fits: Sequence["Fit"], refused_runs: tuple[str, ...] = (), when: Sequence[str] = ()
+    fits: Sequence["Fit"], when: Sequence[str] = (), labels: Sequence[str] = ()
 ) -> ParameterHistory:
-    """Return the history of the parameters from fits in order of time.  (1), (2)"""
-    first = fits[0]
-    p, runs = len(first.names), tuple(fit.runs[0] for fit in fits)
-    single, single_std = np.full((len(fits), p), np.nan), np.full((len(fits), p), np.nan)
-    covs = np.full((len(fits), p, p), np.nan)
+    """Return the history of the parameters from fits in order of time; `labels` name the fits.  (1), (2)"""
+    units = {name: unit for fit in fits for name, unit in zip(fit.names, fit.units, strict=True)}
+    names, labels = tuple(units), tuple(labels or _labels(fits))
+    K, p = len(fits), len(units)
+    single, single_std, covs = np.full((K, p), np.nan), np.full((K, p), np.nan), np.full((K, p, p), np.nan)
+    is_refused = [fit.verdict == Verdict.REFUSED for fit in fits]
     for k, fit in enumerate(fits):
-        if fit.runs[0] not in refused_runs:
-            single[k], single_std[k], covs[k] = fit.estimate, fit.std, fit.cov
+        if not is_refused[k]:
+            columns = [names.index(name) for name in fit.names]
+            single[k, columns], single_std[k, columns] = fit.estimate, fit.std
+            covs[k][np.ix_(columns, columns)] = fit.cov
     walk = np.array([_most_likely_walk(single[:, i], single_std[:, i]) for i in range(p)])
     filtered_values, cov, smoothed_values = _smooth(single, covs, walk)
-    columns = zip(first.names, first.units, single.T, single_std.T, strict=True)
-    tests = [_change(name, unit, runs, x, std, p) for name, unit, x, std in columns]
+    estimates = zip(names, units.values(), single.T, single_std.T, strict=True)
+    tests = [_change(name, unit, labels, x, std, p) for name, unit, x, std in estimates]
     changes = sorted((one for one in tests if one is not None), key=lambda change: -abs(change.z))
-    last = [fit for fit in fits if fit.runs[0] not in refused_runs][-1]
-    dates = tuple(when) or ("",) * len(fits)
+    accepted_fits = [fit for fit, skip in zip(fits, is_refused, strict=True) if not skip]
+    refused_runs = tuple(label for label, skip in zip(labels, is_refused, strict=True) if skip)
     return ParameterHistory(
-        first.names, first.units, runs, dates, single, single_std, *filtered_values, cov, *smoothed_values, walk,
-        tuple(changes), refused_runs, last,
+        names, tuple(units.values()), labels, tuple(when) or ("",) * K, single, single_std, *filtered_values, cov,
+        *smoothed_values, walk, tuple(changes), refused_runs, accepted_fits[-1],
     )  # fmt: skip
+
+
+def _labels(fits: Sequence["Fit"]) -> list[str]:
+    """Return the names of the runs of each fit, with its number where two fits have the same runs."""
+    labels = [" + ".join(fit.runs) for fit in fits]
+    return [f"{k}: {x}" if labels.count(x) > 1 else x for k, x in enumerate(labels, 1)]
 
 
 def _smooth(
@@ -234,8 +266,9 @@ def _smooth(
     """Return the filtered values of (1), their last covariance (p, p), and the smoothed values. Values and standard
     errors are (K, p) each, NaN before the first estimate of a parameter."""
     K, p = single.shape
-    typical = np.nanmedian(np.sqrt(np.einsum("kii->ki", covs)), axis=0, keepdims=True)[0]
-    prior_std = 1e6 * np.where(np.isfinite(typical) & (typical > 0.0), typical, 1.0)
+    measured_std = [std[np.isfinite(std)] for std in np.sqrt(np.einsum("kii->ik", covs))]
+    typical = np.array([np.median(std) if len(std) else 0.0 for std in measured_std])
+    prior_std = 1e6 * np.where(typical > 0.0, typical, 1.0)
     x, P = np.zeros(p), np.diag(prior_std**2)
     Q = np.diag(np.where(np.isfinite(walk), walk, 0.0) ** 2)
     states = []

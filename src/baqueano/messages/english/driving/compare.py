@@ -8,9 +8,9 @@ TEMPLATES: dict[str, str] = {
         "lap and {last_cm:.1f} in the last, at most {most_cm:.1f} in lap {worst}. Each lap ends at most "
         "{gap_cm:.1f} cm from its start."
     ),
-    "compare.no-runs": "the list of runs is empty: give one or more, for example baqueano compare last",
+    "compare.no-runs": "A comparison needs one or more runs. For example, type: baqueano compare last",
     "compare.times": "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0.",
-    "compare.names": "names contains {names} names for {runs} runs: expected one name per run.",
+    "compare.names": "names contains {names} names for {runs} runs or fits: expected one for each.",
     "lab.scipy-for-bands": "scipy is not installed, and the χ² bands need it. Type: {fix}",
     "forecast.no-covariance": (
         "the estimator {estimator:word} does not give a covariance of the pose, so its "
@@ -51,5 +51,9 @@ TEMPLATES: dict[str, str] = {
     "corridor.after-laps": "after {laps} laps the position is known within {within} (95 %)",
     "corridor.cm": "± {across_cm:.2g} cm across the path, ± {heading_deg:.2g}°",
     "corridor.m": "± {across_m:.2g} m across the path, ± {heading_deg:.2g}°",
+    "compare.few-fits": (
+        "A comparison of fits needs two that are accepted; found {good} of {count}. For the reasons, type: {fix}"
+    ),
+    "compare.mixed": "Runs are compared with runs, and fits with fits. Type: {fix}",
     "compare.of-run": "{run}: {cause}.",
 }
