@@ -107,11 +107,13 @@ def test_a_further_line_of_the_last_cell_belongs_to_it():
     ("line", "expected"),
     [
         (
-            "LOCALIZED: after 3 laps the position is known within ± 5.2 cm across the path, ± 31° (95 %)",
+            "LOCALIZED: after 3 laps the estimator expects errors within ± 5.2 cm across the path, "
+            "± 31° in heading (95 %)",
             False,
         ),
         (
-            "LOCALIZADO: después de 3 vueltas la posición se conoce con ± 5,2 cm a los lados del camino, ± 31° (95 %)",
+            "LOCALIZADO: después de 3 vueltas el estimador espera errores dentro de ± 5,2 cm a los lados del camino, "
+            "± 31° de rumbo (95 %)",
             True,
         ),
         ("N m per unit of u", False),

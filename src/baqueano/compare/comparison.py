@@ -20,6 +20,7 @@ from baqueano.compare.table import table
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
+from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.text_table import LINE_LETTERS
 from baqueano.monitor import Rejections
@@ -120,8 +121,16 @@ class RunComparison:
             return (text(note("compare.diverged", t_s=self.divergence_s)),)
         if self.invalid_covariance is not None:
             return (text(note("compare.no-covariance", **self.invalid_covariance._asdict())),)
-        corridor_sentences = () if self.corridor is None else (self.corridor.sentence,)
-        return (*self._lap_sentences(), *corridor_sentences, self.consistency.sentence)
+        return (*self._lap_sentences(), *self._corridor_sentences(), self.consistency.sentence)
+
+    def _corridor_sentences(self) -> tuple[str, ...]:
+        """Return a sentence on the expected error at the end, beside the true one if it is known."""
+        if self.corridor is None:
+            return ()
+        if not np.isfinite(self.end_error_m):
+            return (self.corridor.sentence,)
+        error_cm = 100.0 * self.end_error_m
+        return (text(note("corridor.and-truth", corridor=self.corridor.message, error_cm=error_cm)),)
 
     def _lap_sentences(self) -> tuple[str, ...]:
         """Return a sentence about the laps if there were at least two, else an empty tuple."""
@@ -132,6 +141,7 @@ class RunComparison:
         figures |= {"gap_cm": max(lap.gap_m for lap in self.laps)}
         figures = {name: 100.0 * m for name, m in figures.items()}
         values = {"laps": len(self.laps), "worst": worst_lap.number, "seconds": last.duration_s}
+        values["of"] = N_("true path") if np.isfinite(self.across_true.rms_m) else N_("estimated path")
         return (text(note("compare.laps", **figures, **values)),)
 
 

@@ -4,9 +4,9 @@ CONSISTENCY = "{figure} of {of:word} is {mean:.3g}. A correct covariance gives {
 
 TEMPLATES: dict[str, str] = {
     "compare.laps": (
-        "{laps} laps, the last in {seconds:.1f} s. Cross-track error: {first_cm:.1f} cm rms in the first "
-        "lap and {last_cm:.1f} in the last, at most {most_cm:.1f} in lap {worst}. Each lap ends at most "
-        "{gap_cm:.1f} cm from its start."
+        "{laps} laps, the last in {seconds:.1f} s. Cross-track error of the {of:word}: {first_cm:.1f} cm rms in the "
+        "first lap and {last_cm:.1f} in the last, at most {most_cm:.1f} in lap {worst}. After each lap the vehicle is "
+        "at most {gap_cm:.1f} cm from the point at which this lap began."
     ),
     "compare.no-runs": "A comparison needs one or more runs. For example, type: baqueano compare last",
     "compare.times": "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0.",
@@ -46,11 +46,12 @@ TEMPLATES: dict[str, str] = {
     ),
     "corridor.lost": "lost after {t_s:.0f} s: from then on the heading is unknown",
     "corridor.lost-in-lap": "lost after {t_s:.0f} s (lap {lap}): from then on the heading is unknown",
-    "corridor.after-time": "after {t_s:.0f} s the position is known within {within} (95 %)",
-    "corridor.after-lap": "after 1 lap the position is known within {within} (95 %)",
-    "corridor.after-laps": "after {laps} laps the position is known within {within} (95 %)",
-    "corridor.cm": "± {across_cm:.2g} cm across the path, ± {heading_deg:.2g}°",
-    "corridor.m": "± {across_m:.2g} m across the path, ± {heading_deg:.2g}°",
+    "corridor.after-time": "after {t_s:.0f} s the estimator expects errors within {within} (95 %)",
+    "corridor.after-lap": "after 1 lap the estimator expects errors within {within} (95 %)",
+    "corridor.after-laps": "after {laps} laps the estimator expects errors within {within} (95 %)",
+    "corridor.cm": "± {across_cm:.2g} cm across the path, ± {heading_deg:.2g}° in heading",
+    "corridor.m": "± {across_m:.2g} m across the path, ± {heading_deg:.2g}° in heading",
+    "corridor.and-truth": "{corridor}. The true position error there is {error_cm:.2g} cm.",
     "compare.few-fits": (
         "A comparison of fits needs two that are accepted; found {good} of {count}. For the reasons, type: {fix}"
     ),
