@@ -330,8 +330,7 @@ def test_a_guide_that_is_done_ends_the_run():
     records, _, outcome = drive(BLOCKS._replace(guide=guide), duration_s=60.0)
     assert outcome.done
     assert records[-1].reference.done == 1.0
-    braking_s = 0.5 * 0.2 / 0.3
-    assert len(records) == pytest.approx(100 * (2 * 2 * np.pi * 0.1 / 0.2 + braking_s), abs=3)
+    assert len(records) == pytest.approx(100 * guide.duration_s, abs=3)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])

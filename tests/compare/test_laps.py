@@ -17,8 +17,8 @@ def test_each_lap_has_a_duration_and_a_distance(route):
     laps = laps_of(run)
     assert [lap.number for lap in laps] == [1, 2, 3]
     for lap in laps:
-        braking_s = 0.5 * 0.2 / 0.3 if lap is laps[-1] else 0.0
-        assert lap.duration_s == pytest.approx(route.t_s[-1] + braking_s, abs=0.03)
+        ramp_s = 0.0 if lap is laps[1] else 0.5 * 0.2 / 0.3
+        assert lap.duration_s == pytest.approx(route.t_s[-1] + ramp_s, abs=0.03)
         assert 0.0 < lap.rms_m <= lap.max_m < 0.02
         assert lap.gap_m < 0.05
     assert sum(lap.duration_s for lap in laps) == pytest.approx(run.duration_s, abs=0.03)

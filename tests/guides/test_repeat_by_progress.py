@@ -44,8 +44,8 @@ def on_it(k, reference):
 def test_a_vehicle_on_schedule_gets_the_reference_by_time():
     route = eight(0.6, 0.2)
     references = drive_guide(RepeatByProgress.along(route), on_it, 400)
-    want = [np.interp(399 * DT, route.t_s, route.eta[:, i]) for i in range(2)]
-    np.testing.assert_allclose(references[-1].eta[:2], want, atol=1e-6)
+    want = [np.interp(399 * DT - 0.5 * 0.2 / 0.3, route.t_s, route.eta[:, i]) for i in range(2)]
+    np.testing.assert_allclose(references[-1].eta[:2], want, atol=2e-3)
     assert references[200].nu[0] == pytest.approx(0.2)
 
 
@@ -74,7 +74,7 @@ def test_the_reference_returns_to_a_vehicle_that_was_pushed_back():
 
     references = drive_guide(guide, push, 1000)
     way = [np.arctan2(r.eta[0], 1.0 - r.eta[1]) for r in references]
-    assert way[399] > 0.75
+    assert way[399] > 0.7
     assert 0.41 < way[-1] < 0.65
     assert all(r.nu[0] >= 0.0 for r in references)
 
@@ -112,7 +112,7 @@ def test_a_route_that_comes_back_over_the_same_poses_is_driven_to_its_end():
 
 def test_the_guide_is_done_after_its_last_lap():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
-    last = drive_guide(RepeatByProgress.along(route), on_it, round((route.t_s[-1] + 0.4) / DT) + 5)[-1]
+    last = drive_guide(RepeatByProgress.along(route), on_it, round((route.t_s[-1] + 0.7) / DT) + 5)[-1]
     assert last.done == 1.0
     assert last.nu == pytest.approx(np.zeros(3))
 
@@ -123,7 +123,7 @@ def test_repeat_by_progress_passes_the_guide_check():
 
 def test_compiled_and_uncompiled_guides_give_the_same_reference():
     guide, now = RepeatByProgress.along(coarse(eight(0.6, 0.2), 40), 2), at([0.1, 0.2, 0.7], 3)
-    state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
+    state = guide.entry_state(20_000_000, 3.0, 0.1)
     plain = guide.step(state, now)[1]
     for backend in ("c", "python"):
         compiled = function(guide.step, state, now, backend=backend)(state, now)[1]
@@ -147,9 +147,7 @@ def test_distant_points_do_not_change_the_progress(shape, is_closed):
     near, every = (kind.along(route, 2) for kind in (RepeatByProgress, LookAtAll))
     for _ in range(100):
         pose = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
-        state = near.init()._replace(
-            t_ns=20_000_000, tau_s=random.uniform(0.0, (1 + is_closed) * route.t_s[-1])
-        )
+        state = near.entry_state(20_000_000, random.uniform(0.0, (1 + is_closed) * route.t_s[-1]), 0.2)
         (near_state, reference), (full_state, expected) = (
             guide.step(state, at(pose, 3)) for guide in (near, every)
         )
@@ -162,7 +160,7 @@ def test_the_compiled_program_does_not_grow_with_the_route():
     sizes = []
     for length_m in (4.0, 16.0, 64.0):
         guide, now = RepeatByProgress.along(rectangle(length_m, 3.0, 0.2, 0.2)), at([0.1, 0.2, 0.7], 3)
-        state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
+        state = guide.entry_state(20_000_000, 3.0, 0.1)
         trace = trace_function(guide.step, [shape_of(state, "state"), shape_of(now, "estimate")])
         sizes.append((len(guide.t_s), len(nodes_below(trace.outputs))))
     points, nodes = zip(*sizes, strict=True)

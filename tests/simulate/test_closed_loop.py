@@ -46,8 +46,8 @@ def test_with_perfect_pose_the_estimate_is_the_truth(vehicle):
 
 def test_the_simulation_ends_when_the_guide_is_done(vehicle):
     system = loop_system(vehicle, ROUTE, laps=2)
-    braking_s = 0.5  # half of the time from 0.3 m/s to rest
-    assert reference_duration(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3 + braking_s, abs=0.02)
+    ramp_s = 0.3 / 0.3  # half of the time between rest and 0.3 m/s, at both ends
+    assert reference_duration(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3 + ramp_s, abs=0.02)
     run = simulate_loop(vehicle, rectangle(0.3, 0.2, 0.05, 0.5), perfect=True)
     assert run.reference.done[-1] == 1.0
     assert run.reference.done[-2] == 0.0
@@ -57,13 +57,13 @@ def test_the_duration_of_a_route_by_progress_does_not_depend_on_its_place(vehicl
     for start in (np.zeros(3), np.array([0.4, 0.1, 0.0]), np.array([-0.3, -0.1, 0.0])):
         system = loop_system(vehicle, RepeatByProgress.along(move_route(ROUTE, start)))
         assert reference_duration(system) == pytest.approx(ROUTE.t_s[-1], abs=0.02)
-        references = sample_references(system, [0, 10**9, 2 * 10**9])
-        assert [reference.nu[0] for reference in references] == pytest.approx([0.3] * 3)
+        references = sample_references(system, [0, 10**9, 2 * 10**9])[1:]
+        assert [reference.nu[0] for reference in references] == pytest.approx([0.3] * 2)
 
 
 def test_a_shape_is_accepted_as_a_route(vehicle):
-    run = simulate_loop(vehicle, SinuousCircle(0.3, 0.03, 0.4), perfect=True, duration_s=1.0)
-    assert run.reference.nu[0, 0] == pytest.approx(0.4)
+    run = simulate_loop(vehicle, SinuousCircle(0.3, 0.03, 0.4), perfect=True, duration_s=1.5)
+    assert run.reference.nu[-1, 0] == pytest.approx(0.4)
 
 
 def test_the_vehicle_starts_at_the_start_of_the_route(vehicle):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.guides import Repeat
-from baqueano.guides.shapes import line
+from baqueano.guides.shapes import circle, line
 from baqueano.identify import identify
 from baqueano.study import driving
 from baqueano.study.driving import Driving, LapErrors
@@ -48,8 +48,21 @@ def test_a_drawn_line_ends_at_rest_on_independent_physics(fitted_robots, perfect
     robots, files = fitted_robots
     loops = [Loop(file, perfect, "auto") for file in files]
     guide = Repeat.along(line(1.0, 0.2))
-    duration_s = float(guide.t_s[-1]) + 0.5 * guide.braking_s
-    drives = simulate_drives(loops, robots, guide, duration_s, [41, 43])
+    drives = simulate_drives(loops, robots, guide, guide.duration_s, [41, 43])
     x, _, _, speed = drives.truth[-1].T
     assert np.all(speed < 0.05)
     assert np.all(np.abs(1.0 - x) < (0.01 if perfect else 0.04))
+
+
+@pytest.mark.parametrize("perfect", [True, False])
+def test_a_drawn_circle_begins_at_rest_on_independent_physics(fitted_robots, perfect):
+    """At full speed from the first tick, the robots were 6 mm beside the circle and up to 0.021 m/s too fast."""
+    robots, files = fitted_robots
+    loops = [Loop(file, perfect, "auto") for file in files]
+    radius_m, speed = 0.4, 0.3
+    drives = simulate_drives(loops, robots, Repeat.along(circle(radius_m, speed)), 3.0, [41, 43])
+    x, y, _, v = np.moveaxis(drives.truth, 2, 0)
+    v_r = np.array([reference.nu[0] for reference in drives.references])
+    assert np.all(np.abs(v - v_r[:, None]) < 0.06)
+    assert np.all(v - speed < 0.006)
+    assert np.all(np.abs(np.hypot(x, y - radius_m) - radius_m) < (0.001 if perfect else 0.004))

@@ -367,3 +367,9 @@ def test_constant_zeros_are_omitted_from_the_source(backend):
     assert len(first.zeros) == 1 + 4  # of the mean, and between the third state and the others
     fast.step(fast.init()._replace(cov=np.ones((3, 3))), 1.0)
     assert len(fast._steps) == 1
+
+
+def test_the_minimum_of_more_values_than_python_can_nest_is_compiled():
+    """Before, the examination of clips in clips ended a guide along 1441 points with a RecursionError."""
+    x = np.linspace(3.0, 2.0, 1500)
+    assert function(lambda x: np.minimum(2.5, np.min(x)), x, backend="python")(x) == 2.0

@@ -66,10 +66,11 @@ def test_the_gradient_through_the_closed_loop_is_exact(small):
         np.testing.assert_allclose(slope, numeric, rtol=2e-3, atol=1e-6)
 
 
-def test_a_search_without_gradients_gives_no_lower_cost(small, tuning):
+def test_a_search_without_gradients_gives_no_lower_cost(small):
+    """Without a weight on jerk, the command of the best gains alternates, and the cost has many minima."""
     from scipy.optimize import differential_evolution
 
-    drive = tuning_objective(small, ROUTE, **PAPERS)
+    tuning, drive = tune(small, ROUTE, aside_m=0.0), tuning_objective(small, ROUTE, aside_m=0.0)
     bounds = list(zip(drive.space.low, drive.space.high, strict=True))
     evolved = differential_evolution(
         drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8
@@ -100,13 +101,11 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
     assert tuning.table().endswith(verdict_line(tuning.verdict, tuning.reasons))
 
 
-def test_a_weight_on_the_command_gives_a_smoother_drive(small, tuning):
-    calm = tune(small, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
-    assert calm.drive.saturated_fraction < tuning.drive.saturated_fraction
-    endless = small.with_values({"guide.braking_m_s2": 1e4})  # braking at the end needs its own command
-    calm_endless = tune(endless, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
-    assert calm_endless.values["gamma"] < tune(endless, ROUTE, **PAPERS).values["gamma"]
-    files = [small.with_values({f"controller.{k}": v for k, v in x.values.items()}) for x in (calm, tuning)]
+def test_a_weight_on_the_command_gives_a_smoother_drive(small):
+    calm, quick = (tune(small, ROUTE, jerk_m2=jerk_m2, aside_m=0.0, starts=2) for jerk_m2 in (1.0, 0.1))
+    assert calm.drive.saturated_fraction < quick.drive.saturated_fraction
+    assert calm.values["alpha"] < quick.values["alpha"]
+    files = [small.with_values({f"controller.{k}": v for k, v in x.values.items()}) for x in (calm, quick)]
     runs = [simulate_loop(file, ROUTE, perfect=True, noise=False) for file in files]
     jerks = [np.sum((run.sent_commands - run.applied_commands) ** 2) for run in runs]
     assert jerks[0] < jerks[1]  # the law of a minimum with a larger weight

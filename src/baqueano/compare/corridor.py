@@ -102,7 +102,7 @@ def corridor_row(corridor: Corridor | None) -> dict[str, float]:
 
 
 def _lap_s(run: Run) -> float:
-    """Return the time after which the reference first returned to its first pose [s]; NaN if it did not return."""
+    """Return the mean duration of the laps of the reference [s]; NaN if it did not return to its first pose."""
     ref = run.guide_reference
     if ref is None or len(ref.t_ns) < 2:
         return float("nan")
@@ -113,7 +113,7 @@ def _lap_s(run: Run) -> float:
     return_indices = np.flatnonzero(is_away[:-1] & ~is_away[1:])
     if not len(return_indices):
         return float("nan")
-    # near the first pose from back[0] + 1 to here
-    last_near = return_indices[0] + 1 + int(np.argmax(np.append(is_away[return_indices[0] + 1 :], True)))
-    k = return_indices[0] + 1 + int(np.argmin(np.hypot(*offsets[return_indices[0] + 1 : last_near, :2].T)))
-    return float(seconds(ref.t_ns[k], ref.t_ns[0]))
+    begin = return_indices[-1] + 1
+    near_count = int(np.argmax(np.append(is_away[begin:], True)))
+    k = begin + int(np.argmin(np.hypot(*offsets[begin : begin + near_count, :2].T)))
+    return float(seconds(ref.t_ns[k], ref.t_ns[0])) / len(return_indices)

@@ -135,4 +135,4 @@ def forecast_corridor(
     if corridor is None:
         kind = vehicle_file.data["estimator"].get("kind", N_("of this vehicle"))
         raise AnswerNo(fault("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind))
-    return CorridorForecast(corridor, laps, float(route.t_s[-1]), run)
+    return CorridorForecast(corridor, laps, run.duration_s / laps, run)

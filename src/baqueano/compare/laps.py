@@ -61,7 +61,7 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
     --------
     >>> run = bq.repeat(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2), laps=2)
     >>> [f"{lap.duration_s:.1f} s" for lap in laps_of(run)]
-    ['9.4 s', '9.8 s']
+    ['9.8 s', '9.8 s']
     """
     ref, log = run.guide_reference, run.truth if run.truth is not None else run.estimate
     if ref is None or log is None or len(ref.t_ns) < 3 or len(log.t_ns) < 2:

@@ -35,7 +35,7 @@ DEFAULTS: dict[str, object] = {
     "stacks_innovations": False,  # True if the innovations are those of the sensors in `use`, one after the other
     # of a guide
     "laps": None,  # number of laps
-    "entry_state": None,  # the state of a guide whose vehicle joins the route at a later time of the route
+    "entry_state": None,  # the state of a guide whose vehicle joins the route later, with a speed
     "set_pace": None,  # sets the pace that the operator requests during a drive
     # of any block
     "is_compiled": False,  # True if a step always returns the classes and shapes of its first step

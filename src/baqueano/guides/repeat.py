@@ -1,12 +1,14 @@
 """Repeat a route, as the paper's Teach and Repeat does: the reference is the teacher's pose at the same time.
 
     t = time since the first tick,   lap = ⌊τ / T⌋,   η_r = route(τ − lap T),   ν_r = τ̇ ν(τ − lap T)       (1)
-    τ̇ = 1,   at the end 1 − (t − t_b) / D,   D = |v_e| / braking_m_s2,   t_b = laps T − D / 2              (2)
+    σ̇ = min(p + t / D, 1),   D = |ν(τ_0)| / a                             from σ = τ_0 at t = 0             (2)
+    dτ/dσ = 1,   at the end 1 − (σ − σ_b) / D,   D = |ν(T)| / a,   σ_b = laps T − D / 2                     (3)
 
-T is the duration of the route, η_r and ν_r the reference, v_e the speed at which the route ends. In the paper τ = t.
-(2) brakes a drawn route, which ends at full speed, to rest at its end; a taught route ends at rest, so D = 0. The
-reference does not wait for the vehicle. An open route is driven once. After the last lap the reference stays at the end
-of the route, at rest. Source: Grotz et al., section Guidance System.
+T is the duration of the route, η_r and ν_r the reference, a = acceleration_m_s2. In the paper τ = t. (2) accelerates a
+drawn route, which begins at full speed, from the speed p |ν(τ_0)| of the vehicle. (3) brakes it to rest at its end. A
+taught route begins and ends at rest, so D = 0. A vehicle at the start has τ_0 = 0; τ_0 > 0 if it joins the route later.
+The reference does not wait for the vehicle. An open route is driven once. After the last lap the reference stays at the
+end of the route, at rest. Source: Grotz et al., section Guidance System.
 """
 
 from copy import copy
@@ -23,16 +25,21 @@ from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import document, parameter
-from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
+from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
 BEFORE_START = -1
+ENDLESS_S = 1e9  # 32 years
+REST_M_S = 0.05  # a drive starts and ends slower: a taught route begins one tick before its vehicle moves
+TINY = 1e-12
 
 
 class RepeatState(NamedTuple):
-    """State of a repeated route: the time at which it started."""
+    """State of a repeated route: when, where and at which pace the vehicle joined it."""
 
-    start_ns: int  # BEFORE_START until the first tick; can be below 0 after the vehicle joined the route
+    start_ns: int  # BEFORE_START until the first tick
+    tau_s: float  # τ_0
+    pace: float  # p, from 0 to 1
 
 
 @document
@@ -56,7 +63,8 @@ class Repeat:
     >>> from baqueano.signals import Estimate
     >>> from baqueano.guides.shapes import circle
     >>> guide = Repeat.along(circle(0.5, 0.2), laps=2)
-    >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> state, _ = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> _, reference = guide.step(state, Estimate(1_000_000_000, np.zeros(3), np.zeros(3), np.eye(6)))
     >>> print(reference.nu)
     [0.2 0.  0.4]
     """
@@ -68,7 +76,12 @@ class Repeat:
     nu: np.ndarray = parameter("m/s, m/s, rad/s", "velocities of the route, body frame, (m, 3)", shape=None)
     laps: int = 1
     closed: bool = False
-    braking_m_s2: float = parameter("m/s²", "deceleration at the end of the last lap", low=0.01, default=0.3)
+    acceleration_m_s2: float = parameter(
+        "m/s²",
+        "acceleration at the start, and deceleration at the end of the last lap",
+        low=0.01,
+        default=0.3,
+    )
 
     def __post_init__(self) -> None:
         for name in ("t_s", "eta", "nu"):
@@ -88,45 +101,78 @@ class Repeat:
 
     @classmethod
     def along(cls, route: Route, laps: int = 1, **parameters: float) -> "Repeat":
-        """Return the guide that repeats `route`; `parameters` are further fields, such as `braking_m_s2`."""
+        """Return the guide that repeats `route`; `parameters` are further fields, such as `acceleration_m_s2`."""
         return cls(route.t_s, route.eta, route.nu, laps, route.closed, **parameters)
 
     def init(self) -> RepeatState:
         """Return the state before the first tick."""
-        return RepeatState(BEFORE_START)
+        return RepeatState(BEFORE_START, 0.0, 0.0)
 
-    def entry_state(self, t_ns: Value, tau_s: Value) -> Tree:
-        """Return the state of a vehicle that joins the route at the time `tau_s` of the route."""
-        return RepeatState(t_ns - np.rint(tau_s * NANOSECONDS))
+    def entry_state(self, t_ns: Value, tau_s: Value, speed_m_s: Value) -> Tree:
+        """Return the state of a vehicle that joins the route with this speed, at the time `tau_s` of the route."""
+        pace = speed_m_s / np.maximum(np.interp(tau_s, self.t_s, self._speed()), TINY)
+        return RepeatState(t_ns, tau_s, np.clip(pace, 0.0, 1.0))
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Return the state, and the reference: pose and velocity of the route at this time of the lap.  (1)"""
-        start_ns: Value = np.where(state.start_ns == BEFORE_START, estimate.t_ns, state.start_ns)
-        tau_s, pace, is_over = self._time_of_route(seconds(estimate.t_ns, start_ns))
-        period = self.t_s[-1]
+        state = self._joined(state, estimate)
+        sigma_s, starting_pace = self._start(state, estimate.t_ns)
+        tau_s, ending_pace, is_over = self._end(sigma_s)
+        period, pace = self.t_s[-1], starting_pace * ending_pace
         phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
         nu = [
             np.where(is_over > 0.0, 0.0, pace * np.interp(phase, self.t_s, self.nu[:, i])) for i in range(3)
         ]
-        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), np.array(nu), is_over)
-        return RepeatState(start_ns), reference
+        return state, Reference(
+            estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), np.array(nu), is_over
+        )
 
     @property
-    def braking_s(self) -> float:
-        """Return D [s], the time in which the reference brakes at the end; at most for half of a lap.  (2)"""
-        return min(float(np.hypot(*self.nu[-1, :2])) / self.braking_m_s2, float(self.t_s[-1]))
+    def end_s(self) -> float:
+        """Return the time τ [s] at the end of the last lap; ENDLESS_S for a closed route without end."""
+        laps = self.laps if self.closed else 1
+        return laps * float(self.t_s[-1]) if laps > 0 else ENDLESS_S
 
-    def _time_of_route(self, t: Value) -> tuple[Value, Value, Value]:
-        """Return τ [s] at the time t [s], the pace τ̇, and 1 after the end, else 0.  (2)"""
-        if self.laps == 0 and self.closed:
-            return t, 1.0, 0.0
-        end_s, D = (self.laps if self.closed else 1) * self.t_s[-1], self.braking_s
-        is_over: Value = np.where(t >= end_s + 0.5 * D, 1.0, 0.0)
-        if D == 0.0:
-            return t, 1.0, is_over
-        x = np.clip(t - (end_s - 0.5 * D), 0.0, D)
-        return np.minimum(t, end_s - 0.5 * D) + x * (1.0 - 0.5 * x / D), 1.0 - x / D, is_over
+    @property
+    def duration_s(self) -> float:
+        """Return the time [s] from rest at the start of the route to rest at its end.  (2), (3)"""
+        return self.end_s + 0.5 * float(self.ramp_s(0.0) + self.ramp_s(self.t_s[-1]))
+
+    def ramp_s(self, tau_s: Value) -> Value:
+        """Return D [s], the time between rest and the speed of the route at `tau_s`; at most a lap.  (2), (3)"""
+        return np.minimum(np.interp(tau_s, self.t_s, self._speed()) / self.acceleration_m_s2, self.t_s[-1])
+
+    def _speed(self) -> np.ndarray:
+        """Return the speed (m,) [m/s] of the route; 0 below REST_M_S."""
+        speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
+        return np.where(speed < REST_M_S, 0.0, speed)
+
+    def _joined(self, state: RepeatState, estimate: Estimate) -> RepeatState:
+        """Return the state; at the first tick that of a vehicle at the start of the route, with its present speed."""
+        ahead = self.nu[0, :2] / max(float(self._speed()[0]), TINY)
+        speed_m_s = np.maximum(ahead[0] * estimate.nu[0] + ahead[1] * estimate.nu[1], 0.0)
+        at_start = Repeat.entry_state(self, estimate.t_ns, 0.0, speed_m_s)
+        is_first = state.start_ns == BEFORE_START
+        start_ns, tau_s, pace = (np.where(is_first, a, b) for a, b in zip(at_start, state, strict=True))
+        return state._replace(start_ns=start_ns, tau_s=tau_s, pace=pace)
+
+    def _start(self, state: RepeatState, t_ns: Value) -> tuple[Value, Value]:
+        """Return σ [s] at the time `t_ns`, and the pace σ̇.  (2)"""
+        t, D = seconds(t_ns, state.start_ns), self.ramp_s(state.tau_s)
+        starting_s = (1.0 - state.pace) * D
+        x = np.clip(t, 0.0, starting_s)
+        rise = x / np.maximum(D, TINY)
+        sigma_s = state.tau_s + x * (state.pace + 0.5 * rise) + (t - x)
+        return sigma_s, np.where(t < starting_s, state.pace + rise, 1.0)
+
+    def _end(self, sigma_s: Value) -> tuple[Value, Value, Value]:
+        """Return τ [s] for σ, its slope dτ/dσ, and 1 after the end, else 0.  (3)"""
+        D = self.ramp_s(self.t_s[-1])
+        begin_s = self.end_s - 0.5 * D
+        x = np.clip(sigma_s - begin_s, 0.0, D)
+        fall, is_over = x / max(D, TINY), np.where(sigma_s >= begin_s + D, 1.0, 0.0)
+        return np.minimum(sigma_s, begin_s) + x * (1.0 - 0.5 * fall), 1.0 - fall, is_over
 
 
 def with_laps(guide: Guide, laps: int) -> Guide:

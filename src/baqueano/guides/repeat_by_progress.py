@@ -6,7 +6,7 @@
       = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stop, move back
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
     η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps      (4)
-    τ̇ ≤ √(2 (laps T − τ) / D)                                 braking at the end, see repeat.py           (5)
+    τ̇ ≤ σ̇ at the start,   τ̇ ≤ √(2 (laps T − τ) / D) at the end           of (2) and (3) of repeat.py     (5)
 
 τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
 and (1) searches only near τ and between two changes of direction: neither a crossing nor a cusp is a short cut. slack =
@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
-from baqueano.guides.repeat import Repeat
+from baqueano.guides.repeat import TINY, Repeat, RepeatState
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 
@@ -38,6 +38,7 @@ class ProgressState(NamedTuple):
 
     t_ns: int  # -1 before the first tick
     tau_s: float  # time of the teacher, over all laps
+    entry: RepeatState  # when, where and at which pace the vehicle joined the route
 
 
 @document
@@ -71,35 +72,40 @@ class RepeatByProgress(Repeat):
 
     def init(self) -> Tree:
         """Return the state before the first tick."""
-        return ProgressState(-1, 0.0)
+        return ProgressState(-1, 0.0, Repeat.init(self))
 
-    def entry_state(self, t_ns: Value, tau_s: Value) -> Tree:
-        """Return the state of a vehicle that joins the route at the time `tau_s` of the route."""
-        return ProgressState(t_ns, tau_s)
+    def entry_state(self, t_ns: Value, tau_s: Value, speed_m_s: Value) -> Tree:
+        """Return the state of a vehicle that joins the route with this speed, at the time `tau_s` of the route."""
+        return ProgressState(t_ns, tau_s, Repeat.entry_state(self, t_ns, tau_s, speed_m_s))
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference at the teacher's time τ.  (4)"""
-        period, laps = self.t_s[-1], self.laps if self.closed else 1
-        end = laps * period if laps > 0 else FAR_AWAY
+        period, end = self.t_s[-1], self.end_s
+        entry = self._joined(state.entry, estimate)
         phase = state.tau_s - period * np.floor(state.tau_s / period)
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
         pace, aside_m = self._pace(phase, estimate)
-        braking_pace = self._braking_pace(end - state.tau_s)
-        tau_s = np.clip(state.tau_s + np.minimum(pace, braking_pace) * dt_s, 0.0, end)
+        largest_pace = np.minimum(
+            self._starting_pace(entry, estimate.t_ns), self._braking_pace(end - state.tau_s)
+        )
+        tau_s = np.clip(state.tau_s + np.minimum(pace, largest_pace) * dt_s, 0.0, end)
         is_over: Value = np.where(tau_s >= end, 1.0, 0.0)
         phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
-        forward_pace = np.minimum(np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)), braking_pace)
+        forward_pace = np.minimum(np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)), largest_pace)
         forward_pace = np.where(is_over > 0.0, 0.0, forward_pace)
         nu = forward_pace * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
         reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, is_over)
-        return ProgressState(estimate.t_ns, tau_s), reference
+        return ProgressState(estimate.t_ns, tau_s, entry), reference
+
+    def _starting_pace(self, entry: RepeatState, t_ns: Value) -> Value:
+        """Return the largest pace τ̇ at the time `t_ns`, while the vehicle starts.  (5)"""
+        pace = self._start(entry, t_ns)[1]
+        return np.where(pace < 1.0, pace, self.fastest)
 
     def _braking_pace(self, left_s: Value) -> Value:
-        """Return the largest pace τ̇ if `left_s` [s] of the teacher's time are left: that of (2) of repeat.py.  (5)"""
-        if self.braking_s == 0.0:
-            return self.fastest
-        rest = np.maximum(left_s, 0.0) / self.braking_s
+        """Return the largest pace τ̇ if `left_s` [s] of the teacher's time are left.  (5)"""
+        rest = np.maximum(left_s, 0.0) / np.maximum(self.ramp_s(self.t_s[-1]), TINY)
         return np.where(rest < 0.5, np.maximum(np.sqrt(2.0 * rest + 1e-12), MIN_PACE), self.fastest)
 
     def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value]:

@@ -1,7 +1,7 @@
 """Two guides in turn: a path onto a route and then the route, or a route and then the path back to its start.
 
     first  until it is done,  then second                                                                 (1)
-    if `first` drives to a route: second begins at the time τ of its route at which `first` arrived        (2)
+    if `first` drives to a route: second begins at the time τ and the speed at which `first` arrived       (2)
 
 If the second guide does not have `entry_state`, it first receives an estimate whose timestamp is τ earlier.
 """
@@ -102,6 +102,6 @@ class GuideSequence:
         tau_s = first.goal[0]
         entry_at = optional.attribute(self.second, "entry_state")
         if entry_at is not None:
-            return entry_at(estimate.t_ns, tau_s)
+            return entry_at(estimate.t_ns, tau_s, first.v_m_s)
         shifted_estimate = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
         return self.second.step(self.second.init(), shifted_estimate)[0]

@@ -7,7 +7,7 @@
 
 p is the position on the path. R, A, k: radius, amplitude and number of waves; a: half the length; n, L: number of
 crests and length; κ, s: curvature and distance along the path. (1) and (2) are moved so that they start at the origin
-along x, and they are closed. The speed along the path is constant, from the first tick on.
+along x, and they are closed. The speed along the path is constant.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
@@ -360,7 +361,7 @@ class SinuousCircle:
     --------
     >>> from baqueano.signals import Estimate
     >>> guide = SinuousCircle(radius_m=0.6, amplitude_m=0.08, waves=5, speed_m_s=0.2)
-    >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.array([0.2, 0.0, 0.0]), np.eye(6)))
     >>> print(reference.nu.round(2))
     [0.2  0.   0.36]
     """
@@ -382,6 +383,10 @@ class SinuousCircle:
     def init(self) -> RepeatState:
         """Return the state before the first tick."""
         return self._repeat().init()
+
+    def entry_state(self, t_ns: Value, tau_s: Value, speed_m_s: Value) -> RepeatState:
+        """Return the state of a vehicle that joins the route with this speed, at the time `tau_s` of the route."""
+        return self._repeat().entry_state(t_ns, tau_s, speed_m_s)
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Return the state, and the reference pose and velocity at this time.  (1)"""

@@ -72,10 +72,11 @@ def fastest(
     share: float = COMMAND_SHARE,
     lateral_m_s2: float = MAX_LATERAL_M_S2,
     speed_m_s: float = MAX_SPEED_M_S,
-    from_rest: bool | None = None,
     backend: str = "auto",
 ) -> Route:
     """Return a route driven as fast as the identified vehicle can.
+
+    An open route begins and ends at rest. A closed route repeats without a stop: its guide accelerates and brakes.
 
     Parameters
     ----------
@@ -89,9 +90,6 @@ def fastest(
         Largest acceleration to the side; above it, tyres and small objects slip.
     speed_m_s : float
         Largest speed.
-    from_rest : bool, optional
-        True if the route begins and ends at rest. Default: True for an open route; a closed route repeats without a
-        stop.
     backend : str
         "auto", "c", "python", or "numpy".
 
@@ -131,9 +129,8 @@ def fastest(
         raise UsageError(
             fault("route.too-tight", fix, at_m=float(path.s[index]), radius_m=float(1.0 / curvature[index]))
         )
-    begins_at_rest = not route.closed if from_rest is None else from_rest
     up, down = (_rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0))
-    return route_along(path, _sweep(path, max_speed, up, down, begins_at_rest), forward_sign, route.closed)
+    return route_along(path, _sweep(path, max_speed, up, down, not route.closed), forward_sign, route.closed)
 
 
 def _resample(path: RoutePath) -> RoutePath:

@@ -75,7 +75,7 @@ def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int =
     >>> from baqueano.vehicle_file import load
     >>> run = simulate_loop(load("small"), circle(0.3, 0.2), noise=False)
     >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
-    9.8 s, 0.6 m wide
+    10.1 s, 0.6 m wide
     """
     return next(simulate_loops(vehicle_file, route, [seed], **options))
 

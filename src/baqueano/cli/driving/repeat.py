@@ -98,13 +98,13 @@ def command(
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
     from baqueano.drive.safety.precautions import Precautions
+    from baqueano.guides import Repeat
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file, robot)
     taught_route = options.find_route(route)
     if faster:
-        ends = True if laps == 1 else None  # a single lap begins and ends at rest
-        taught_route = fastest_route(taught_route, route, vehicle_file, from_rest=ends, backend=backend)
+        taught_route = fastest_route(taught_route, route, vehicle_file, backend=backend)
     walled_room = room_of_options(vehicle_file, room, start)
     check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
     precautions = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
@@ -119,7 +119,7 @@ def command(
         open_target(robot, vehicle_file, seed, backend, page=watching, shake=shake) as target,
     ):
         path = options.run_path(out, folder, "repeat")
-        duration_s = announce_rest(mission, vehicle_file) + laps * float(taught_route.t_s[-1])
+        duration_s = announce_rest(mission, vehicle_file) + Repeat.along(taught_route, laps).duration_s
         if laps == 0:
             print_message(note("cli.until-ctrl-c"))
         with show_time_progress(note("cli.repeat"), laps and duration_s) as progress:

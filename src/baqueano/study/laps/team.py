@@ -150,7 +150,7 @@ def simulate_taught_laps(
     )
     errors = errors if ends is None else errors - ends
     loops = [Loop(vehicle_file, True, "auto") for vehicle_file in files]
-    guide = Repeat.along(route, braking_m_s2=np.inf)
+    guide = Repeat.along(route, acceleration_m_s2=np.inf)
     states, progress = [loop.start(route.eta[0]) for loop in loops], guide.init()
     begin_s, end_s = STANDING_S, STANDING_S + float(route.t_s[-1]) + SETTLE_S
     t_ns = tick_times(round((end_s + STANDING_S) * RATE_HZ), RATE_HZ)

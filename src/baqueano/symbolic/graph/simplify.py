@@ -15,6 +15,8 @@ from baqueano.symbolic.ieee import LOGICAL
 if TYPE_CHECKING:
     from baqueano.symbolic.graph.node import Graph, Node
 
+CLIP_DEPTH = 4  # a command that is clipped twice: min(max(min(max(…))))
+
 
 def _is(node: "Node", value: float) -> bool:
     return node.op == "const" and node.value == value
@@ -181,14 +183,17 @@ def _max(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     return b if a is b or (a.op == "const" and _is_bounded(b, "max", a.value)) else None
 
 
-def _is_bounded(x: "Node", op: str, bound: float) -> bool:
-    """Return True if x is at most the bound ("min") or at least ("max"), or NaN, as a command that is clipped twice."""
+def _is_bounded(x: "Node", op: str, bound: float, depth: int = CLIP_DEPTH) -> bool:
+    """Return True if x is at most the bound ("min") or at least ("max"), or NaN, as a command that is clipped twice.
+    Only `depth` nested clips are examined: the minimum of many values is a long chain.
+    """
     if math.isinf(bound) and (bound > 0.0) == (op == "min"):
         return True
     if x.op == "const":
         return x.value <= bound if op == "min" else x.value >= bound
     if x.op in ("min", "max"):
-        return (any if x.op == op else all)(_is_bounded(a, op, bound) for a in x.args)
+        all_or_any = any if x.op == op else all
+        return depth > 0 and all_or_any(_is_bounded(a, op, bound, depth - 1) for a in x.args)
     return op == "max" and bound <= 0.0 and (x.op in ("abs", "sqrt", "hypot") or x.op in LOGICAL)
 
 
