@@ -219,7 +219,7 @@ def test_a_spanish_report_contains_no_english(in_lab, in_strange_letters, capsys
     assert not english_in(words)
 
 
-@pytest.mark.parametrize("line", ["compare 1", "runs ls", "route ls", "forecast lab --vehicle small"])
+@pytest.mark.parametrize("line", ["compare 1", "runs ls", "route ls", "forecast lab --vehicle small --laps 2"])
 def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
     try:
         figures_text = TYPED.sub("", said_by(line, capsys))
