@@ -136,7 +136,10 @@ class DeadReckoning:
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> DeadReckoningBelief:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
-        speed, turning = scale_std(self.sensors, {r.name: r.rows for r in self.readings})
+        forward, turning = (
+            {r.name: r.rows for r in self.readings if k in r.entries} for k in (0, TURNING_INDEX)
+        )
+        speed, turning = scale_std(self.sensors, forward, turning)
         bias = [bias.value_at(self.sensors, bias.std) for bias in self.gyro_bias]
         errors = np.array([*(bias or [0.0]), turning, speed])
         cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)

@@ -182,11 +182,18 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     """Return the standard deviations (n,) of the state at the start."""
     states = layout(estimator)
     biases = np.array([bias.value_at(estimator.sensors, bias.std) for bias in states.biases])
-    scales = scale_std(estimator.sensors, dict(zip(states.names, states.entries, strict=True)))
+    scales = scale_std(estimator.sensors, *(_channels_correcting(states, k) for k in SPEED_AND_YAW_RATE))
     if not states.speed_is_measured and estimator.speed_error_std[1] > 0.0:
         scales[0] = estimator.speed_error_std[1]
     course = np.array([estimator.course_std, 1.0])
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
+
+
+def _channels_correcting(states: Layout, state: int) -> dict[str, tuple[int, ...]]:
+    """Return the channels that correct one entry of x, by sensor."""
+    corrects = iter(states.corrects(state).tolist())
+    by_sensor = zip(states.names, states.entries, strict=True)
+    return {name: tuple(i for i in entries if next(corrects)) for name, entries in by_sensor}
 
 
 def _dependencies(sensor: Sensor) -> list[_Dependencies]:

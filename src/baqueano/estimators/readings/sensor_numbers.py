@@ -124,15 +124,18 @@ def slip_statistics(
     return np.sum(std**2) / len(entries) ** 2, np.mean(fade_s), np.mean(period_s)
 
 
-def scale_std(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) -> np.ndarray:
-    """Return the standard deviations (2,) of the scales of speed and yaw rate, for these channels in use.
+def scale_std(
+    sensors: SensorBlocks, forward: dict[str, tuple[int, ...]], turning: dict[str, tuple[int, ...]]
+) -> np.ndarray:
+    """Return the standard deviations (2,) of the scales of speed and yaw rate.
 
-    If no channel measures the speed, the speed has the scale error of the model, which was identified with gyro and
+    `forward` and `turning` are the channels that determine the speed and the yaw rate of the estimate, by sensor. If no
+    channel measures the speed, the speed has the scale error of the model, which was identified with gyro and
     accelerometer.
     """
-    forward_stds, turning_stds = (_scale_stds(sensors, used_channels, nu) for nu in (FORWARD_NU, TURNING_NU))
-    turning_std = min(turning_stds, default=0.0)
-    return np.array([min(forward_stds, default=np.hypot(turning_std, ACCEL_SCALE_STD)), turning_std])
+    turning_std = min(_scale_stds(sensors, turning, TURNING_NU), default=0.0)
+    of_model = np.hypot(turning_std, ACCEL_SCALE_STD)
+    return np.array([min(_scale_stds(sensors, forward, FORWARD_NU), default=of_model), turning_std])
 
 
 def has_speed_scale(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) -> bool:
