@@ -122,6 +122,10 @@ TEMPLATES: dict[str, str] = {
         "{subject} and the gyro agree if the wheels are {track_m:.3g} m apart, but the file has {was_m:.3g} m. Correct "
         "track_m, or estimate it. Type: {fix}"
     ),
+    "file.slides": (
+        "with {subject} = {now:.3g}, a guess, the wheels slide in turns, so the course differs from the heading by "
+        "{degrees:.1f}° rms. This turns the path of each estimate. If the tyres hardly slide, write {stiff:.3g}"
+    ),
     "file.far-gain": (
         "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors"
     ),

@@ -1,10 +1,12 @@
-"""Compare the track of two wheels in the file with the track by wheels and gyro.
+"""Compare wheels in the file with their motion: the track by wheels and gyro, and the sliding in turns.
 
     ω_z = s (v_r − v_l)/b + noise,   s ≤ s_true ≤ s/ρ²,   b_true = b/s_true                                (1)
+    β = m ω_z/d_y,   d_y = ∂f_y/∂ν_y at rest                                                               (2)
 
 Noise of the wheels makes the slope s too small, at most by the squared correlation ρ². The finding needs a track
 outside (1) by MAX_TRACK_ERROR, more than the scales of a gyro and of a wheel. Wheels that skid in turns look further
-apart, and a fit with this track is right for them too.
+apart, and a fit with this track is right for them too. (2) is the angle between course and heading in a steady turn.
+Driven wheels cannot show d_y, so a guess of it remains in the file, and turns the course of each estimate.
 """
 
 from typing import TYPE_CHECKING
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
     from baqueano.identify.identifiability import FinishedFit
 
 MAX_TRACK_ERROR = 0.15
+MAX_SLIDE_RAD = 0.04  # rms; tyres of small robots slide less
+SIDEWAYS_PATH = "model.friction.linear[1]"
+STIFFEST_PER_TICK = 2.0  # decay of a sideways velocity in a tick that the integrator follows well
 
 
 def track_findings(end: "FinishedFit") -> list[Diagnostic]:
@@ -44,3 +49,22 @@ def track_findings(end: "FinishedFit") -> list[Diagnostic]:
             figures = {"track_m": most_m, "was_m": track_m}
             findings.append(note("file.track", Severity.WARNING, f"--free +{path}", name, **figures))
     return findings
+
+
+def sliding_findings(end: "FinishedFit") -> list[Diagnostic]:
+    """Return a finding if the wheels slide by a guess of the sideways friction that the fit could not estimate.  (2)"""
+    model, problem, sensors = end.blocks.model, end.task.problem, end.blocks.sensors._asdict()
+    paths = [parameter.path for parameter in end.parameters.free]
+    gyros = [problem.spans[name].start + GYRO_CHANNEL for name in problem.names if is_imu(sensors[name])]
+    is_guess = SIDEWAYS_PATH in paths and not end.identifiability.mask[paths.index(SIDEWAYS_PATH)]
+    if not (gyros and is_guess) or 1 in model.drivetrain.driven_axes:
+        return []
+    friction = model.friction  # SIDEWAYS_PATH is one of its parameters
+    rate = clip(measurements(problem)[:, gyros[:1]])[:, 0]
+    slope = float(friction.linear[1] + friction.coulomb[1] / friction.coulomb_speed[1])
+    angle = float(model.mass_kg * np.sqrt(np.nanmean(rate**2)) / slope) if slope > 0.0 else np.inf
+    stiff = STIFFEST_PER_TICK * float(model.mass_kg) * end.vehicle_file.rate_hz
+    if angle <= MAX_SLIDE_RAD or slope >= stiff:
+        return []
+    figures = {"now": slope, "degrees": float(np.degrees(angle)), "stiff": stiff}
+    return [note("file.slides", Severity.INFO, subject=SIDEWAYS_PATH, **figures)]

@@ -43,3 +43,22 @@ def test_noisy_wheels_do_not_look_further_apart(run):
     z = run.sensors["wheels"].z + np.random.default_rng(0).normal(0.0, 0.08, run.sensors["wheels"].z.shape)
     noisy = {**run.sensors, "wheels": run.sensors["wheels"]._replace(z=z)}
     assert track_of(type(run)(run.name, None, run.t_ns, run.applied_commands, sensors=noisy), TRACK_M) == []
+
+
+@pytest.mark.parametrize(("guess", "finds"), [(10.0, True), (60.0, False)])
+def test_a_guess_with_which_wheels_slide_in_turns_is_named_with_a_value_of_tyres(guess, finds):
+    """The gyro of a vehicle with its mass on the axle does not show how it stops sideways."""
+    small = load("small").with_values({"model.centre_of_mass_x_m": 0.0})
+    gyro_run = simulate(small, random_steps(small.command.limit, 20.0, small.rate_hz, 5), 5)
+    guessed_file = small.with_values({"model.friction.linear": [3.3, guess, 0.0115]})
+    findings = [
+        f for f in identify(gyro_run, guessed_file, use=["imu[2]"]).findings if f.code == "file.slides"
+    ]
+    assert len(findings) == finds
+    for finding in findings:
+        assert finding.subject == "model.friction.linear[1]"
+        turned_rad_s = np.sqrt(np.mean(gyro_run.sensors["imu"].z[:, 2] ** 2))
+        assert finding.figures["degrees"] == pytest.approx(np.degrees(0.61 * turned_rad_s / guess), rel=0.1)
+        stiff = finding.figures["stiff"]
+        guessed_file.with_values({"model.friction.linear": [3.3, stiff, 0.0115]})  # can be simulated
+        assert 0.61 * turned_rad_s / stiff < 0.04
