@@ -1,12 +1,15 @@
 """An IMU whose axes differ from those of the model is named with a remedy if the data show it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from baqueano.identify import excitation, identify
+from baqueano.identify import fit as module
 from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.diagnostics import file_consistency
 from baqueano.identify.diagnostics.file_consistency import gain_findings
 from baqueano.identify.parameters.free import default_free, free_parameters
 from baqueano.sensors import Wheels
@@ -61,6 +64,25 @@ def test_an_unmodelled_dead_zone_is_not_reported_as_a_mounting_error(case, case_
     fit = identify(replace(simulate(case, weak, 0), applied_commands=run.applied_commands), case)
     assert fit.verdict != "USABLE"
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
+
+
+@pytest.mark.parametrize(("is_of_mount", "code"), [(True, "mount.swapped"), (False, None)])
+def test_a_better_minimum_is_not_reported_as_a_mounting_error(case, case_run, monkeypatch, is_of_mount, code):
+    """A simulated tank with the right IMU was refused as swapped, because the trial found a better fit of the gyro."""
+    monkeypatch.setattr(module, "fit_by_simulation", lambda end: end)
+    end = identify(case_run(0, 5.0), case)
+    worse, better, other_theta = np.full(3, 0.2), np.array([0.2, 0.2, 0.05]), end.task.start + 1e-9
+    z = end.task.problem.records[0].sensors["imu"].z
+
+    def search_from(task, blocks, records, theta):
+        is_swapped = np.array_equal(records[0].sensors["imu"].z[:50], z[:50, [1, 0, 2]])
+        is_better = is_swapped or (theta is other_theta and not is_of_mount)
+        solution = SimpleNamespace(theta=other_theta, evaluation=SimpleNamespace(cost=1.0))
+        return SimpleNamespace(sigma=better if is_better else worse, solution=solution)
+
+    monkeypatch.setattr(file_consistency, "_search_from", search_from)
+    finding = file_consistency._better_mount(end, "imu")
+    assert (finding[1].code if finding else None) == code
 
 
 def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):

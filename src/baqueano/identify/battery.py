@@ -50,7 +50,7 @@ def with_shown_battery(
     drivetrain = getattr(file.vehicle, "drivetrain", None)
     volts = _voltage_in_motion(runs)
     if (
-        fit.verdict == Verdict.REFUSED or not len(volts)
+        not len(volts) or fit.verdict == Verdict.REFUSED
         or drivetrain is None or not has_field(drivetrain, "battery_effect")
         or drivetrain.battery == "logged" or BATTERY_EFFECT in (*fit.names, *fixed)
     ):  # fmt: skip

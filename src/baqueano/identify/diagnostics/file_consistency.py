@@ -220,6 +220,14 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     max_gain = max(gain for gain, _, _ in trials)
     for gain, mount, result in trials if is_clear(max_gain, max_gain / n.sum()) else ():
         if gain > SIMILAR_GAIN_FRACTION * max_gain and _agrees_with_file(task, blocks, result):
+            # another minimum, not the mount, can explain a gain: the same start must not help the unchanged readings
+            as_in_file = min(
+                (as_in_file, _search_from(task, blocks, records, result.solution.theta)),
+                key=lambda end: _log_sigma(end, channels, n),
+            )
+            gain = _log_sigma(as_in_file, channels, n) - _log_sigma(result, channels, n[list(mount.order)])
+            if not is_clear(gain, gain / n.sum()):
+                continue
             sigma = result.sigma[channels][np.argsort(mount.order)]  # in the column order of the run
             pairs = zip(as_in_file.sigma[channels], sigma, strict=True)
             less = [note("residual.from-to", before=a, after=b) for a, b in pairs]
