@@ -136,7 +136,7 @@ def test_the_page_drives_a_simulated_vehicle_without_posix_modules(laptop):
         port = next(int(m[1]) for line in page.stderr if (m := re.search(rb"127\.0\.0\.1:(\d+)/", line)))
         host = f"127.0.0.1:{port}"
         with connect(
-            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None
         ) as line:
             line.send(json.dumps({"is": "hello", "lang": "es"}))
             assert first(line, "hello")["vehicle"]["world"] == "simulated"

@@ -15,7 +15,7 @@ from baqueano.runs.folder import is_run_name
 from tests.codes import refused
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-READY = {"is": "state", "state": "READY", "why": ""}
+READY = {"is": "state", "state": "READY", "reason": ""}
 NAMES = (
     "../../x.sh", "../x.mcap", "/tmp/baqueano-pwned/authorized_keys", "/tmp/x.mcap", "a/b.mcap", "a\\b.mcap",
     "C:x.mcap", "C:\\x.mcap", ".hidden.mcap", "..mcap", ".mcap", "-rf.mcap", "x.sh", "x.mcap.sh", "", ".", "..",
@@ -133,7 +133,7 @@ def test_existing_local_files_and_links_are_not_changed(baqueano, liar, tmp_path
         ([piece(b"x", 5), piece(b"", 5)], 4),
         ([piece(b"x", -7)], 4),
         ([{"is": "file", "run": "x", "data": "no base64!", "left": 0}], 4),
-        ([{"is": "no", "why": "\x1b[2J gone", "code": 1}], 1),
+        ([{"is": "refused", "reason": "\x1b[2J gone", "code": 1}], 1),
         ([b"x" * (2 << 20)], 4),
     ],
 )
@@ -146,7 +146,7 @@ def test_a_run_of_wrong_length_is_discarded(baqueano, liar, tmp_path, pieces, co
 
 
 def test_a_status_text_cannot_send_terminal_control_codes(baqueano, liar):
-    status = READY | {"why": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
+    status = READY | {"reason": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
     end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, status]))
     assert end.code == 0
     assert r"\x1b[2J\x9b\u202e all baqueano: forged" in end.out

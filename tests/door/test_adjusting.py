@@ -51,7 +51,7 @@ def test_a_new_gain_applies_from_the_next_tick_and_is_logged():
     assert event.diagnostic.figures == {
         "path": "controller.k_x", "before": str(float(before)), "now": "0.0"
     }  # fmt: skip
-    assert messages[0]["said"] == event.diagnostic
+    assert messages[0]["message"] == event.diagnostic
     assert file.controller().k_x == before
 
 
@@ -124,7 +124,7 @@ def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
     _, run, messages = drive_with(("controller.k_x", 1.0))
     _, same, _ = drive_with()
     np.testing.assert_array_equal(run.requested_commands, same.requested_commands)
-    assert [(message["level"], message["said"].code) for message in messages] == [
+    assert [(message["level"], message["message"].code) for message in messages] == [
         ("warning", "door.gain-refused")
     ]
 
@@ -155,11 +155,11 @@ def test_a_pace_of_zero_pauses_the_guide_and_is_logged():
     assert v[100] == pytest.approx(0.3)
     assert np.all(v[101 + 70 :] == 0.0)  # it brakes in 0.6 s and waits until the drive is ended
     assert np.max(np.abs(np.diff(v))) < 0.3 / 0.6 * 0.011
-    assert [message["said"].code for message in messages] == ["door.set"]
+    assert [message["message"].code for message in messages] == ["door.set"]
 
 
 @pytest.mark.parametrize("value", [1.5, -0.1, float("nan"), "slow", None])
 def test_a_wrong_pace_is_refused_and_the_drive_continues(value):
     _, run, messages = drive_with(("guide.pace", value))
-    assert [message["said"].code for message in messages] == ["door.guide-pace"]
+    assert [message["message"].code for message in messages] == ["door.guide-pace"]
     assert run.reference.done[-1] == 1.0

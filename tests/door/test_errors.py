@@ -27,14 +27,14 @@ def vehicle(**message):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_exit_code_is_converted_back_to_its_error_type(kind):
-    error = error_of_exit_code(kind.exit_code, "why")
-    assert (type(error), str(error)) == (kind, "why")
+    error = error_of_exit_code(kind.exit_code, "reason")
+    assert (type(error), str(error)) == (kind, "reason")
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_error_of_the_vehicle_is_raised_on_the_laptop(kind):
-    with pytest.raises(kind, match="why") as error_info:
-        vehicle(**{"is": "no", "why": "why", "code": kind.exit_code}).receive(("state",), 5.0)
+    with pytest.raises(kind, match="reason") as error_info:
+        vehicle(**{"is": "refused", "reason": "reason", "code": kind.exit_code}).receive(("state",), 5.0)
     assert type(error_info.value) is kind
 
 

@@ -20,7 +20,7 @@ BEAT = b'{"do": "beat"}\n'
 HALF_A_MISSION = (
     b'{"do": "mission", "door": %d, "mission": "' % sockets.VERSION + b"x" * 2 * MAX_SHORT_LINE_BYTES
 )
-STOP = b'{"do": "stop", "why": "it nears the stairs"}\n'
+STOP = b'{"do": "stop", "reason": "it nears the stairs"}\n'
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turn
         teacher.line.sendall(STOP)
         while (message := teacher.receive())["is"] == "state":
             pass
-        assert message == {"is": "heard", "do": "stop"}
+        assert message == {"is": "received", "do": "stop"}
         at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
         assert at - before <= 8 * MAX_LINES  # of millions of messages sent meanwhile
         door.operator.discard_requests(door.operator.stop_reason(False))
@@ -74,7 +74,7 @@ def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turn
 
 
 def test_a_message_of_the_loop_has_priority_over_the_waiting_lines(door, connect, monkeypatch):
-    person, answer, event = connect(), door._answer, {"is": "event", "level": "info", "said": "x"}
+    person, answer, event = connect(), door._answer, {"is": "event", "level": "info", "message": "x"}
     monkeypatch.setattr(door, "_answer", lambda client, line: (answer(client, line), door.broadcast(event)))
     person.line.sendall(b'{"do": "ping"}\n' * 20)
     kinds = [person.receive()["is"] for _ in range(40)]
@@ -111,7 +111,7 @@ def test_a_client_that_sends_too_fast_receives_the_number_of_dropped_lines(door,
     person.line.sendall(RUNS * (4 * MAX_BACKLOG))
     while (message := person.receive())["is"] == "runs":
         pass
-    assert message["about"]["code"] == "door.too-many"
+    assert message["diagnostic"]["code"] == "door.too-many"
 
 
 def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
@@ -149,12 +149,12 @@ def test_a_stop_is_received_even_if_all_client_places_are_taken(door, connect):
         assert connect().receive()["is"] == "state"
     late = connect()
     late.send(do="runs")
-    assert late.receive()["about"]["code"] == "door.full"
+    assert late.receive()["diagnostic"]["code"] == "door.full"
     assert late.file.readline() == b""
     more = [connect() for _ in range(STOP_CONNECTIONS + 2)]  # clients that send nothing
     teacher = connect()
     teacher.line.sendall(STOP)
-    assert teacher.receive() == {"is": "heard", "do": "stop"}
+    assert teacher.receive() == {"is": "received", "do": "stop"}
     assert len(door._clients) <= MAX_CLIENTS + STOP_CONNECTIONS
     door.broadcast({"is": "state", "state": "STOPPED"})
     assert teacher.receive()["state"] == "STOPPED"
@@ -205,11 +205,11 @@ def many_causes(levels):
 @pytest.mark.parametrize("reason", [many_causes(400), [], {"code": 1}])
 def test_a_stop_with_any_reason_stops_and_its_reason_reaches_all(door, connect, reason):
     person = connect()
-    person.send(do="stop", why=reason)
+    person.send(do="stop", reason=reason)
     until(lambda: door.operator.stop_reason(attended=False))
-    door.broadcast({"is": "state", "state": "STOPPED", "why": door.operator.stop_reason(attended=False)})
+    door.broadcast({"is": "state", "state": "STOPPED", "reason": door.operator.stop_reason(attended=False)})
     states = (json.loads(line) for line in person.file)
-    assert next(word for word in states if word["is"] == "state")["why"]["code"] == StopReason.STOPPED_BY
+    assert next(word for word in states if word["is"] == "state")["reason"]["code"] == StopReason.STOPPED_BY
     assert door._thread.is_alive()
 
 
@@ -239,4 +239,4 @@ def test_a_long_line_is_refused_during_a_drive(door, connect):
     with suppress(OSError):
         for _ in range(1000):
             second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * MAX_SHORT_LINE_BYTES)
-    assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
+    assert json.loads(second.file.readline())["diagnostic"]["code"] == "door.somebody"

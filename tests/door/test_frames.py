@@ -219,8 +219,8 @@ def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
     people = [Person(door.path) for _ in range(5)]
     until(lambda: len(door._clients) == 5)
     for k in range(20):
-        door.broadcast({"is": "event", "said": k})
-        assert [person.receive()["said"] for person in people] == [k] * 5
+        door.broadcast({"is": "event", "message": k})
+        assert [person.receive()["message"] for person in people] == [k] * 5
     assert encodings == ["door"] * 20  # and not in the thread of the loop
     for person in people:
         person.close()
@@ -233,7 +233,7 @@ def test_a_watch_with_a_wrong_rate_does_not_end_the_connection(door, hz):
     person.send(do="watch", hz=hz)
     person.send(do="ping", token=1)
     message = person.receive()
-    assert message["is"] in ("no", "pong")
-    if message["is"] == "no":
+    assert message["is"] in ("refused", "pong")
+    if message["is"] == "refused":
         assert person.receive()["token"] == 1
     person.close()

@@ -29,7 +29,7 @@ class Vehicle:
     def __init__(self, folder):
         self.folder, self.operator = folder, Operator()
         self.door = Door(folder / "door", self.operator, folder)
-        self.door.broadcast({"is": "state", "state": "READY", "why": None})
+        self.door.broadcast({"is": "state", "state": "READY", "reason": None})
         self.drives, self.requested = lambda name: [], threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._work)
@@ -41,7 +41,7 @@ class Vehicle:
         return f"{name}.mcap"
 
     def done(self, run, **name):
-        return {"is": "done", "run": run, "why": None, "code": 0, **name}
+        return {"is": "done", "run": run, "reason": None, "code": 0, **name}
 
     def _work(self):
         while not self._done.wait(0.005):
@@ -70,7 +70,7 @@ def mission():
 def test_a_pause_that_arrives_after_the_drive_does_not_hide_its_end(vehicle, mission, tmp_path):
     own, late = vehicle.run("mine", 5), note("door.not-holder", Severity.ERROR)
     vehicle.drives = lambda name: [
-        {"is": "no", "why": "", "about": late, "code": 5}, vehicle.done(own, id=name),
+        {"is": "refused", "reason": "", "diagnostic": late, "code": 5}, vehicle.done(own, id=name),
     ]  # fmt: skip
     with connect(str(vehicle.door.path)) as remote:
         assert len(remote.perform(mission, tmp_path / "run.mcap").t_ns) == 5
@@ -80,7 +80,7 @@ def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp
     foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
     vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]
     with connect(str(vehicle.door.path)) as remote:
-        vehicle.door.broadcast({"is": "event", "level": "info", "said": note("imu.answers")})
+        vehicle.door.broadcast({"is": "event", "level": "info", "message": note("imu.answers")})
         vehicle.door.broadcast(vehicle.done(foreign, id="another"))  # before this drive begins
         remote.send(do="ping", token=1)
         end = time.monotonic() + PATIENCE_S
@@ -93,7 +93,7 @@ def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp
         assert events == []
 
 
-@pytest.mark.parametrize("message", [{"is": "pong"}, {"is": "no", "why": "x", "about": 5}])
+@pytest.mark.parametrize("message", [{"is": "pong"}, {"is": "refused", "reason": "x", "diagnostic": 5}])
 def test_a_malformed_message_during_a_drive_is_ignored(vehicle, mission, tmp_path, message):
     own = vehicle.run("mine", 5)
     vehicle.drives = lambda name: [message, vehicle.done(own, id=name)]
@@ -101,7 +101,7 @@ def test_a_malformed_message_during_a_drive_is_ignored(vehicle, mission, tmp_pat
         assert len(remote.perform(mission, tmp_path / "here.mcap").t_ns) == 5
 
 
-@pytest.mark.parametrize("version", [None, 1, 3])
+@pytest.mark.parametrize("version", [None, 2, 4])
 def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mission, tmp_path, version):
     with connect(str(vehicle.door.path)) as remote:
         remote.state.pop("door")
@@ -109,7 +109,7 @@ def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mis
         with pytest.raises(UsageError) as error_info:
             remote.perform(mission, tmp_path / "here.mcap")
     about = error_info.value.diagnostic
-    assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 2)
+    assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 3)
     assert about.fix.startswith("baqueano robot setup ")
     assert vehicle.operator.pop_mission() is None
 
@@ -119,7 +119,7 @@ def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mis
                          ("", "baqueano robot settings --encoders none")],
 )  # fmt: skip
 def test_a_command_advised_by_a_vehicle_contains_its_address(address, fix):
-    line = encode({"is": "event", "said": note("encoders.both-silent", Severity.WARNING, FIX)})
+    line = encode({"is": "event", "message": note("encoders.both-silent", Severity.WARNING, FIX)})
     message = decode(line, address)
     assert message is not None
-    assert message["said"].fix == fix
+    assert message["message"].fix == fix

@@ -86,12 +86,12 @@ def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder
     child.send(do="watch", hz=20)
     names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
     done, _ = child.drive(kind="teach", name="oval", shape="circle", size_m=0.4, speed_m_s=0.3)
-    assert (done["code"], done["why"], done["route"]) == (0, None, "oval")
+    assert (done["code"], done["reason"], done["route"]) == (0, None, "oval")
     assert read_route(folder / "routes/oval.csv").closed
     child.send(do="routes")
     assert "oval" in [row["name"] for row in child.until(lambda m: m["is"] == "routes")[-1]["routes"]]
     done, messages = child.drive(kind="repeat", route="oval", laps=2)
-    assert (done["code"], done["why"]) == (0, None)
+    assert (done["code"], done["reason"]) == (0, None)
     run = read_run(folder / "runs" / done["run"])
     assert run.metadata["kind"] == "repeat"
     begin = next(
@@ -126,8 +126,8 @@ def test_a_drive_by_hand_records_a_route(child, folder):
 def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
     child.send(do="mission", door=VERSION, id="one", kind="drive", by="page")
     done = child.until(lambda m: m["is"] == "done")[-1]
-    assert done["why"]["code"] == StopReason.HOLDER_SILENT
-    assert 300.0 < done["why"]["figures"]["silent_ms"] < 10_000.0
+    assert done["reason"]["code"] == StopReason.HOLDER_SILENT
+    assert 300.0 < done["reason"]["figures"]["silent_ms"] < 10_000.0
     refusal, _ = child.drive(kind="drive")
     assert (refusal["run"], refusal["code"]) == (None, 5)
     child.send(do="clear")
@@ -162,9 +162,9 @@ def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
         later = new_times(child)
         assert later == pytest.approx([t_s + 0.01 * k for k in range(1, ticks + 1)], abs=1e-6)
         t_s = later[-1]
-    child.send(do="stop", why="the teacher stops it")
+    child.send(do="stop", reason="the teacher stops it")
     done = child.until(lambda m: m["is"] == "done")[-1]
-    assert done["why"]["code"] == StopReason.STOPPED_BY
+    assert done["reason"]["code"] == StopReason.STOPPED_BY
     child.send(do="go")
     child.send(do="clear")
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
@@ -282,14 +282,16 @@ def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder
     child.send(do="shake", kind="tilt", x=0.03)
     child.send(do="shake", kind="push", y=0.4)
     child.send(do="shake", kind="cut", of="gps")
-    refusal = child.until(lambda m: m["is"] == "no")[-1]
-    assert refusal["about"]["code"] == "shake.of"
-    messages = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["noticed"])
+    refusal = child.until(lambda m: m["is"] == "refused")[-1]
+    assert refusal["diagnostic"]["code"] == "shake.of"
+    messages = child.until(
+        lambda m: m["is"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["detections"]
+    )
     tilt, push = messages[-1]["rows"]
-    assert (tilt["fault"]["kind"], push["what"]["code"]) == ("tilt", "shake.push")
-    assert push["noticed"][0]["who"]["code"] in ("ledger.who-nis", "ledger.who-gate")
-    child.send(do="shake", over=1)
-    row = child.until(lambda m: m["is"] == "ledger" and m["rows"][0]["over"])[-1]["rows"][0]
+    assert (tilt["fault"]["kind"], push["message"]["code"]) == ("tilt", "shake.push")
+    assert push["detections"][0]["detector"]["code"] in ("ledger.who-nis", "ledger.who-gate")
+    child.send(do="shake", end=1)
+    row = child.until(lambda m: m["is"] == "ledger" and m["rows"][0]["ended"])[-1]["rows"][0]
     assert row["until_s"] > row["t_s"]
     done = child.until(lambda m: m["is"] == "done")[-1]
     shaken_run = read_run(folder / "runs" / done["run"])
@@ -323,13 +325,13 @@ def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, fold
     }
     child.send(do="mission", door=VERSION, id="one", attended=False, **mission)
     ledger = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2)[-1]
-    assert ledger["rows"][1]["what"]["figures"]["unit"] == "rad/s"
+    assert ledger["rows"][1]["message"]["figures"]["unit"] == "rad/s"
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
     child.send(do="again", from_s=0.4)
     first = child.until(lambda m: m["is"] == "done")[-1]
     assert first["id"] == "one"
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
-    child.send(do="stop", why="enough")
+    child.send(do="stop", reason="enough")
     twin = read_run(folder / "runs" / child.until(lambda m: m["is"] == "done")[-1]["run"])
     shaken_run = read_run(folder / "runs" / first["run"])
     assert not [e for e in twin.events if e.source == "shake"]
@@ -344,15 +346,15 @@ def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, fold
     ("word", "code"),
     [
         ({"do": "shake", "kind": "sag", "part": 0.5}, "shake.no-drive"),
-        ({"do": "shake", "over": 1}, "shake.no-drive"),
+        ({"do": "shake", "end": 1}, "shake.no-drive"),
         ({"do": "mission", "door": VERSION, "kind": "drive", "shake": ["dance"]}, "shake.words"),
         ({"do": "mission", "door": VERSION, "kind": "drive", "shake": "dance"}, "shake.too-many"),
     ],
 )
 def test_an_invalid_fault_is_refused(child, word, code):
     child.send(**word, id="bad")
-    message = child.until(lambda m: m["is"] == "no" or (m["is"] == "done" and m["id"] == "bad"))[-1]
-    assert (message.get("about") or message["why"])["code"] == code
+    message = child.until(lambda m: m["is"] == "refused" or (m["is"] == "done" and m["id"] == "bad"))[-1]
+    assert (message.get("diagnostic") or message["reason"])["code"] == code
 
 
 def test_a_drive_by_hand_is_not_repeated_without_faults(child):
@@ -361,7 +363,7 @@ def test_a_drive_by_hand_is_not_repeated_without_faults(child):
         lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.1, {"do": "hand", "u": [0.3, 0.0, 0.0]}
     )
     child.send(do="again")
-    message = child.until(lambda m: m["is"] == "no", {"do": "beat"})[-1]
-    assert message["about"]["code"] == "shake.by-hand"
+    message = child.until(lambda m: m["is"] == "refused", {"do": "beat"})[-1]
+    assert message["diagnostic"]["code"] == "shake.by-hand"
     child.send(do="end")
     child.until(lambda m: m["is"] == "done", {"do": "beat"})

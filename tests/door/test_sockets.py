@@ -90,9 +90,9 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, con
     until(lambda: door.operator.pop_mission() is not None)
     second = connect()
     second.send(do="mission", door=VERSION, mission=mission)
-    assert second.receive()["about"]["code"] == "door.somebody"
+    assert second.receive()["diagnostic"]["code"] == "door.somebody"
     second.send(do="hand", u=[1.0, 0.0, 0.0])
-    second.send(do="stop", why="it nears the stairs")
+    second.send(do="stop", reason="it nears the stairs")
     until(lambda: door.operator.stop_reason(False) is not None)
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert not door.operator.command(3).any()
@@ -109,7 +109,7 @@ def test_a_refused_mission_is_not_decoded(door, person, connect, monkeypatch, ti
     monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
     second = connect()
     second.send(do="mission", door=VERSION, mission=large)
-    assert loads(second.file.readline())["about"]["code"] == "door.somebody"
+    assert loads(second.file.readline())["diagnostic"]["code"] == "door.somebody"
     assert all(
         n <= MAX_SHORT_LINE_BYTES for n in decoded_texts
     )  # at most one line, never the commands of a mission
@@ -128,12 +128,12 @@ def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, 
     person.send(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.pop_mission() is not None)
     person.send(do="mission", door=VERSION, mission=mission)
-    assert person.receive()["about"]["code"] == "door.own-mission"
+    assert person.receive()["diagnostic"]["code"] == "door.own-mission"
     person.close()
     second = connect()
     until(lambda: door.operator.stop_reason() is not None)  # the door accepts no more clients
     second.send(do="mission", door=VERSION, mission=mission)
-    assert second.receive()["about"]["code"] == "door.mission"
+    assert second.receive()["diagnostic"]["code"] == "door.mission"
     second.send(do="beat")
     second.send(do="hand", u=[1.0, 0.0, 0.0])
     second.send(do="ping")
@@ -163,7 +163,7 @@ def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, 
 def test_fi6_an_invalid_line_is_answered_without_disconnecting(door, person, line):
     door.operator.set_holder(next(iter(until_client(door))))  # the client whose set-points are used
     person.line.sendall(line + b"\n")
-    assert person.receive()["is"] == "no"
+    assert person.receive()["is"] == "refused"
     person.send(do="runs")
     assert person.receive() == {"is": "runs", "runs": []}
 
@@ -192,14 +192,14 @@ def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, monk
     monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
     with suppress(OSError):  # disconnected before the end of the line
         person.line.sendall(line)
-    assert loads(person.file.readline())["about"]["code"] == "door.too-long"
+    assert loads(person.file.readline())["diagnostic"]["code"] == "door.too-long"
     assert all(n < 2 * MAX_SHORT_LINE_BYTES for n in decoded)  # a far longer line is refused before its end
     assert not door.operator.command(2 * MAX_SHORT_LINE_BYTES).any()
 
 
 def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):
-    person.send(do="stop", why="it nears the stairs")
-    assert person.receive() == {"is": "heard", "do": "stop"}
+    person.send(do="stop", reason="it nears the stairs")
+    assert person.receive() == {"is": "received", "do": "stop"}
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
 
 
@@ -207,8 +207,8 @@ def test_rt15_a_stop_halts_the_motors_before_it_is_acknowledged(tmp_path):
     halts = []
     door = Door(tmp_path / "s", Operator(), tmp_path, halt=lambda: halts.append(True))
     person = Person(door.path)
-    person.send(do="stop", why="it nears the stairs")
-    assert person.receive()["is"] == "heard"
+    person.send(do="stop", reason="it nears the stairs")
+    assert person.receive()["is"] == "received"
     assert halts == [True]
     person.close()
     door.close()
@@ -217,8 +217,8 @@ def test_rt15_a_stop_halts_the_motors_before_it_is_acknowledged(tmp_path):
 def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, person):
     person.send(do="mission", mission="{}", id="one")
     message = person.receive()
-    assert (message["is"], message["code"], message["about"]["code"]) == ("no", 2, "door.version")
-    assert isinstance(message["why"], str)
+    assert (message["is"], message["code"], message["diagnostic"]["code"]) == ("refused", 2, "door.version")
+    assert isinstance(message["reason"], str)
     assert door.operator.pop_mission() is None
 
 
@@ -226,13 +226,13 @@ def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, pe
     "reason", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
 )
 def test_a_stop_is_accepted_with_any_reason(door, person, reason):
-    person.send(do="stop", why=reason)
-    assert person.receive() == {"is": "heard", "do": "stop"}
+    person.send(do="stop", reason=reason)
+    assert person.receive() == {"is": "received", "do": "stop"}
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
 def test_the_reason_of_a_stop_is_received_as_data(door, person):
-    person.send(do="stop", why=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
+    person.send(do="stop", reason=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
     person.receive()
     assert door.operator.stop_reason(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
 
@@ -330,4 +330,4 @@ def test_a_second_service_is_refused_and_a_dead_socket_is_replaced(door, tmp_pat
 @pytest.mark.parametrize("word", ["shake", "again", "pace", "pause"])
 def test_a_robot_refuses_commands_of_a_simulation(person, word):
     person.send(do=word, kind="sag", part=0.5)
-    assert person.receive()["about"]["code"] == "door.unknown-word"
+    assert person.receive()["diagnostic"]["code"] == "door.unknown-word"

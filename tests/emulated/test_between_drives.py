@@ -49,7 +49,7 @@ def test_slow_closing_of_a_run_causes_no_command_timeout_fault(service, robot, c
     troubles = []
     closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.trouble)))
     done, run = drive(service, spin())
-    assert (done["why"], troubles) == (None, [None])
+    assert (done["reason"], troubles) == (None, [None])
     assert StopReason.UNO_DEAD_MAN not in [e.diagnostic.code for e in run.events if e.diagnostic is not None]
     look_around(service, robot, 5)
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
@@ -63,7 +63,7 @@ def test_an_unwritable_run_folder_ends_the_mission_and_not_the_service(service, 
     look_around(service, robot, 3)
     done = [message for message in service.messages if message["is"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
-    assert "Type: ls -ld" in text(done["why"])
+    assert "Type: ls -ld" in text(done["reason"])
     assert service.machine.state is DoorState.READY
 
 
@@ -133,7 +133,7 @@ def test_a_reset_in_the_last_tick_of_a_drive_is_recovered(service, robot):
 def test_a_stop_during_closing_of_the_run_is_latched(service, robot, closing):
     closing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
-    assert (done["why"], done["code"]) == (None, 0), "the drive had no fault"
+    assert (done["reason"], done["code"]) == (None, 0), "the drive had no fault"
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
     look_around(service, robot, 3)
@@ -145,7 +145,7 @@ def test_a_stop_during_closing_of_the_run_is_latched(service, robot, closing):
 def test_a_stop_during_preparation_is_latched_and_nothing_moves(service, robot, preparing):
     preparing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
-    assert done["why"] == TEACHER
+    assert done["reason"] == TEACHER
     assert not np.any(run.applied_commands)
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
@@ -157,7 +157,7 @@ def test_a_stop_during_a_failing_preparation_is_latched(service, robot, preparin
 
     preparing(fails)
     done, _ = drive(service, spin())
-    assert text(done["why"]) == "mine.py: broken"
+    assert text(done["reason"]) == "mine.py: broken"
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 
@@ -165,9 +165,9 @@ def test_a_second_stop_does_not_replace_the_first_reason(service, robot, closing
     during(service, robot, 0.3, lambda: robot.board.reset(ResetCause.BROWN_OUT))
     closing(lambda: service.operator.stop(TEACHER))
     done, _ = drive(service, spin(3.0))
-    assert done["why"].code == StopReason.UNO_RESET
+    assert done["reason"].code == StopReason.UNO_RESET
     look_around(service, robot, 3)
-    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, done["why"])
+    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, done["reason"])
 
 
 def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
@@ -266,6 +266,6 @@ def test_memory_does_not_grow_at_rest(service, robot):
 def test_a_hardware_fault_at_rest_is_reported_once(service, robot):
     robot.chip.brown_out()
     look_around(service, robot, 60)
-    codes = [m["said"].code for m in service.messages if m["is"] == "event"]
+    codes = [m["message"].code for m in service.messages if m["is"] == "event"]
     assert codes.count("imu.lost-supply") == 1
     assert service.machine.state is DoorState.READY

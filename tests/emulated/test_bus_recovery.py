@@ -63,8 +63,8 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     service.notify_watchdog = lambda: (healthy(), early.extend(pins.read()["calls"]))
     done, run = drive(service, spin(3.0))
     service.notify_watchdog = lambda: None
-    assert done["why"].code == StopReason.SENSOR_SILENT
-    assert stop_reason_of(run) == done["why"]
+    assert done["reason"].code == StopReason.SENSOR_SILENT
+    assert stop_reason_of(run) == done["reason"]
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert early == [], "no pin may change during a drive"
 
@@ -72,7 +72,7 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     (message,) = log
     freed = note("bus.freed", Severity.WARNING, clocks=5)
     assert message == text(freed)
-    assert freed in [m["said"] for m in service.messages if m["is"] == "event"]
+    assert freed in [m["message"] for m in service.messages if m["is"] == "event"]
     assert last_state(service)["imu_bus"] == freed
     assert not pins
     assert pins.read()["driven_high"] == 0
@@ -84,7 +84,7 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     looked_on(service, robot, 1.0)
     assert service.machine.state is DoorState.READY
     done, run = drive(service, spin(1.0))
-    assert done["why"] is None
+    assert done["reason"] is None
 
 
 def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
@@ -100,7 +100,7 @@ def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
     ]
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
     done, _ = drive(service, spin(1.0))
-    assert done["why"] is None
+    assert done["reason"] is None
 
 
 def test_an_unrecoverable_bus_is_reported_once_and_retried(service, robot, lines):
@@ -112,8 +112,8 @@ def test_an_unrecoverable_bus_is_reported_once_and_retried(service, robot, lines
     assert log == [text(note("bus.scl-held"))]
     state = last_state(service)
     assert state["state"] == "DISARMED"
-    assert state["why"].code == StopReason.IMU_BUS_STILL_HELD
-    assert state["why"].figures["cause"].code == "bus.scl-held"
+    assert state["reason"].code == StopReason.IMU_BUS_STILL_HELD
+    assert state["reason"].figures["cause"].code == "bus.scl-held"
     pins.put(bits=[], scl_held=False)
     looked_on(service, robot, 1.5)
     assert service.machine.state is DoorState.READY
@@ -123,7 +123,7 @@ def test_a_blocked_bus_without_pinctrl_is_reported_until_free(service, robot, mo
     monkeypatch.setenv("PATH", str(tmp_path))
     hold(robot, True)
     looked_on(service, robot, 2.0)
-    assert "sudo apt install raspi-utils" in text(last_state(service)["why"])
+    assert "sudo apt install raspi-utils" in text(last_state(service)["reason"])
     robot.bus.sda_low = False
     looked_on(service, robot, 1.5)
     assert service.machine.state is DoorState.READY
@@ -138,7 +138,7 @@ def test_a_second_bus_fault_gets_a_new_report(service, robot, lines):
     count = len(service.messages)
     pins.put(bits=[0] * 3)
     looked_on(service, robot, 2.0)
-    whys = {m["why"] for m in service.messages[count:] if m["is"] == "state"} - {None}
+    whys = {m["reason"] for m in service.messages[count:] if m["is"] == "state"} - {None}
     assert whys == {stop(StopReason.IMU_BUS_HELD)}
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 

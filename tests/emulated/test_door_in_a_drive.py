@@ -44,7 +44,7 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
         with socket.socket(socket.AF_UNIX) as line:
             line.settimeout(PATIENCE_S)
             line.connect(str(door.path))
-            line.sendall(b'{"do": "stop", "why": "it nears the stairs"}\n')
+            line.sendall(b'{"do": "stop", "reason": "it nears the stairs"}\n')
             with line.makefile("rb") as of:
                 messages.extend(json.loads(of.readline()) for _ in range(2))
 
@@ -59,13 +59,13 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
     )
     done, run = drive(service, pack(mission, vehicle_file.load("small")))
     assert messages[0]["state"] == DoorState.MISSION
-    assert messages[1] == {"is": "heard", "do": "stop"}
-    assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    assert messages[1] == {"is": "received", "do": "stop"}
+    assert done["reason"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert run is None or not np.any(run.applied_commands)
     assert not robot.board.moving
     look_around(service, robot, 2)
     assert service.machine.state is DoorState.STOPPED
-    assert service.machine.reason == done["why"]
+    assert service.machine.reason == done["reason"]
 
 
 @pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])
@@ -74,10 +74,10 @@ def test_an_invalid_mission_is_refused_and_the_service_continues(service, text):
     service.set_watchdog_timeout = waits.append
     done, run = drive(service, text)
     assert run is None
-    assert (done["code"], done["why"].code) == (2, "mission.damaged")
+    assert (done["code"], done["reason"].code) == (2, "mission.damaged")
     assert waits == [PREPARE_TIMEOUT_S, HANG_TIMEOUT_S]
     assert service.machine.state is DoorState.READY
-    assert drive(service, spin().to_json())[0]["why"] is None
+    assert drive(service, spin().to_json())[0]["reason"] is None
 
 
 def test_a_run_is_listed_only_after_it_is_complete(service, robot, door):

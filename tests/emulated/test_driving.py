@@ -57,7 +57,7 @@ class Driver:
                 if word["do"] == "mark":
                     self.service.operator.record_mark(self)
                 else:
-                    self.service.operator.stop(word["why"])
+                    self.service.operator.stop(word["reason"])
 
     def drives(self, *script):
         """Return the run of a drive in which these actions happen at their times [s]."""
@@ -99,7 +99,7 @@ def test_rt13_motors_are_off_half_a_second_after_the_terminal_disappears(driver,
 
     keys = ["d"] * 12 if latched else ["d"]
     done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
-    assert done["why"].code == StopReason.TERMINAL_SILENT
+    assert done["reason"].code == StopReason.TERMINAL_SILENT
     assert at.service.machine.state is DoorState.STOPPED
     moving = at.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
@@ -119,7 +119,7 @@ def test_motors_are_off_at_once_after_the_terminal_closes(driver, phase_ms):
         gone_ns.append(at.robot.now_ns)
 
     done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
-    assert done["why"].code == StopReason.TERMINAL_CLOSED
+    assert done["reason"].code == StopReason.TERMINAL_CLOSED
     assert at.service.machine.state is DoorState.STOPPED
     moving = at.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
@@ -132,7 +132,7 @@ def test_a_key_at_a_silent_terminal_drives_for_a_limited_time(driver):
     terminal = Terminal(answers=False)
     at = driver(terminal)
     done, run = at.drives((0.3, lambda: terminal.type("w")), (3.0, lambda: terminal.type("q")))
-    assert done["why"].code == StopReason.INTERRUPTED
+    assert done["reason"].code == StopReason.INTERRUPTED
     times = run.t_s[np.abs(run.applied_commands[:, 0]) > 0.0]
     assert times[0] == pytest.approx(0.3, abs=0.08)
     assert times[-1] - times[0] == pytest.approx(FIRST_S, abs=0.12)
@@ -146,7 +146,7 @@ def test_releasing_a_key_stops_the_motors_and_marks_are_logged(driver):
         (0.3, lambda: terminal.type("a")), (0.9, lambda: terminal.type("a", kind="release")),
         (1.5, lambda: terminal.type("m")), (2.0, lambda: terminal.type("q")),
     )  # fmt: skip
-    assert done["why"].code == StopReason.INTERRUPTED
+    assert done["reason"].code == StopReason.INTERRUPTED
     assert at.service.machine.state is DoorState.READY
     (mark_ns,) = mark_times_ns(run)
     assert (mark_ns - run.t_ns[0]) * 1e-9 == pytest.approx(1.5, abs=0.06)
@@ -161,7 +161,7 @@ def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
     terminal = Terminal(kitty=True)
     at = driver(terminal)
     done, _ = at.drives((0.2, lambda: terminal.type("a")), (0.8, lambda: terminal.type(" ")))
-    assert done["why"].code == StopReason.DRIVER
+    assert done["reason"].code == StopReason.DRIVER
     assert at.service.machine.state is DoorState.STOPPED
     assert not at.robot.board.moving
 
@@ -173,7 +173,7 @@ def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
         (0.2, lambda: terminal.type("w")), (2.5, lambda: terminal.type("a")),
         (3.5, lambda: terminal.type("q")),
     )  # fmt: skip
-    assert done["why"].code == StopReason.INTERRUPTED
+    assert done["reason"].code == StopReason.INTERRUPTED
     straight, turning = (run.requested_commands[(run.t_s > t) & (run.t_s < t + 0.7)] for t in (1.0, 2.7))
     assert np.all(straight[:, 2] != 0.0)
     assert np.max(np.abs(straight[:, 2])) < 0.25

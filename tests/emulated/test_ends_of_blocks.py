@@ -52,7 +52,7 @@ def repetition(folder, place, text, file):
 )  # fmt: skip
 def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp_path, place, end, message):
     done, run = drive(service, repetition(tmp_path, place, end, vehicle_file.load("small")))
-    words = text(done["why"])
+    words = text(done["reason"])
     assert message in words
     assert "bye" in words or "bye" not in end
     assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
@@ -66,7 +66,7 @@ def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp
         service.idle()
         robot.wait(0.05)
     assert service.machine.state is DoorState.READY
-    assert drive(service, spin(0.2))[0]["why"] is None
+    assert drive(service, spin(0.2))[0]["reason"] is None
 
 
 def test_an_unguarded_block_failure_names_its_file_and_line(service, tmp_path):
@@ -78,8 +78,8 @@ def test_an_unguarded_block_failure_names_its_file_and_line(service, tmp_path):
         "repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"}
     )
     done, _ = drive(service, pack(mission, vehicle_file.load("small")))
-    assert (done["why"].code, done["code"]) == ("block.raised-outside", 1)
-    assert done["why"].figures == {"place": "mine.py line 5", "error": "SystemExit: 2"}
+    assert (done["reason"].code, done["code"]) == ("block.raised-outside", 1)
+    assert done["reason"].figures == {"place": "mine.py line 5", "error": "SystemExit: 2"}
 
 
 @pytest.mark.parametrize("place", ["top", "line"])
@@ -87,7 +87,7 @@ def test_a_hanging_block_ends_only_its_mission(service, robot, tmp_path, monkeyp
     monkeypatch.setattr(module, "PREPARE_S", 3.0)
     endless = "while True: pass"
     done, _ = drive(service, repetition(tmp_path, place, endless, vehicle_file.load("small")))
-    words = text(done["why"])
+    words = text(done["reason"])
     assert "TimeoutError: " in words
     assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
     robot.wait(0.4)

@@ -36,14 +36,14 @@ def moving(service):
             if under_way:
                 yield remote
                 return
-            remote.send(do="stop", why="it does not move")
+            remote.send(do="stop", reason="it does not move")
     assert under_way
 
 
 def off_ms(remote, live):
     """Return how long the motors turn on after a STOP, in the time of the Uno."""
     said_s = live.now_s()
-    remote.send(do="stop", why="it nears the stairs")
+    remote.send(do="stop", reason="it nears the stairs")
     assert until(lambda: not live.moving(), PATIENCE_S)
     with live.lock:
         return 1e3 * (live.uno.off_since() - said_s)

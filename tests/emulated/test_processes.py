@@ -160,7 +160,7 @@ def end_of_drive(door, folder):
     with connect(str(door)) as remote:
         while remote.state["state"] == "MISSION":
             remote.receive(("state",), PATIENCE_S)
-        return remote.state["why"], read_run(max(folder.glob("*.mcap")))
+        return remote.state["reason"], read_run(max(folder.glob("*.mcap")))
 
 
 @contextmanager
@@ -298,7 +298,7 @@ def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tm
         state = status(door)
         assert state["state"] == "STOPPED"
         (run,) = (path.name for path in (tmp_path / "there").glob("*.mcap"))
-        reason = state["why"]
+        reason = state["reason"]
         assert reason.code == (StopReason.MISSION_UNFINISHED_AT if line else StopReason.MISSION_UNFINISHED)
         file = "mine.py" if line else ""
         figures = {"kind": "repeat", "run": run, "blocks": "mine.py:Mine", "file": file, "line": line}

@@ -25,18 +25,18 @@ def test_a_punctual_drive_is_reported_in_its_run(service):
 def test_rt1_omitted_ticks_are_counted_with_a_warning(service, robot):
     during(service, robot, 0.5, lambda: robot.wait(0.05))
     done, run = drive(service, spin())
-    assert done["why"] is None
+    assert done["reason"] is None
     missing = np.diff(run.t_ns) // 10_000_000 - 1
     assert missing.max() >= 4
     assert punctuality(run).level == "warning"
     assert punctuality(run).text.endswith(f" {missing.sum()} were skipped")
-    assert any(m["is"] == "event" and m["said"] == punctuality(run).diagnostic for m in service.messages)
+    assert any(m["is"] == "event" and m["message"] == punctuality(run).diagnostic for m in service.messages)
 
 
 def test_a_stopped_drive_reports_its_punctuality(service, robot):
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin(3.0))
-    assert done["why"] == TEACHER
+    assert done["reason"] == TEACHER
     assert punctuality(run).text.startswith(f"{len(run.t_ns)} ticks: ")
 
 
@@ -50,7 +50,7 @@ def test_a_drive_ended_by_the_driver_reports_its_punctuality(service, robot):
 
     during(service, robot, 0.2, enough)
     done, run = drive(service, spin(3.0), attended=True)
-    assert done["why"].code == StopReason.INTERRUPTED
+    assert done["reason"].code == StopReason.INTERRUPTED
     assert "ticks: " in punctuality(run).text
 
 

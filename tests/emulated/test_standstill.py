@@ -84,30 +84,30 @@ def frozen_drive(robot, folder, phase, seconds, **options):
 def test_rt2_a_freeze_longer_than_the_command_timeout_ends_the_drive(robot, tmp_path, phase, seconds, keeps):
     service, _, done, run = frozen_drive(robot, tmp_path, phase, seconds, keeps=keeps)
     assert robot.board.first_time(lambda out: any(out.pwm)) is None, "no motor has moved since it woke"
-    assert done["why"].code == StopReason.STANDSTILL
-    assert done["why"].figures["dead_man_s"] == 0.3
-    assert stop_reason_of(run) == done["why"]
-    assert done["why"].figures["still_s"] == pytest.approx(seconds, abs=0.02)
+    assert done["reason"].code == StopReason.STANDSTILL
+    assert done["reason"].figures["dead_man_s"] == 0.3
+    assert stop_reason_of(run) == done["reason"]
+    assert done["reason"].figures["still_s"] == pytest.approx(seconds, abs=0.02)
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "the stop is latched"
     service.operator.clear_requested = True
     look_around(service, robot, 20)
     done, _ = drive(service, spin(0.5))
-    assert done["why"] is None, "after an inspection the vehicle drives again"
+    assert done["reason"] is None, "after an inspection the vehicle drives again"
 
 
 @pytest.mark.parametrize("phase", ["after read", "in a block"])
 def test_a_freeze_in_the_first_tick_stops_the_drive_before_motion(robot, tmp_path, phase):
     _, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.8, after_s=0.0)
-    assert done["why"].code == StopReason.STANDSTILL
+    assert done["reason"].code == StopReason.STANDSTILL
     assert robot.board.first_time(lambda out: any(out.pwm)) is None
 
 
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_short_freeze_does_not_stop_the_drive(robot, tmp_path, phase):
     service, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.2)
-    assert done["why"] is None
+    assert done["reason"] is None
     assert service.machine.state is DoorState.READY
     assert robot.board.first_time(lambda out: any(out.pwm)) is not None
 
@@ -125,5 +125,5 @@ def test_a_freeze_during_a_write_moves_motors_for_one_tick_at_most(robot, tmp_pa
 
     robot.write = slow
     done, _ = drive(service, spin(2.5))
-    assert done["why"].code == StopReason.STANDSTILL
+    assert done["reason"].code == StopReason.STANDSTILL
     assert robot.board.off_since() - freeze.woken_s <= 0.02

@@ -277,15 +277,16 @@ def route(folder: Path) -> Iterator[Callable[[int], object]]:
 WORDS = (
     {"do": "beat"}, {"do": "hand", "u": [0.1, 0.0, 0.2]}, {"do": "mark"}, {"do": "end"}, {"do": "clear"},
     {"do": "runs"},
-    {"do": "stop", "why": {"code": "operator.stopped", "severity": "error", "subject": "", "figures": {}, "fix": ""}},
+    {"do": "stop",
+     "reason": {"code": "operator.stopped", "severity": "error", "subject": "", "figures": {}, "fix": ""}},
     {"do": "fetch", "run": "0001-experiment.mcap"}, {"do": "ping", "token": "x"},
     {"do": "mission", "mission": "{}", "attended": True, "id": "x", "door": 1},
 )  # fmt: skip
 SAID = (
-    {"is": "state", "state": "READY", "t_ns": 1, "battery_v": 7.4, "why": None, "code": 0},
-    {"is": "done", "id": "x", "run": "0001-experiment.mcap", "why": None},
+    {"is": "state", "state": "READY", "t_ns": 1, "battery_v": 7.4, "reason": None, "code": 0},
+    {"is": "done", "id": "x", "run": "0001-experiment.mcap", "reason": None},
     {"is": "file", "run": "a", "data": "AAAA", "left": 0},
-    {"is": "no", "why": "no", "code": 5},
+    {"is": "refused", "reason": "no", "code": 5},
     {"is": "runs", "runs": [{"name": "a", "size": 3}]},
 )
 

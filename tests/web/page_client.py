@@ -79,10 +79,10 @@ class Browser:
         """Send a message."""
         await self.line.send(json.dumps({"is": word, **more}))
 
-    async def request(self, what: str, **more: Any) -> dict[str, Any]:
+    async def request(self, question: str, **more: Any) -> dict[str, Any]:
         """Send a request and return the answer."""
         self.question_id += 1
-        await self.send("ask", id=self.question_id, what=what, **more)
+        await self.send("ask", id=self.question_id, question=question, **more)
         return await self.next("answer", where=lambda word, number=self.question_id: word.get("id") == number)
 
     async def next(

@@ -184,7 +184,7 @@ class ScriptedServer:
         self._showing = threading.Lock()  # no frame between the history of a guest and its first picture
 
     def __enter__(self) -> "ScriptedServer":
-        self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.1"])  # pyright: ignore
+        self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.2"])  # pyright: ignore
         self.port = self._server.socket.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/"
         for work in (self._server.serve_forever, self._drive):
@@ -233,7 +233,7 @@ class ScriptedServer:
         live = self.mode == "live"
         return {
             "is": "hello",
-            "protocol": 1,
+            "protocol": 2,
             "role": "drive" if live else "view",
             "mode": self.mode,
             "vehicle": self._vehicle(),
@@ -295,7 +295,7 @@ class ScriptedServer:
         elif word["is"] == "identify" and word["on"]:
             guest.send(json.dumps(fit_taught(self._language(guest), live=True)))
         elif word["is"] == "ask":
-            fitting = word["what"] == "identify"
+            fitting = word["question"] == "identify"
             more = fit_taught(self._language(guest), live=False) if fitting else answer_to(word)
             guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]} | more))
         elif word["is"] in ("pause", "go"):
@@ -322,7 +322,7 @@ class ScriptedServer:
                 json.dumps(
                     {
                         "is": "lease",
-                        "who": "guest 1" if self.holder else None,
+                        "driver": "guest 1" if self.holder else None,
                         "until_ms": 300,
                         "you": self.holder is guest,
                         "watching": 2,

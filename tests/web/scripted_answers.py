@@ -54,7 +54,7 @@ def route() -> dict[str, Any]:
 
 def answer_to(word: dict[str, Any]) -> dict[str, Any]:
     """Return the answer of a worker to a request, without a computation."""
-    if word["what"] == "tune":
+    if word["question"] == "tune":
         about = {
             "gains": GAINS,
             "controller": "PdFeedforward",
@@ -69,11 +69,11 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
             "path": route(),
             "file": "vehicle.toml",
         }
-    if word["what"] == "route":
+    if word["question"] == "route":
         return route() | {"name": word["route"], "x": [2.0 * x for x in route()["x"]]}
-    if word["what"] == "lap":
+    if word["question"] == "lap":
         return lap_of(word["gains"])
-    if word["what"] == "landscape":
+    if word["question"] == "landscape":
         k = [gain["name"] for gain in GAINS]
         side, a, b = word["side"], k.index(word["a"]), k.index(word["b"])
         costs = []
@@ -85,7 +85,7 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
                 lap = lap_of(gains)
                 costs.append([lap["cost"], lap["jerk"]])
         return {"side": side, "costs": costs, "seconds": 0.4}
-    if word["what"] == "downhill":
+    if word["question"] == "downhill":
         best = [gain["best"] for gain in GAINS]
         way = [
             [g + part * (w - g) for g, w in zip(word["gains"], best, strict=True)]
@@ -102,11 +102,11 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
             "laps": 23,
             "seconds": 0.2,
         }
-    if word["what"] == "block":
+    if word["question"] == "block":
         return block_of(word["room"])
-    if word["what"] == "check":
+    if word["question"] == "check":
         return {"findings": []}
-    if word["what"] == "compare":
+    if word["question"] == "compare":
         cells = [f"{0.01 * (k + 1):.3f}" for k in range(len(word["runs"]))]
         rows = [{"label": "distance, rms", "unit": "m", "cells": cells, "best": 0}]
         names = [run["name"] for run in RUNS if run["id"] in word["runs"]]

@@ -37,10 +37,11 @@ def ledger(language: str) -> dict[str, Any]:
           "imu[2].")),
     ]  # fmt: skip
     return {"is": "ledger", "rows": [
-        {"number": n, "t_s": t_s, "until_s": until_s, "over": until_s is not None, "fault": of, "what": subject[k],
-         "noticed": [{"who": observer, "after_s": after_s, "text": text[k]} for observer, after_s, text in noticed],
-         "silent": ["monitor", "supervisor"], "nobody": nobody and nobody[k]}
-        for n, (t_s, until_s, of, subject, noticed, nobody) in enumerate(rows, 1)
+        {"number": n, "t_s": t_s, "until_s": until_s, "ended": until_s is not None, "fault": of, "text": subject[k],
+         "detections": [{"detector": detector, "after_s": after_s, "text": text[k]}
+                        for detector, after_s, text in detections],
+         "missed_by": ["monitor", "supervisor"], "undetected": undetected and undetected[k]}
+        for n, (t_s, until_s, of, subject, detections, undetected) in enumerate(rows, 1)
     ]}  # fmt: skip
 
 
@@ -52,15 +53,15 @@ class Faults:
 
     def take(self, word: dict[str, Any], t_s: float, language: str) -> dict[str, Any]:
         """Begin or end a fault, and return the message `ledger`."""
-        if "over" in word:
-            self.rows[word["over"] - 1] |= {"over": True, "until_s": t_s}
+        if "end" in word:
+            self.rows[word["end"] - 1] |= {"ended": True, "until_s": t_s}
         else:
             fields = {name: value for name, value in word.items() if name not in ("is", "robot")}
             fault, number = Fault.parse(fields | {"at_s": t_s}), len(self.rows) + 1
             with use_language(language):
                 subject = text(fault.message(number))
             self.rows.append({
-                "number": number, "t_s": t_s, "until_s": None, "over": fault.kind == "push", "fault": fault.to_json(),
-                "what": subject, "noticed": [], "silent": [], "nobody": None,
+                "number": number, "t_s": t_s, "until_s": None, "ended": fault.kind == "push", "fault": fault.to_json(),
+                "text": subject, "detections": [], "missed_by": [], "undetected": None,
             })  # fmt: skip
         return {"is": "ledger", "rows": self.rows}

@@ -45,7 +45,7 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
     fit = {
         "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in KNOWN[1:])],
         "std": [None, *(1.7 * std for std in now[1:])], "verdict": "USABLE", "verdict_id": "USABLE",
-        "why": None,
+        "reason": None,
     }  # fmt: skip
     rate = [round(60 * math.exp(-j / 14) + 3 * (1 + math.sin(0.3 * j)), 2) for j in range(130)]
     motion = ("drive straight in short pulses, forward and then backward, 4 s",
@@ -53,7 +53,7 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
     word = {
         "of": "live", "t": 26.0, "start": 0.0 if not live else 34.0, "dt": 0.2, "rate": rate, "bits": 117.3, "now": now,
         "before": [min(1.0, 1.35 * std) for std in now], "compiled": True, "busy": False, "first": 8.0,
-        "why": None, "fit": fit,
+        "reason": None, "fit": fit,
         "parameters": [
             {"path": path, "label": label[k], "unit": unit, "guess": value, "needs": None if j else needs[k]}
             for j, (path, label, value, unit) in enumerate(KNOWN)

@@ -32,7 +32,7 @@ def test_ne5_messages_are_limited_in_size_and_rate(folder):
                 ("[1]", 1008),
                 ('{"is": 3}', 1008),
                 ("{", 1008),
-                ('{"is": "ask", "what": "ping", "id": %s}' % ("[" * 600 + "]" * 600), 1008),
+                ('{"is": "ask", "question": "ping", "id": %s}' % ("[" * 600 + "]" * 600), 1008),
             ):
                 async with browser(server) as visitor:
                     await visitor.line.send(frame)
@@ -42,7 +42,7 @@ def test_ne5_messages_are_limited_in_size_and_rate(folder):
             async with browser(server) as visitor:
                 for _ in range(300):
                     try:
-                        await visitor.send("ask", id=1, what="ping")
+                        await visitor.send("ask", id=1, question="ping")
                     except ConnectionClosed:
                         break
                 with pytest.raises(ConnectionClosed):
@@ -67,7 +67,7 @@ def test_ne5_frames_without_a_message_are_limited_in_rate(folder, opcode):
     run_page(job)
 
 
-@pytest.mark.parametrize("question", [{"what": "identify"}, {"what": "compare"}])
+@pytest.mark.parametrize("question", [{"question": "identify"}, {"question": "compare"}])
 def test_ne5_a_browser_with_many_waiting_questions_is_disconnected(folder, monkeypatch, question):
     async def never(lab, *request, **words):
         await asyncio.Event().wait()
@@ -107,9 +107,9 @@ def test_ne5_the_question_of_a_browser_waits_for_one_question_of_another_browser
             async with browser(server) as other:
                 run = visitor.hello["runs"][0]["id"]
                 for number in range(20):
-                    await other.send("ask", id=number, what="check", room="guide", run=run)
+                    await other.send("ask", id=number, question="check", room="guide", run=run)
                 await until(lambda: begun == ["guide"])
-                await visitor.send("ask", id=100, what="check", room="controller", run=run)
+                await visitor.send("ask", id=100, question="check", room="controller", run=run)
                 assert await visitor.request("ping")
                 may_end.set()
                 await visitor.next("answer", where=lambda word: word.get("id") == 100)
@@ -117,7 +117,7 @@ def test_ne5_the_question_of_a_browser_waits_for_one_question_of_another_browser
                 await other.next("answer", where=lambda word: word.get("id") == 19)
                 may_end.clear()
                 for number in range(20):
-                    await other.send("ask", id=number, what="check", room="guide", run=run)
+                    await other.send("ask", id=number, question="check", room="guide", run=run)
                 await until(lambda: len(begun) == 22)
             await until(lambda: len(server.visitors) == 1)
             may_end.set()

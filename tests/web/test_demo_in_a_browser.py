@@ -30,7 +30,7 @@ seen = {
     "paces": [], "errors": [], "verdicts": [], "costs": [],
 }
 host = address.split("/")[2]
-with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None) as line:
+with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None) as line:
     line.send(json.dumps({"is": "hello", "lang": "en"}))
     line.send(json.dumps({"is": "take"}))
     line.send(json.dumps({"is": "identify", "on": True}))
@@ -101,7 +101,7 @@ def greeting(address):
     """Return the hello message of the page at an address."""
     host = address.split("/")[2]
     with connect(
-        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None
     ) as line:
         line.send(json.dumps({"is": "hello", "lang": "en"}))
         return json.loads(line.recv(START_S))

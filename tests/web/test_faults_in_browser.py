@@ -85,7 +85,7 @@ def fault_and_replay(tab):
     push = tab.js(f"{PAGE}.ledger[0].fault")
     assert (push["frame"], push["y"]) == ("map", 0)
     assert push["x"] == pytest.approx(0.3, abs=0.02)  # 100 px to the right, 0.003 N s each
-    tab.wait(f"{PAGE}.ledger[0].noticed.length > 0", 20.0)
+    tab.wait(f"{PAGE}.ledger[0].detections.length > 0", 20.0)
     tab.click(".breaker [role=switch]")  # the first: the sensor is cut
     tab.wait(f"{PAGE}.ledger.some((row) => row.fault.kind === 'cut')", 20.0)
     tab.wait("document.querySelector('.breaker [role=switch]').getAttribute('aria-checked') === 'true'", 5.0)

@@ -61,7 +61,7 @@ def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path, name)
                 k += 1
                 link.frame(0.1 * k, 2, **{"eta.x": 0.25, "u.0": 0.5, "z.imu[2]": math.nan if k % 2 else 1.5})
                 if k == 10:
-                    link.on_word({"is": "event", "said": note("web.begins", Severity.WARNING)})
+                    link.on_word({"is": "event", "message": note("web.begins", Severity.WARNING)})
                 await asyncio.sleep(0.1)
             message = json.loads((await looking)[0])
         assert message["name"] == name

@@ -315,7 +315,7 @@ def test_ne6_a_run_is_not_opened_by_name_or_path(folder):
             for run in ("circle", "../runs/circle.mcap", str(folder / "circle.mcap"), 3, {"a": 1}, None):
                 await visitor.send("open", run=run)
                 if run:
-                    assert (await visitor.next("no"))["to"] == "open"
+                    assert (await visitor.next("refused"))["to"] == "open"
 
     run_page(job)
 

@@ -25,8 +25,8 @@ FAULTS = [  # kind, choice of its list, fields that the ledger must hold
     ("lose", 1, {"part": 0.6}),
 ]
 LATEST = {
-    "number": 1, "t_s": 60.0, "until_s": None, "over": False, "fault": {"kind": "sag"}, "what": "sag",
-    "noticed": [], "silent": ["NIS", "monitor"], "nobody": None,
+    "number": 1, "t_s": 60.0, "until_s": None, "ended": False, "fault": {"kind": "sag"}, "text": "sag",
+    "detections": [], "missed_by": ["NIS", "monitor"], "undetected": None,
 }  # fmt: skip
 LAST = f"{PAGE}.ledger.at(-1)"
 
@@ -185,13 +185,15 @@ def test_each_fault_button_logs_and_ends_its_fault(breaking, live, kind, choice,
     if choice is not None:
         breaking.js(f"{breaker(kind)}.node.querySelector('select').selectedIndex = {choice}")
     breaking.js(f"{breaker(kind)}.button.click()")
-    breaking.wait(f"{LAST}?.fault.kind === {kind!r} && !{LAST}.over && {PAGE}.ledger.length === 1")
+    breaking.wait(f"{LAST}?.fault.kind === {kind!r} && !{LAST}.ended && {PAGE}.ledger.length === 1")
     fault = breaking.js(f"{LAST}.fault")
     assert {name: fault[name] for name in fields} == fields
     breaking.wait(f"{breaker(kind)}.button.getAttribute('aria-checked') === 'true'")
-    assert breaking.js("document.querySelector('.ledger .what b').textContent") == breaking.js(f"{LAST}.what")
+    assert breaking.js("document.querySelector('.ledger .fault b').textContent") == breaking.js(
+        f"{LAST}.text"
+    )
     breaking.js(f"{breaker(kind)}.button.click()")
-    breaking.wait(f"{LAST}.over && {breaker(kind)}.button.getAttribute('aria-checked') === 'false'")
+    breaking.wait(f"{LAST}.ended && {breaker(kind)}.button.getAttribute('aria-checked') === 'false'")
 
 
 def test_the_floor_is_tilted_and_levelled_by_keys(breaking, live):
@@ -222,11 +224,11 @@ def test_keys_and_buttons_send_a_push_a_single_tick_and_a_pace(breaking, live):
 
 
 LEDGER = """[...document.querySelectorAll('.ledger li')].map((one) =>
-  ['.what b', '.noticed', '.nobody', '.silent'].map((part) => one.querySelector(part)?.textContent ?? null))"""
+  ['.fault b', '.detected', '.undetected', '.missed'].map((part) => one.querySelector(part)?.textContent ?? null))"""
 
 
 @pytest.mark.parametrize(
-    ("language", "drift", "push", "noticed", "nobody", "silent"),
+    ("language", "drift", "push", "detected", "undetected", "missed"),
     [
         ("en", "zero of imu[2] drifts by 0.15 rad/s", "push of 0.12 N s to the left", "NIS after 0.02 s: 2.63 over",
          "not detected for 5.0 s: NIS at most 1.05.", "not detected by: monitor, supervisor"),
@@ -236,16 +238,16 @@ LEDGER = """[...document.querySelectorAll('.ledger li')].map((one) =>
     ids=["en", "es"],
 )  # fmt: skip
 def test_the_ledger_shows_what_detected_a_fault_and_what_did_not(
-    tab, live, language, drift, push, noticed, nobody, silent
+    tab, live, language, drift, push, detected, undetected, missed
 ):
     open_page(tab, live, language, "faults")
     rows = tab.js(LEDGER)
     assert [row[0] for row in rows[:2]] == [drift, push]  # the newest first
     assert rows[0][1] is None
-    assert rows[0][2].startswith(nobody)
+    assert rows[0][2].startswith(undetected)
     assert rows[0][3] is None
-    assert rows[1][1].startswith(noticed)
-    assert rows[1][2:] == [None, silent]
+    assert rows[1][1].startswith(detected)
+    assert rows[1][2:] == [None, missed]
     live.put({"is": "ledger", "rows": [LATEST]})
     waits = {"en": "not detected so far", "es": "sin detectar hasta ahora"}[language]
     until(lambda: [row[1:] for row in tab.js(LEDGER)] == [[None, None, waits]])

@@ -256,7 +256,7 @@ def test_a_page_shows_identification_while_answering_other_requests(tmp_path, dr
                 assert answer["t"] == 10.0
                 assert answer["fit"]["verdict"]
                 assert "4 s" in answer["next"]["motion"]
-                await second.send("ask", id=7, what="ping")
+                await second.send("ask", id=7, question="ping")
                 assert (await second.next("answer", "identify"))[
                     "is"
                 ] == "answer"  # a browser on another screen receives nothing
@@ -275,7 +275,7 @@ def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven
 
     async def job():
         async with recorded_page(folder, "taught") as server, browser(server) as visitor:
-            await visitor.send("ask", id=1, what="identify", run=visitor.hello["open"]["run"])
+            await visitor.send("ask", id=1, question="identify", run=visitor.hello["open"]["run"])
             answer = await visitor.next("answer", where=lambda word: word["to"] == "ask")
             errors = np.array(answer["expected"])
             assert np.all(np.diff(errors, axis=0) <= 1e-9)
@@ -284,8 +284,8 @@ def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven
                 dated_fit["t"] for dated_fit in answer["fits"]
             )
             assert answer["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
-            await visitor.send("ask", id=2, what="identify", run="none")
-            assert (await visitor.next("no"))["code"] == "web.no-run"
+            await visitor.send("ask", id=2, question="identify", run="none")
+            assert (await visitor.next("refused"))["code"] == "web.no-run"
 
     run_page(job)
 
@@ -296,9 +296,9 @@ def test_a_drive_that_cannot_be_fitted_reports_its_reason(tmp_path):
     names = ["t", "u.0", "u.1", "u.2", "z.imu[0]", "z.imu[1]", "z.imu[2]"]
     drive.add_rows(names, [[0.01 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for k in range(900)])
     end = time.monotonic() + 20.0
-    while not (state := drive.state())["why"] and state["fit"] is None and time.monotonic() < end:
+    while not (state := drive.state())["reason"] and state["fit"] is None and time.monotonic() < end:
         time.sleep(0.05)
-    assert state["why"]
+    assert state["reason"]
     assert state["fit"] is None
     assert state["parameters"][0]["needs"]
     drive.close()

@@ -17,9 +17,9 @@ REQUESTED = (
     "(({ record }) => Array.from(record.column('requested.0').subarray(0, record.length)))(baqueano.page)"
 )
 REFUSALS = """(({ on }) => {
-  const no = on.no;
+  const refused = on.refused;
   globalThis.refusals = [];
-  on.no = (word) => { globalThis.refusals.push(`${word.code}, mine: ${baqueano.page.hand.mine}`); no(word); };
+  on.refused = (word) => { globalThis.refusals.push(`${word.code}, mine: ${baqueano.page.hand.mine}`); refused(word); };
 })(baqueano.page.link)"""
 BEATS = """async () => {  // of a driver who has handed over
   const { link } = baqueano.page;

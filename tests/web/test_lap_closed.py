@@ -113,9 +113,9 @@ def test_the_driver_closes_a_lap_and_a_viewer_does_not(words, tmp_path):
             ):
                 (run,) = driver.hello["runs"]
                 await viewer.send("write", lap=run["id"], route="ring")
-                assert (await viewer.next("no"))["code"] == "web.role"
+                assert (await viewer.next("refused"))["code"] == "web.role"
                 await driver.send("write", lap="unknown")
-                assert (await driver.next("no"))["code"] == "web.no-run"
+                assert (await driver.next("refused"))["code"] == "web.no-run"
                 await driver.send("write", lap=run["id"], route="ring")
                 assert words["vehicle"].rpartition("/")[2] in (await driver.next("event"))["text"]
         assert load(words["vehicle"]).provenance["sensors.imu.gyro_scale"].run == "0002-teach"

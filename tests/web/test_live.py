@@ -79,7 +79,7 @@ def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_path):
         ):
             await ana.send("beat", n=1, seen=0, u=[0.1])
             await ana.send("take")
-            assert (await ana.next("lease", where=lambda word: word["you"]))["who"] == "ana"
+            assert (await ana.next("lease", where=lambda word: word["you"]))["driver"] == "ana"
             for n in range(1, 6):
                 link.frame(0.05 * n)
                 await ana.send("beat", n=n, seen=live.feed.number, u=[0.1 * n])
@@ -88,7 +88,7 @@ def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_path):
             assert [word["u"] for word in link.requests("hand")] == [[0.1 * n] for n in range(1, 6)]
             await ana.send("beat", n=5, seen=live.feed.number, u=[1.0])
             await ana.send("beat", n=4, seen=live.feed.number, u=[1.0])
-            await ana.next("lease", where=lambda word: word["who"] is None)  # the driver was silent
+            await ana.next("lease", where=lambda word: word["driver"] is None)  # the driver was silent
             assert len(link.requests("hand", "beat")) == 5
 
     run_page(job)
@@ -116,7 +116,7 @@ def test_a_heartbeat_with_an_invalid_command_is_refused(tmp_path, u):
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
             await ana.send("take")
             await ana.send("beat", n=1, seen=0, u=u)
-            assert (await ana.next("no"))["to"] == "beat"
+            assert (await ana.next("refused"))["to"] == "beat"
             assert not link.requests("hand")
 
     run_page(job)
@@ -133,15 +133,15 @@ def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
             ):
                 await driver.send("take")
                 await viewer.send("stop")
-                assert (await viewer.next("no"))["code"] == "web.role"
+                assert (await viewer.next("refused"))["code"] == "web.role"
                 assert not link.requests("stop")
                 await stopper.send("take")
-                assert (await stopper.next("no"))["code"] == "web.role"
+                assert (await stopper.next("refused"))["code"] == "web.role"
                 await stopper.send("stop")
                 await until(lambda: link.requests("stop"))
-                reason = link.requests("stop")[0]["why"]
+                reason = link.requests("stop")[0]["reason"]
                 assert (reason.code, reason.figures["name"]) == (StopReason.STOPPED_ON_PAGE, "eva")
-                link.state("STOPPED", why=reason)
+                link.state("STOPPED", reason=reason)
                 for visitor in (driver, stopper, viewer):
                     assert (
                         "eva"
@@ -167,7 +167,7 @@ def test_moving_the_vehicle_needs_the_lease(tmp_path):
                     await ana.next("lease", where=lambda word: word["you"])
                 for word, more in MOVING:
                     await luis.send(word, **more)
-                    no = await luis.next("no")
+                    no = await luis.next("refused")
                     assert (no["code"], no["to"]) == ("web.lease-needed", word)
             assert len(link.messages) == before
 
@@ -199,12 +199,16 @@ def test_missions_are_requested_only_by_name(tmp_path):
             ):
                 await ana.send("take")
                 await ana.send("mission", **wrong)
-                assert (await ana.next("no"))["to"] == "mission"
+                assert (await ana.next("refused"))["to"] == "mission"
             assert len(link.requests("mission")) == 1
             link.on_word(
-                {"is": "no", "why": "no such route", "about": note("door.no-route", value="oval", valid=[])}
+                {
+                    "is": "refused",
+                    "reason": "no such route",
+                    "diagnostic": note("door.no-route", value="oval", valid=[]),
+                }
             )
-            assert "oval" in (await ana.next("no"))["why"]
+            assert "oval" in (await ana.next("refused"))["reason"]
 
     run_page(job)
 
@@ -219,12 +223,12 @@ def test_the_vehicle_is_handed_over_by_name(tmp_path):
         ):
             await ana.send("take")
             await luis.send("take")
-            no = await luis.next("no")
+            no = await luis.next("refused")
             assert no["code"] == "web.lease-taken"
-            assert "ana" in no["why"]
+            assert "ana" in no["reason"]
             await ana.send("take")
             await ana.send("give", to="luis")
-            assert (await luis.next("lease", where=lambda word: word["you"]))["who"] == "luis"
+            assert (await luis.next("lease", where=lambda word: word["you"]))["driver"] == "luis"
             await luis.send("beat", n=1, seen=live.feed.number, u=[0.3])
             await until(lambda: link.requests("hand"))
             await luis.line.close()
@@ -260,7 +264,7 @@ def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
                 {
                     "is": "event",
                     "level": "warning",
-                    "said": note("sensor.degraded", Severity.WARNING, cause="imu[2]"),
+                    "message": note("sensor.degraded", Severity.WARNING, cause="imu[2]"),
                 }
             )
             link.state("MISSION", mission="repeat", laps=3, left_s=12.0, t_s=9.0, pace=1.0, paused=False)
@@ -288,8 +292,8 @@ def test_the_reason_of_a_stop_is_reported_once(tmp_path):
         why = stop(StopReason.STOPPED_BY, words="it nears the stairs")
         async with live_page(tmp_path) as (server, link, _), browser(server) as me:
             link.frame(1.0)
-            link.on_word({"is": "done", "id": "x", "run": None, "why": why})
-            link.state("STOPPED", why=why)
+            link.on_word({"is": "done", "id": "x", "run": None, "reason": why})
+            link.state("STOPPED", reason=why)
             state = await me.next("state", where=lambda word: word["state"] == "STOPPED")
             assert (state["severity"], state["odd"]) == ("error", [])
             assert "it nears the stairs" in state["sentence"]
@@ -334,8 +338,8 @@ def test_the_end_of_the_service_is_reported_to_all_browsers(tmp_path):
         async with live_page(tmp_path) as (server, link, live), browser(server) as visitor:
             link.gone = True
             await visitor.send("stop")
-            assert (await visitor.next("no"))["code"] == "web.service-gone"
-            live._state = {"is": "state", "state": "STOPPED", "why": stop(StopReason.SERVICE_ENDED)}
+            assert (await visitor.next("refused"))["code"] == "web.service-gone"
+            live._state = {"is": "state", "state": "STOPPED", "reason": stop(StopReason.SERVICE_ENDED)}
             live._changed = True
             assert (await visitor.next("state", where=lambda word: word["state"] == "STOPPED"))[
                 "severity"
@@ -375,7 +379,7 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
                 ):
                     await ana.send("take")
                     await ana.send("mission", kind=kind, **more)
-                    assert (await ana.next("no"))["to"] == "mission"
+                    assert (await ana.next("refused"))["to"] == "mission"
             await files.close()
 
     run_page(job)

@@ -39,7 +39,7 @@ def test_a_fetched_run_is_listed_although_its_route_fails(robot, tmp_path):
         files, reports = LocalFiles("robot", "small", tmp_path, tmp_path / "runs"), []
         files._lab = OwnWorker()
         files.expect("1", "teach", {"name": "ring"})
-        files.fetch({"id": "1", "run": "a", "why": None}, lambda *report: reports.append(report))
+        files.fetch({"id": "1", "run": "a", "reason": None}, lambda *report: reports.append(report))
         await asyncio.gather(*files._fetching)
         return reports
 

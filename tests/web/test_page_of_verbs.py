@@ -45,7 +45,7 @@ async def looking(port, **hello):
     async with connect(
         f"ws://{host}/ws",
         origin=f"http://{host}",
-        subprotocols=["baqueano.1"],
+        subprotocols=["baqueano.2"],
         compression=None,
         close_timeout=CLOSE_S,
     ) as line:
@@ -155,7 +155,7 @@ def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
                     "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
                 )
                 await visitor.send("mission", kind="drive")
-                assert (await visitor.next("no"))["to"] == "mission"
+                assert (await visitor.next("refused"))["to"] == "mission"
                 await visitor.send("stop")
                 await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 

@@ -83,7 +83,7 @@ def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
                 from websockets.asyncio.client import connect
 
                 host = f"127.0.0.1:{port}"
-                address = {"origin": f"http://{host}", "subprotocols": ["baqueano.1"], "compression": None}
+                address = {"origin": f"http://{host}", "subprotocols": ["baqueano.2"], "compression": None}
                 async with connect(f"ws://{host}/ws", **address) as line:
                     visitor = Browser(line)
                     await visitor.send("hello", lang="en", name="ana")

@@ -44,7 +44,7 @@ def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
         rows = [row for word in words if word["is"] == "frame" for row in word["x"]]
         np.testing.assert_array_equal(np.array(rows, "f4"), pack_run(drive()).columns)
         assert {"MISSION", "READY"} == {word["state"] for word in words if word["is"] == "state"}
-        assert words[-1]["said"].code == "web.demo-done"
+        assert words[-1]["message"].code == "web.demo-done"
 
     run_page(job)
 
@@ -60,7 +60,7 @@ def test_playback_can_be_stopped_paused_and_paced(tmp_path):
         playing = asyncio.create_task(playback.receive(words.append))
         while not any(word["is"] == "frame" for word in words):
             await asyncio.sleep(0.01)
-        playback.send("stop", why=stop(StopReason.STOPPED_BY, words="eva"))
+        playback.send("stop", reason=stop(StopReason.STOPPED_BY, words="eva"))
         await asyncio.sleep(0.2)
         frames = sum(word["is"] == "frame" for word in words)
         await asyncio.sleep(0.3)

@@ -98,7 +98,7 @@ def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_folder,
                 None,
             )  # the others are still shown
             await visitor.send("open", run=run, filter="ekf")
-            assert "theirs.py" in (await visitor.next("no"))["why"]
+            assert "theirs.py" in (await visitor.next("refused"))["reason"]
 
     run_page(job)
     assert not (tmp_path / "executed").exists()
@@ -163,7 +163,7 @@ def test_the_newest_request_replaces_the_previous_request(folder):
         own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
         more = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
         for number, side in ((100, 20), (101, 3)):
-            await visitor.send("ask", id=number, what="landscape", side=side, **more)
+            await visitor.send("ask", id=number, question="landscape", side=side, **more)
         answers = {}
         while len(answers) < 2:
             word = await visitor.next("answer", where=lambda word: word.get("id") in (100, 101))
@@ -215,7 +215,7 @@ def test_an_unlisted_block_is_never_executed(folder, kind):
         assert (await visitor.request("block", room="estimator", kind=kind))["code"] == "web.no-kind"
         assert (await visitor.request("check", room="estimator", kind=kind))["code"] == "web.no-kind"
         await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter=kind)
-        assert (await visitor.next("no"))["code"] == "web.no-kind"
+        assert (await visitor.next("refused"))["code"] == "web.no-kind"
 
     serve_job(folder, job)
 
@@ -258,7 +258,7 @@ def test_a_recorded_run_refuses_block_changes_and_writing(folder):
     async def job(visitor):
         for word in ({"room": "controller", "kind": "lqr"}, {"gains": [1, 1, 1, 1]}):
             await visitor.send("swap" if "room" in word else "write", **word)
-            assert (await visitor.next("no"))["code"] == "web.no-vehicle"
+            assert (await visitor.next("refused"))["code"] == "web.no-vehicle"
 
     serve_job(folder, job)
 
@@ -267,7 +267,7 @@ def test_a_stop_does_not_wait_for_a_long_request(folder):
     async def job(visitor):
         own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
         await visitor.send(
-            "ask", id=1000, what="landscape", side=24, gains=own, a="k_x", b="k_chi", route="run"
+            "ask", id=1000, question="landscape", side=24, gains=own, a="k_x", b="k_chi", route="run"
         )
         began = asyncio.get_running_loop().time()
         await visitor.request("ping")

@@ -112,7 +112,7 @@ def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_path):
                        if word["u"] != [k / 100.0]]  # fmt: skip
             assert crossed_words == []
             await drivers[0].send("mission", kind="drive", robot=robots[1])
-            assert (await drivers[0].next("no", where=lambda word: word["to"] == "mission"))[
+            assert (await drivers[0].next("refused", where=lambda word: word["to"] == "mission"))[
                 "code"
             ] == "web.other-robot"
             await drivers[0].send("stop", robot=robots[1])  # a stop never reaches another vehicle

@@ -91,7 +91,7 @@ async def driving(port, moves, via=None):
 
     host = f"127.0.0.1:{port}"
     async with connect(
-        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None,
+        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None,
         host="127.0.0.1", port=via or port,
     ) as line:  # fmt: skip
         visitor, n, frame = Browser(line), 0, 0
@@ -145,8 +145,8 @@ def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal
                 start_s = time.monotonic()
                 state, came = await asyncio.to_thread(watcher.state, "STOPPED")
                 assert came - start_s < 2.0  # on a busy machine the message may arrive late
-                assert state["why"]["code"] == "operator.silent"
-                assert 300.0 <= state["why"]["figures"]["silent_ms"] <= 500.0
+                assert state["reason"]["code"] == "operator.silent"
+                assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
                 drives.cancel()
                 await asyncio.gather(drives, return_exceptions=True)
 
@@ -175,8 +175,8 @@ def test_rt13_a_browser_without_network_loses_the_vehicle_within_half_a_second(t
                     await asyncio.to_thread(watcher.state, "MANUAL")
                     line.unplug()
                     state, _ = await asyncio.to_thread(watcher.state, "STOPPED")
-                    assert state["why"]["code"] == "operator.silent"
-                    assert 300.0 <= state["why"]["figures"]["silent_ms"] <= 500.0
+                    assert state["reason"]["code"] == "operator.silent"
+                    assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
                     assert not drives.done()  # the browser was not notified
                     drives.cancel()
                     await asyncio.gather(drives, return_exceptions=True)
@@ -241,7 +241,7 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
                 lines = [
                     await room.enter_async_context(
                         connect(
-                            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+                            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None
                         )
                     )
                     for _ in range(VIEWERS)

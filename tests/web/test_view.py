@@ -119,9 +119,9 @@ def test_each_browser_shows_the_language_that_its_user_chose(folder):
             assert labels == ["tiempo", "time"]
             for visitor in (spanish, two):
                 await visitor.send("beat", n=1)
-            answers = [await visitor.next("no") for visitor in (spanish, two)]
+            answers = [await visitor.next("refused") for visitor in (spanish, two)]
             assert [no["code"] for no in answers] == ["web.no-vehicle"] * 2
-            assert answers[0]["why"] != answers[1]["why"]
+            assert answers[0]["reason"] != answers[1]["reason"]
 
     run_page(job)
 

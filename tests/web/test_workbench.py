@@ -166,4 +166,4 @@ def test_the_ghost_run_is_aligned_with_the_run_by_marks(tab):
 
 
 def requests_of(live, subject):
-    return [word for word in live.words("ask") if word["what"] == subject]
+    return [word for word in live.words("ask") if word["question"] == subject]

@@ -3,4 +3,4 @@
 from pathlib import Path
 
 SOCKET = Path("/run/baqueano/door")  # socket of the service, on the vehicle
-VERSION = 2  # version of the protocol; since version 2, messages are diagnostics and not sentences
+VERSION = 3  # version of the protocol; since version 3, the names of fields are terms of the field

@@ -121,7 +121,7 @@ class ChangeObserver(Observer):
                 diagnostic, level = self._change(path, value), Severity.INFO
             except Invalid as error:
                 diagnostic, level = error.diagnostic, Severity.WARNING
-            self._tell({"is": "event", "level": str(level), "said": diagnostic})
+            self._tell({"is": "event", "level": str(level), "message": diagnostic})
             lines.append((SOURCE, str(level), diagnostic))
         return lines
 

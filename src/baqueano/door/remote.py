@@ -73,7 +73,7 @@ class Remote:
                 raise RobotUnreachable(fault("remote.gone", host=self.name, error=error)) from error
 
     def receive(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
-        """Return the next message of these kinds; store each "state", and raise the error that a "no" reports.
+        """Return the next message of these kinds; store each "state", and raise the error that a "refused" reports.
 
         Raise RobotUnreachable if no such message arrives within `within_s`, or if the connection ends.
         """
@@ -92,19 +92,21 @@ class Remote:
             match message["is"]:
                 case "state":
                     self.state = message
-                case "heard":
+                case "received":
                     self.acknowledged = message["do"]
             if message["is"] in kinds:
                 return message
-            if message["is"] == "no" and getattr(message.get("about"), "code", "") != LATE_CHANGE:
-                raise error_of_exit_code(int(message.get("code", 1)), message.get("about") or message["why"])
+            if message["is"] == "refused" and getattr(message.get("diagnostic"), "code", "") != LATE_CHANGE:
+                raise error_of_exit_code(
+                    int(message.get("code", 1)), message.get("diagnostic") or message["reason"]
+                )
 
     def wait(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Receive states and acknowledgements until `condition` returns True; return False after `within_s`."""
         end_s = time.monotonic() + within_s
         while not condition():
             try:
-                self.receive(("state", "heard"), end_s - time.monotonic())
+                self.receive(("state", "received"), end_s - time.monotonic())
             except RobotUnreachable:
                 if not self._hearing.is_alive():
                     raise
@@ -137,7 +139,7 @@ class Remote:
         outcome = self._await_end(name, hand, progress, on_event, words, on_state)
         if outcome["run"] is not None:
             self.fetch(outcome["run"], path)
-        reason, code = outcome["why"], int(outcome.get("code", 0))
+        reason, code = outcome["reason"], int(outcome.get("code", 0))
         if outcome["run"] is None or code:
             raise error_of_exit_code(code or SafetyStop.exit_code, reason or "")
         return read_run(path)
@@ -172,12 +174,12 @@ class Remote:
                 if message is None:
                     progress(time.monotonic() - start_s)
                 elif message["is"] == "event":
-                    on_event(text(message["said"]))
+                    on_event(text(message["message"]))
                 elif message["is"] == "done" and message.get("id") == name:
                     return message
             except KeyboardInterrupt:
                 if ending:
-                    self.send(do="stop", why=because(StopReason.STOPPED_FROM_LAPTOP))
+                    self.send(do="stop", reason=because(StopReason.STOPPED_FROM_LAPTOP))
                 ending = True
                 self.send(do="end")
 
@@ -344,7 +346,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
     a drive is being prepared: the drive then ends later, before the vehicle moves. Raise RobotUnreachable if the
     vehicle did not acknowledge the stop.
     """
-    with connect(host, do="stop", why=reason) as remote:
+    with connect(host, do="stop", reason=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_TIMEOUT_S):
             raise RobotUnreachable(fault("remote.stop-unconfirmed", host=host))
         if not remote.wait(lambda: _is_stopped(remote), STOP_TIMEOUT_S):
@@ -371,7 +373,7 @@ def _is_stopped(remote: Remote) -> bool:
 def _greet(remote: Remote, first: "JsonObject") -> None:
     if first:
         remote.send(**first)
-    remote.receive(("state", "heard"), GREETING_TIMEOUT_S)
+    remote.receive(("state", "received"), GREETING_TIMEOUT_S)
 
 
 def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:

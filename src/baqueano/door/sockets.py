@@ -1,16 +1,17 @@
 """Serve up to MAX_CLIENTS clients of the service at a socket, with one line of JSON for each message.
 
-  to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {why}, clear,
+  to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {reason}, clear,
                      runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
-  from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
-                     pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
+  from the vehicle   state {door}, event {message}, done {id, run, reason}, runs, file {run, data, left},
+                     refused {reason, diagnostic}, pong {token}, received {do}, vehicle, fields, route,
+                     frame {t_ns, n, x}
 
-`why`, `said` and `about` are diagnostics (wire.py), except the `why` of a `no`, which is a sentence. `door` is the
-version of the protocol: missions of other versions are refused, but stops are always accepted. A new connection
-receives the last state at once. All connections receive the events of each drive, which its client recognises by `id`.
+`reason`, `message` and `diagnostic` are diagnostics (wire.py), except the `reason` of `refused`, a sentence. `door` is
+the version of the protocol: missions of other versions are refused, but stops are always accepted. A new connection
+receives the last state at once. All connections receive the events of each drive, recognised by its `id`.
 Only the user of the service and its group can open the socket; others need ssh (remote.py). In each turn the door reads
 all connections, handles the stops, sends the queued messages, and answers the other lines in equal shares. A malformed
-line is answered by `no`. A client that does not read is disconnected.
+line is answered by `refused`. A client that does not read is disconnected.
 """
 
 import errno
@@ -243,9 +244,9 @@ class Door:
         except Exception as error:  # a line can cause any error, and this thread is the only reader
             self._refuse(client, note("door.not-understood", Severity.ERROR, error=error_text(error)), 2)
 
-    def _refuse(self, client: DoorClient, about: Diagnostic, code: int) -> None:
-        """Send a refusal. Its sentence `why` is for clients of another version, which cannot read diagnostics."""
-        client.enqueue({"is": "no", "why": text(about), "about": about, "code": code})
+    def _refuse(self, client: DoorClient, diagnostic: Diagnostic, code: int) -> None:
+        """Send a refusal. Its sentence `reason` is for clients of another version, which cannot read diagnostics."""
+        client.enqueue({"is": "refused", "reason": text(diagnostic), "diagnostic": diagnostic, "code": code})
 
     def _execute(self, client: DoorClient, request: "JsonObject", verb: str) -> None:
         actions: dict[str, Callable[[], object]] = {
@@ -255,7 +256,7 @@ class Door:
             "mark": lambda: self.operator.record_mark(client),
             "ping": lambda: client.enqueue({"is": "pong", "token": request.get("token")}),
             "end": lambda: self.operator.request_end(client),
-            "stop": lambda: self._stop(client, _stop_reason(request.get("why"))),
+            "stop": lambda: self._stop(client, _stop_reason(request.get("reason"))),
             "clear": lambda: setattr(self.operator, "clear_requested", True),
             "runs": lambda: client.send_line(self._files.list()),
             "fetch": lambda: self._files.fetch(client, str(request["run"]), self._is_connected),
@@ -281,12 +282,12 @@ class Door:
 
     def _set_gain(self, client: DoorClient, request: "JsonObject") -> None:
         self.operator.set_gain(client, str(request["path"]), request["value"])
-        client.enqueue({"is": "heard", "do": "set"})
+        client.enqueue({"is": "received", "do": "set"})
 
     def _stop(self, client: DoorClient, reason: Diagnostic) -> None:
         self.operator.stop(reason)
         self._halt()
-        client.enqueue({"is": "heard", "do": "stop"})
+        client.enqueue({"is": "received", "do": "stop"})
         if client in self._until:
             self._until[client] = time.monotonic() + STOPPED_S
 

@@ -10,12 +10,18 @@ from baqueano.messages.printable import printable_json, shell_command
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-DIAGNOSTIC_FIELDS = ("why", "said", "about", "imu_bus", "degraded")  # fields that can be diagnostics
+DIAGNOSTIC_FIELDS = (
+    "reason",
+    "message",
+    "diagnostic",
+    "imu_bus",
+    "degraded",
+)  # fields that can be diagnostics
 REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
-    "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
-    "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {"token": object},
+    "state": {"state": str}, "event": {"message": Diagnostic}, "done": {"run": str | None, "reason": Diagnostic | None},
+    "runs": {"runs": list}, "file": {"data": str, "left": int}, "refused": {"reason": str}, "pong": {"token": object},
     "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
-    "routes": {"routes": list}, "over": {"why": Diagnostic}, "ledger": {"rows": list}, "heard": {"do": str},
+    "routes": {"routes": list}, "over": {"reason": Diagnostic}, "ledger": {"rows": list}, "received": {"do": str},
 }  # fmt: skip
 
 
@@ -41,7 +47,7 @@ def decode(line: bytes, host: str = "HOST") -> "JsonObject | None":
             isinstance(message[name], kind) for name, kind in REQUIRED_FIELDS[message["is"]].items()
         )
         is_valid &= isinstance(message.get("code", 0), int)
-        is_valid &= isinstance(message.get("about"), Diagnostic | None)
+        is_valid &= isinstance(message.get("diagnostic"), Diagnostic | None)
         return message if is_valid else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

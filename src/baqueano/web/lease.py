@@ -90,7 +90,7 @@ def lease_messages(lease: Lease, visitors: list[Visitor]) -> "Iterator[tuple[Vis
     for visitor in visitors:
         others = [other.name for other in visitors if other.role == Role.DRIVE and other is not visitor]
         yield visitor, {
-            "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * lease.remaining_s),
+            "is": "lease", "driver": getattr(holder, "name", None), "until_ms": round(1e3 * lease.remaining_s),
             "you": visitor is holder, "watching": len(visitors) - (holder is not None),
             "others": others if visitor is holder else [],
         }  # fmt: skip

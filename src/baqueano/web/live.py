@@ -86,7 +86,7 @@ class Live:
         finally:
             ticking.cancel()
             if not self.over.is_set():
-                self._state = {"is": "state", "state": "STOPPED", "why": fault("web.service-gone")}
+                self._state = {"is": "state", "state": "STOPPED", "reason": fault("web.service-gone")}
             self._send_state()
 
     # from the browser
@@ -140,13 +140,13 @@ class Live:
     def announce_swap(self, role: str, kind: str, blocks: dict[str, str]) -> None:
         """Announce to all browsers that a block of this kind is used for a role from the next mission on."""
         self._blocks = dict(blocks)
-        self._on_event({"said": note("web.swapped", role=role, kind=kind)})
+        self._on_event({"message": note("web.swapped", role=role, kind=kind)})
         self._send_blocks()
 
     def _stop(self, visitor: Visitor, message: "JsonObject") -> None:
         """Stop the vehicle at once. The browser needs the role STOP, but not the right to drive."""
         self._require_role(visitor, Role.STOP)
-        self._link.send("stop", why=stop(StopReason.STOPPED_ON_PAGE, name=visitor.name))
+        self._link.send("stop", reason=stop(StopReason.STOPPED_ON_PAGE, name=visitor.name))
 
     def _beat(self, visitor: Visitor, message: "JsonObject") -> None:
         u = message["u"]
@@ -233,7 +233,7 @@ class Live:
 
     def _receive(self, message: "JsonObject") -> None:
         do = {
-            "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "no": self._on_refusal,
+            "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "refused": self._on_refusal,
             "vehicle": self._on_vehicle, "fields": self._on_fields, "route": self._on_route,
             "routes": self._on_routes, "done": self._on_done, "over": self._on_drive_end, "ledger": self._on_ledger,
         }.get(message["is"])  # fmt: skip
@@ -259,7 +259,7 @@ class Live:
         self._state = message
 
     def _on_event(self, message: "JsonObject") -> None:
-        diagnostic = message["said"]
+        diagnostic = message["message"]
         if diagnostic.code == "door.set":
             self._set_gain(diagnostic)
         t_s = self.feed.value("t")
@@ -277,13 +277,17 @@ class Live:
 
     def _on_refusal(self, message: "JsonObject") -> None:
         """Send a refusal of the service to the browser of the last request, or to all if this browser has left."""
-        about = message.get("about")
+        about = message.get("diagnostic")
         browsers = self._browsers()
         for visitor in [self._last_sender] if self._last_sender in browsers else browsers:
             if visitor is not None:
                 with use_language(visitor.language):
-                    reason = text(about) if isinstance(about, Diagnostic) else one_line(str(message["why"]))
-                visitor.send({"is": "no", "why": reason, "code": getattr(about, "code", ""), "to": "mission"})
+                    reason = (
+                        text(about) if isinstance(about, Diagnostic) else one_line(str(message["reason"]))
+                    )
+                visitor.send(
+                    {"is": "refused", "reason": reason, "code": getattr(about, "code", ""), "to": "mission"}
+                )
 
     def _on_vehicle(self, message: "JsonObject") -> None:
         self._vehicle = message
@@ -322,8 +326,8 @@ class Live:
 
     def _on_done(self, message: "JsonObject") -> None:
         """Report the end of a mission and its reason, and request the routes again, or the run of a robot."""
-        if message["why"] is not None:
-            self._on_event({"said": message["why"]})
+        if message["reason"] is not None:
+            self._on_event({"message": message["reason"]})
         if self._local is None:
             with suppress(BaqueanoError):
                 self._link.send("routes")
@@ -334,14 +338,14 @@ class Live:
 
     def _on_fetched(self, message: Diagnostic, routes: "list[JsonObject] | None") -> None:
         """Report that the run of a robot was copied to this computer, or why this failed."""
-        self._on_event({"said": message})
+        self._on_event({"message": message})
         if routes is not None:
             self._on_routes({"routes": routes})
             self.on_done()
 
     def _on_drive_end(self, message: "JsonObject") -> None:
         """Report to all browsers that the last drive has ended, and set `over`."""
-        self._state = {"is": "state", "state": "OVER", "why": message["why"]}
+        self._state = {"is": "state", "state": "OVER", "reason": message["reason"]}
         self._send_state()
         self.over.set()
 
@@ -379,7 +383,7 @@ class Live:
             visitor.send(words[visitor.language])
 
     def _description(self) -> "JsonObject":
-        now_s, cause = self.feed.value("t"), self._state.get("why")
+        now_s, cause = self.feed.value("t"), self._state.get("reason")
         odd = [
             message for t_s, message in self._events
             if message.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > WARNING_DISPLAY_S

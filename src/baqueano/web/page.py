@@ -56,7 +56,7 @@ class VehicleSide(Protocol):
         ...
 
     async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
-        """Execute a message of a browser; the caller answers a BaqueanoError with `no`."""
+        """Execute a message of a browser; the caller answers a BaqueanoError with `refused`."""
         ...
 
     def on_disconnect(self, visitor: Visitor) -> None:
@@ -118,12 +118,12 @@ class BrowserPage:
             self.refuse(visitor, message, fault("web.not-understood", error=type(error).__name__))
 
     def refuse(self, visitor: Visitor, message: "JsonObject", reason: Diagnostic) -> None:
-        """Answer a message with `no` and the reason, and disconnect a browser without a role."""
+        """Answer a message with `refused` and the reason, and disconnect a browser without a role."""
         with use_language(visitor.language):
             visitor.send(
                 {
-                    "is": "no",
-                    "why": text(reason),
+                    "is": "refused",
+                    "reason": text(reason),
                     "code": str(reason.code),
                     "to": message["is"][:MAX_NAME_LETTERS],
                 }
@@ -192,9 +192,9 @@ class BrowserPage:
 
     async def _ask(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer "ping" at once, and another question within the limit of the browser."""
-        if message["what"] == "ping":
+        if message["question"] == "ping":
             visitor.send({"is": "answer", "to": "ask", "id": message.get("id")})
-        elif message["what"] == "identify":
+        elif message["question"] == "identify":
             await self._within_limit(visitor, self._identify_run(visitor, message))
         else:
             await self._within_limit(visitor, self.questions.answer(visitor, message))
@@ -289,8 +289,8 @@ class BrowserPage:
             except BaqueanoError as error:
                 with use_language(visitor.language):
                     yield {
-                        "is": "no",
-                        "why": text(error.diagnostic),
+                        "is": "refused",
+                        "reason": text(error.diagnostic),
                         "code": error.diagnostic.code,
                         "to": "open",
                     }

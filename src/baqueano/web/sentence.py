@@ -25,7 +25,7 @@ STATE_TEXTS = {
 }  # fmt: skip
 NIS_WINDOW_S = 10.0
 MIN_NIS_COUNT = 100  # least number of NIS values for a sentence
-COPIED_FIELDS = ("number", "t_s", "until_s", "over", "fault")  # copied fields of a row of `ledger`
+COPIED_FIELDS = ("number", "t_s", "until_s", "ended", "fault")  # copied fields of a row of `ledger`
 HALF_BAND = 1.96 * math.sqrt(2.0)  # 95 % half width of the mean of N squared normal variables, times √N
 
 
@@ -56,7 +56,7 @@ def state_message(
 
 
 def _cause_sentence(state: "JsonObject") -> Diagnostic:
-    cause = state.get("why")
+    cause = state.get("reason")
     if state["state"] == "STOPPED":
         return note("web.stopped", cause=cause or "")
     if state["state"] == "OVER" and isinstance(cause, Diagnostic):
@@ -100,13 +100,13 @@ def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
     return [
         {name: row.get(name) for name in COPIED_FIELDS}
         | {
-            "what": _text(row.get("what")), "nobody": _text(row.get("nobody")),
-            "noticed": [
-                {"who": _text(notice.get("who")), "after_s": notice.get("after_s"),
+            "text": _text(row.get("message")), "undetected": _text(row.get("undetected")),
+            "detections": [
+                {"detector": _text(notice.get("detector")), "after_s": notice.get("after_s"),
                  "text": _text(notice.get("message"))}
-                for notice in row.get("noticed") or [] if isinstance(notice, dict)
+                for notice in row.get("detections") or [] if isinstance(notice, dict)
             ],
-            "silent": [_text(source) for source in row.get("silent") or []],
+            "missed_by": [_text(source) for source in row.get("missed_by") or []],
         }
         for row in rows
     ]  # fmt: skip

@@ -85,7 +85,7 @@ class DriveDoor:
 
     def close(self, reason: Diagnostic) -> None:
         """Report that the drives have ended, and disconnect the page."""
-        self._door.broadcast({"is": "over", "why": reason})
+        self._door.broadcast({"is": "over", "reason": reason})
         self._door.close()
 
     def wait_for_hand(self, is_running: Callable[[], bool]) -> None:
@@ -139,7 +139,7 @@ class DriveDoor:
             stop_reason = self.operator.stop_reason(self.by_hand)
             if stop_reason is not None and not is_stopped:
                 is_stopped = True
-                replies.append({"do": "stop", "why": stop_reason})
+                replies.append({"do": "stop", "reason": stop_reason})
             watching = True
             return replies
 
@@ -153,7 +153,7 @@ class DriveDoor:
         self._published_s = now_s
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
         self._door.broadcast({
-            "is": "state", "state": str(self._state), "why": self._reason, "run": None, "world": self._world,
+            "is": "state", "state": str(self._state), "reason": self._reason, "run": None, "world": self._world,
             "battery_v": None, **pace_fields, **drive_description(self._mission, self._file.rate_hz, self._record),
         })  # fmt: skip
 
@@ -208,12 +208,12 @@ class DriveDoor:
             self.visited.set()
 
     def _on_stop(self, client: object, message: "JsonObject") -> "JsonObject":
-        reason = Diagnostic.of_json(message["why"])
+        reason = Diagnostic.of_json(message["reason"])
         if self._robot is not None:  # at once, from this thread
-            self._robot.send(do="stop", why=reason)
+            self._robot.send(do="stop", reason=reason)
         else:
             self.operator.stop(reason)
-        return {"is": "heard", "do": "stop"}
+        return {"is": "received", "do": "stop"}
 
     def _on_set(self, client: object, message: "JsonObject") -> "JsonObject":
         if self._robot is None:
@@ -224,7 +224,7 @@ class DriveDoor:
             raise SafetyStop(
                 note("cli.page-set", Severity.ERROR, baqueano_command("serve", "--robot", self._robot.name))
             )
-        return {"is": "heard", "do": "set"}
+        return {"is": "received", "do": "set"}
 
     def _on_time(self, client: object, message: "JsonObject") -> None:
         if self._robot is not None:
@@ -239,7 +239,7 @@ class DriveDoor:
         self.publish(at_once=True)
 
     def _end(self, name: str, reason: Diagnostic, code: int) -> None:
-        self._door.broadcast({"is": "done", "id": name, "run": None, "why": reason, "code": code})
+        self._door.broadcast({"is": "done", "id": name, "run": None, "reason": reason, "code": code})
 
 
 class _PageObserver(Observer):

@@ -89,7 +89,9 @@ def clear(host: str) -> None:
         remote.send(do="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
         state = remote.state
-        print_result(f"{host}: {state['state']}" + (f": {text(state['why'])}" if state.get("why") else ""))
+        print_result(
+            f"{host}: {state['state']}" + (f": {text(state['reason'])}" if state.get("reason") else "")
+        )
 
 
 @command.command(
@@ -141,7 +143,7 @@ class RobotStatus:
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 
-        reason = self.reply.get("why")
+        reason = self.reply.get("reason")
         data = reason.to_json() if isinstance(reason, Diagnostic) else {"code": None, "figures": {}}
         readable_reply = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.reply.items()}
         return [readable_reply | {"code": data["code"], "figures": data["figures"]}]

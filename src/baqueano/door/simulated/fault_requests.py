@@ -1,13 +1,13 @@
 """Begin and end faults of a drive, list the checks that detected them, and repeat the drive without some faults.
 
   shake {kind, …}              begins a fault with the next tick; the fields are in worlds/faults/fault.py
-  shake {over: number}         ends the fault with this number
+  shake {end: number}          ends the fault with this number
   again {from_s, without}      repeats the mission with the same seed, without the faults of these numbers, or without
                                any fault; until `from_s` as fast as it can be computed. The present drive ends first
-  ledger {rows}                sent when something changes: number, t_s, until_s, over, what, noticed [who, after_s,
-                               message], silent [who], nobody
+  ledger {rows}                sent when something changes: number, t_s, until_s, ended, message, detections
+                               [detector, after_s, message], missed_by, undetected
 
-`what`, `message` and `nobody` are diagnostics.
+`message`, `detector` and `undetected` are diagnostics.
 """
 
 import json
@@ -58,8 +58,8 @@ class FaultRequests:
         """Begin or end a fault. Raise UsageError if no drive is under way, or for an invalid fault."""
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
-        if "over" in request:
-            world.end_fault(int(request["over"]))
+        if "end" in request:
+            world.end_fault(int(request["end"]))
         else:
             world.begin_fault(
                 {name: value for name, value in request.items() if name not in ("do", "is", "at_s")}
@@ -97,7 +97,7 @@ class FaultRequests:
         try:
             self._operator.queue_mission(client, json.dumps(mission), is_attended, "again")
         except SafetyStop as error:
-            self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
+            self._tell({"is": "event", "level": str(Severity.ERROR), "message": error.diagnostic})
 
     def broadcast_ledger(self, ledger: Ledger) -> None:
         """Send the record of faults to all clients as the message `ledger`."""
@@ -146,12 +146,12 @@ class _LedgerObserver(Observer):
 def _fault_row(ledger: Ledger, row: LedgerRow) -> JsonObject:
     until_s = None if row.until_s == float("inf") else row.until_s
     return {
-        "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
-        "fault": row.fault.to_json(), "what": row.message,
-        "noticed": [
-            {"who": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "message": notice.message}
+        "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "ended": row.until_s <= ledger.now_s,
+        "fault": row.fault.to_json(), "message": row.message,
+        "detections": [
+            {"detector": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "message": notice.message}
             for notice in row.notices
         ],
-        "silent": [note(f"ledger.who-{source}") for source in row.silent_witnesses()],
-        "nobody": ledger.unnoticed_diagnostic(row),
+        "missed_by": [note(f"ledger.who-{source}") for source in row.silent_witnesses()],
+        "undetected": ledger.unnoticed_diagnostic(row),
     }  # fmt: skip

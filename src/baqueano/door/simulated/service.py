@@ -117,7 +117,7 @@ class SimulatedService:
         self._plan = self._record = self._run = None
         self.send_state(at_once=True)
         self.operator.record_mission_end()
-        self.broadcast({"why": reason, "code": code} | outcome)
+        self.broadcast({"reason": reason, "code": code} | outcome)
         self.shaken.queue_repetition()
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
@@ -138,7 +138,7 @@ class SimulatedService:
                 stop_reason = late_stop if regular_end else reason
                 self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
                 self.operator.discard_requests(stop_reason)
-                outcome |= {"run": path.name if path.exists() else None, "why": reason, "code": code}
+                outcome |= {"run": path.name if path.exists() else None, "reason": reason, "code": code}
                 if plan.route_name and stop_reason is None and not code and path.exists():
                     outcome |= self._store_taught_route(plan, path)
             finally:
@@ -183,16 +183,16 @@ class SimulatedService:
             self.send_state()
 
     def _store_taught_route(self, plan: MissionPlan, path: Path) -> JsonObject:
-        """Store the route of a mission of kind "teach"; return {route}, its name, or {why, code} after a failure."""
+        """Store the route of a mission of kind "teach"; return {route}, its name, or {reason, code} after a failure."""
         try:
             write_route(route_of(read_run(path), plan.closed), self.routes.path(plan.route_name))
         except BaqueanoError as error:
-            return {"why": error.diagnostic, "code": error.exit_code}
+            return {"reason": error.diagnostic, "code": error.exit_code}
         return {"route": plan.route_name}
 
     def send_event(self, level: str, event: Diagnostic) -> None:
         """Send an event to all clients."""
-        self.broadcast({"is": "event", "level": level, "said": event})
+        self.broadcast({"is": "event", "level": level, "message": event})
 
     def send_state(self, at_once: bool = False) -> None:
         """Send the state to all clients, if `at_once` or if the last state was sent at least TELL_S ago."""
@@ -204,7 +204,7 @@ class SimulatedService:
         rate_hz = self.vehicle_file.rate_hz if plan is None else plan.vehicle_file.rate_hz
         self.broadcast(
             {
-                "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
+                "is": "state", "state": str(self.machine.state), "reason": self.machine.reason, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
                 **drive_description(mission, rate_hz, record),

@@ -268,7 +268,8 @@ class DriveIdentification:
             "compiled": self.compiled,
             "parameters": [self._parameter_json(free, std[-1, k], value[k]) for k, free in enumerate(self._free)],
             "fit": None if self._last_fit is None else self._fit_json(self._last_fit), "next": self._advised_motion(),
-            "why": None if self._reason is None else self._reason.to_json(), "busy": self.is_busy, "first": FIRST_FIT_S,
+            "reason": None if self._reason is None else self._reason.to_json(),
+            "busy": self.is_busy, "first": FIRST_FIT_S,
         }  # fmt: skip
 
     @property
@@ -299,7 +300,7 @@ class DriveIdentification:
         reason_json = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
             "t": drive_fit.t_s, "took_s": drive_fit.computing_s, "value": value, "std": std,
-            "verdict": str(fit.verdict), "verdict_id": str(fit.verdict), "why": reason_json,
+            "verdict": str(fit.verdict), "verdict_id": str(fit.verdict), "reason": reason_json,
         }  # fmt: skip
 
     def _advised_motion(self) -> "JsonObject | None":

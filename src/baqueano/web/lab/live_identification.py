@@ -127,13 +127,15 @@ class LiveIdentification:
             flat = self._frames.popleft().tolist()
             rows += [flat[k : k + width] for k in range(0, len(flat), width)]
         if rows and self._reply is None:  # the first answer can take a compilation
-            self._forward(drive, {"parameters": [], "why": note("web.identifying").to_json(), "busy": True})
+            self._forward(
+                drive, {"parameters": [], "reason": note("web.identifying").to_json(), "busy": True}
+            )
         try:
             reply, _ = await self._lab.request(
                 "identify", vehicle=self.vehicle, drive=drive, names=self._names, rows=rows
             )
         except BaqueanoError as error:
-            reply = {"parameters": [], "why": error.diagnostic.to_json(), "busy": False}
+            reply = {"parameters": [], "reason": error.diagnostic.to_json(), "busy": False}
         self._forward(drive, reply)
 
     def _forward(self, drive: int, reply: "JsonObject") -> None:

@@ -58,7 +58,7 @@ class LocalFiles:
         """
         kind, route = self._requested.pop(str(done.get("id")), ("", ""))
         if kind and done.get("run"):
-            reason = done["why"]
+            reason = done["reason"]
             regular_end = not done.get("code") and (reason is None or reason.code == StopReason.INTERRUPTED)
             task = asyncio.create_task(self._fetch(done["run"], kind, route if regular_end else "", report))
             self._fetching.add(task)

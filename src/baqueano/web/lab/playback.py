@@ -84,7 +84,7 @@ class RunPlayer:
         elif do in ("pause", "go"):
             self._paused = do == "pause"
         elif do in ("stop", "clear"):
-            self._stop_reason = words.get("why") if do == "stop" else None
+            self._stop_reason = words.get("reason") if do == "stop" else None
         elif do in ("mission", "set", "shake"):
             raise UsageError(fault("web.playback"))
         self._send_state()
@@ -99,7 +99,7 @@ class RunPlayer:
             elif isinstance(entry, dict):
                 await self._show({"screen": "tuned", **entry}, GAINS_DISPLAY_S)
             else:
-                on_message({"is": "event", "level": str(entry.severity), "said": entry})
+                on_message({"is": "event", "level": str(entry.severity), "message": entry})
 
     async def close(self) -> None:
         """Do nothing, because a player does not own resources."""
@@ -178,7 +178,7 @@ class RunPlayer:
     def _send_event(self, event: "JsonObject") -> None:
         if isinstance(event["text"], dict):
             self._on_message(
-                {"is": "event", "level": event["severity"], "said": Diagnostic.of_json(event["text"])}
+                {"is": "event", "level": event["severity"], "message": Diagnostic.of_json(event["text"])}
             )
 
     def _send_state(self) -> None:
@@ -187,7 +187,7 @@ class RunPlayer:
             {
                 "is": "state",
                 "state": state,
-                "why": self._stop_reason,
+                "reason": self._stop_reason,
                 "pace": self._pace,
                 "paused": self._paused,
             }

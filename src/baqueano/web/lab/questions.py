@@ -48,7 +48,7 @@ class Questions:
 
     async def answer(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer a question. Raise UsageError for an unknown question."""
-        question = str(message["what"])
+        question = str(message["question"])
         if question not in self.words:
             raise UsageError(fault("web.no-question", what=one_line(question)[:MAX_NAME_LETTERS]))
         key = visitor, question
@@ -69,22 +69,22 @@ class Questions:
     async def _answer(self, visitor: Visitor, message: "JsonObject") -> None:
         reply: JsonObject
         try:
-            reply = await self.words[message["what"]](visitor, message)
+            reply = await self.words[message["question"]](visitor, message)
         except BaqueanoError as error:
             reply = self._refusal(visitor, error.diagnostic)
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
             reply = self._refusal(visitor, fault("web.not-understood", error=type(error).__name__))
         if self._is_newest(visitor, message):
-            self._newest.pop((visitor, message["what"]), None)
+            self._newest.pop((visitor, message["question"]), None)
         if visitor.is_open:
             visitor.send({"is": "answer", "to": "ask", "id": message.get("id")} | reply)
 
     def _refusal(self, visitor: Visitor, reason: Diagnostic) -> "JsonObject":
         with use_language(visitor.language):
-            return {"no": text(reason), "code": str(reason.code)}
+            return {"refusal": text(reason), "code": str(reason.code)}
 
     def _is_newest(self, visitor: Visitor, message: "JsonObject") -> bool:
-        return visitor.is_open and self._newest.get((visitor, message["what"])) == message.get("id")
+        return visitor.is_open and self._newest.get((visitor, message["question"])) == message.get("id")
 
     def subject_of(self, message: "JsonObject") -> "JsonObject":
         """Return the subject of a question: a run of the list, or the page's vehicle.

@@ -4,7 +4,7 @@ to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "compa
                    {"do": "vehicle" | "mission" | "fetch" | "lap closure", …}       local_files.py, questions.py
                    {"do": "tune" | "route" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
                    {"do": "block" | "check", …}                                     described_blocks.py
-from the worker    a line {…, "bytes": n} followed by n bytes; {"no": diagnostic, "code": n, …}
+from the worker    a line {…, "bytes": n} followed by n bytes; {"refusal": diagnostic, "code": n, …}
 """
 
 import json
@@ -296,9 +296,9 @@ def serve(source: BinaryIO, sink: BinaryIO) -> None:
         try:
             reply, payload = worker.answer(request)
         except BaqueanoError as error:
-            reply = {"no": error.diagnostic.to_json(), "code": error.exit_code}
+            reply = {"refusal": error.diagnostic.to_json(), "code": error.exit_code}
         except Exception as error:  # a damaged run must not end the page
-            reply = {"no": fault("web.lab-failed", error=error_text(error)).to_json(), "code": 1}
+            reply = {"refusal": fault("web.lab-failed", error=error_text(error)).to_json(), "code": 1}
         reply |= {"bytes": len(payload)}
         sink.write(json.dumps(reply).encode() + b"\n" + payload)
         sink.flush()

@@ -41,8 +41,8 @@ class WorkerClient:
             self._task = asyncio.create_task(self._exchange({"do": do, **words}))
             self._task.add_done_callback(lambda _: self._turn.release())
             reply, payload = await asyncio.shield(self._task)
-        if "no" in reply:
-            raise error_of_exit_code(reply["code"], Diagnostic.of_json(reply["no"]))
+        if "refusal" in reply:
+            raise error_of_exit_code(reply["code"], Diagnostic.of_json(reply["refusal"]))
         return reply, payload
 
     async def _exchange(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
@@ -56,7 +56,7 @@ class WorkerClient:
             return reply, await program.stdout.readexactly(min(reply["bytes"], MAX_ANSWER_BYTES))
         except (OSError, ValueError, asyncio.IncompleteReadError):
             await self._end_process()
-            return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
+            return {"refusal": fault("web.lab-ended").to_json(), "code": 1}, b""
 
     async def close(self) -> None:
         """Cancel the present request, and end the worker; it does not start again."""

@@ -1,4 +1,4 @@
-// The diagram of the blocks, alive: on each wire what travels there now.
+// The diagram of the blocks, with the present value on each wire.
 
 import { arrow, begin } from "./canvas.js";
 import { choices, el, empty, fill, form, put, row, show, write } from "./dom.js";
@@ -77,7 +77,7 @@ export class Blocks {
     const { content, picked, page } = this, about = this.known[picked];
     content.classList.toggle("strip-list", this.view === 0);
     if (this.view === 0) content.replaceChildren(...this.strips.map((one) => one.node));
-    else if (!about?.text) content.replaceChildren(el("p", about?.no ?? t("block.asking")));
+    else if (!about?.text) content.replaceChildren(el("p", about?.refusal ?? t("block.asking")));
     else if (this.view === 2) {
       const text = el("pre", about.text);
       content.replaceChildren(text);

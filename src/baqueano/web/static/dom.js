@@ -12,7 +12,7 @@ export function el(what, ...rest) {
   return made;
 }
 
-/** Write a text if it differs: a browser lays out again only what changed. Several go into the children. */
+/** Write a text if it differs, to avoid a new layout. Several go into the children. */
 export function write(node, text) {
   if (Array.isArray(text)) { text.forEach((one, k) => write(node.children[k], one)); return; }
   const plain = String(text ?? "");
@@ -88,7 +88,7 @@ export function drag(node, at, over = () => {}, may = () => true) {
 
 export const alone = (event) => !(event.ctrlKey || event.metaKey || event.altKey);
 
-/** Do what a table has for a key, and return whether it has something. */
+/** Execute the entry of a table for a key; return whether it has one. */
 export function keyed(table, event, down) {
   const act = alone(event) && (table[event.code] ?? table[event.key]);
   if (act && down) act();

@@ -1,4 +1,4 @@
-// Faults of a simulated vehicle, who noticed them, and the same drive again without.
+// Faults of a simulated vehicle, their detection, and the drive without them.
 
 import { arrow, axis, begin, clamp, colours, dot, label, line } from "./canvas.js";
 import { choices, el, fill, form, put, show, write } from "./dom.js";
@@ -74,12 +74,12 @@ export class Faults {
     button.ariaLabel = name;
     button.onclick = () => {
       const active = this.#active(kind);
-      this.#send(active ? { over: active.number } : { kind, ...options[which.value][1] });
+      this.#send(active ? { end: active.number } : { kind, ...options[which.value][1] });
     };
     return { kind, ...parts };
   }
 
-  #active(kind) { return this.rows.findLast((row) => row.fault.kind === kind && !row.over); }
+  #active(kind) { return this.rows.findLast((row) => row.fault.kind === kind && !row.ended); }
 
   #send(word) {
     if (this.page.hand.mine) this.page.send({ is: "shake", ...word });
@@ -124,7 +124,7 @@ export class Faults {
     this.list.replaceChildren(...(last ? rows.toReversed().map(entry) : [el("li.none", t("faults.none"))]));
     for (const made of this.breakers) made.button.ariaChecked = Boolean(this.#active(made.kind));
     if (!this.pad.matches(":active")) this.#lean(tilt ? [tilt.fault.x, tilt.fault.y] : [0, 0]);
-    write(this.again.firstChild, last ? t("faults.again-of", { what: last.what }) : t("faults.again"));
+    write(this.again.firstChild, last ? t("faults.again-of", { fault: last.text }) : t("faults.again"));
     this.buttons();
   }
 
@@ -210,12 +210,12 @@ export class Faults {
   }
 }
 
-function entry({ fault, what, t_s, until_s, over, noticed, nobody, silent }) {
-  const lines = noticed.map((one) => el("p.noticed", el("b", one.who), ` ${t("faults.after", { s: num(one.after_s, one.after_s < 0.95 ? 2 : 1) })}: `, el("span", one.text)));
-  if (nobody) lines.push(el("p.nobody", el("b", t("faults.nobody")), ` ${nobody}`));
-  else lines.push(el("p.silent", noticed.length ? `${t("faults.silent")} ${silent.join(", ")}` : t("faults.wait")));
-  const long = over && fault.kind !== "push" ? t("faults.over", { s: num(until_s - t_s) }) : "";
-  return el("li", el("time", num(t_s)), el("div", el("p.what", el("b", what), " ", el("span", long)), lines));
+function entry({ fault, text, t_s, until_s, ended, detections, undetected, missed_by }) {
+  const lines = detections.map((one) => el("p.detected", el("b", one.detector), ` ${t("faults.after", { s: num(one.after_s, one.after_s < 0.95 ? 2 : 1) })}: `, el("span", one.text)));
+  if (undetected) lines.push(el("p.undetected", el("b", t("faults.undetected")), ` ${undetected}`));
+  else lines.push(el("p.missed", detections.length ? `${t("faults.missed")} ${missed_by.join(", ")}` : t("faults.wait")));
+  const long = ended && fault.kind !== "push" ? t("faults.ended", { s: num(until_s - t_s) }) : "";
+  return el("li", el("time", num(t_s)), el("div", el("p.fault", el("b", text), " ", el("span", long)), lines));
 }
 
 /** Return the impulse [N s] of a drag, to x and y of the map. */

@@ -1,5 +1,5 @@
 // Manual driving: touch pad, keys, game pad; and the beats that keep the vehicle ours.
-// A beat comes from the drawing loop alone and names the last frame drawn: a hidden tab or a frozen picture falls silent.
+// The drawing loop alone sends a beat, with the last frame drawn: a hidden or frozen tab sends none.
 
 import { clamp } from "./canvas.js";
 import { alone, drag, el, write } from "./dom.js";

@@ -1,4 +1,4 @@
-// What the drive has taught about its vehicle, and what to drive next.
+// The parameters that the drive has identified, and what to drive next.
 
 import { area, axis, begin, clamp, colours, label, line, ramp, sharp } from "./canvas.js";
 import { drag, el, form, put, show, write } from "./dom.js";
@@ -48,7 +48,7 @@ export class Identify {
 
   identified(word) {
     const { parameters } = word, of = parameters.map((one) => one.path).join();
-    if (!parameters.length) { write(this.about, word.why); return; }
+    if (!parameters.length) { write(this.about, word.reason); return; }
     if (of !== this.of) {
       this.order = null;
       this.rows = parameters.map(({ label, path, unit }) => {
@@ -69,7 +69,7 @@ export class Identify {
     this.buttons();
   }
 
-  #fill({ parameters, next, why, compiled, first }, now, before, fit, bits) {
+  #fill({ parameters, next, reason, compiled, first }, now, before, fit, bits) {
     const trusted = fit && fit.verdict_id !== "REFUSED";
     parameters.forEach((one, k) => {
       const row = this.rows[k], own = trusted ? fit.std[k] : null, x = trusted ? fit.value[k] : null, std = own ?? now[k];
@@ -85,7 +85,7 @@ export class Identify {
     this.verdict.dataset.verdict = fit?.verdict_id ?? "";
     put(this, {
       bits: num(bits, 0), verdict: fit?.verdict, next: next ? `${next.motion}.` : "–", gain: next ? `${next.label}: ± ${relative(next.from)} → ± ${relative(next.to)}` : "",
-      about: fit ? [t("identify.fit", { s: num(fit.t), took: num(fit.took_s) }), fit.why].filter(Boolean).join(" ") : why ?? t(compiled ? "identify.hollow" : "identify.slow", { s: first }),
+      about: fit ? [t("identify.fit", { s: num(fit.t), took: num(fit.took_s) }), fit.reason].filter(Boolean).join(" ") : reason ?? t(compiled ? "identify.hollow" : "identify.slow", { s: first }),
     });
     if (fit?.t !== this.order) {
       this.order = fit?.t;

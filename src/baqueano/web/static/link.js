@@ -1,4 +1,4 @@
-// The one WebSocket: words as JSON, rows as binary frames. Every connection begins afresh with `hello`.
+// The WebSocket: messages as JSON, rows as binary frames. Each connection begins with `hello`.
 
 const HEAD = 16; // bytes: uint32 stream and number, uint32 rows, float64 time of the first row
 const OVER = 1000; // the drives have ended as they should
@@ -13,7 +13,7 @@ export class Link {
   }
 
   connect() {
-    const socket = new WebSocket(`${location.origin.replace("http", "ws")}/ws`, "baqueano.1");
+    const socket = new WebSocket(`${location.origin.replace("http", "ws")}/ws`, "baqueano.2");
     socket.binaryType = "arraybuffer";
     Object.assign(this, { socket, up: false, silent: 0 });
     this.answers.clear();
@@ -46,9 +46,9 @@ export class Link {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ ...word, robot: this.robot }));
   }
 
-  ask(what, more, then) {
+  ask(question, more, then) {
     this.answers.set(++this.id, then);
-    this.send({ is: "ask", id: this.id, what, ...more });
+    this.send({ is: "ask", id: this.id, question, ...more });
   }
 
   #word(word) {

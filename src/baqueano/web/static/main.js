@@ -81,9 +81,9 @@ const on = {
   identify(word) { tell("identified", word); },
   lease(word) { page.hand?.lease(word); lease(word); tell("buttons"); },
   event({ severity, text }) { if (["warning", "error"].includes(severity)) say(text); },
-  no({ why }) {
-    if (page.hello && page.link.up) say(why);
-    else sentence("error", t("link.refused"), why);
+  refused({ reason }) {
+    if (page.hello && page.link.up) say(reason);
+    else sentence("error", t("link.refused"), reason);
   },
   answer({ stream, done, ...word }) {
     if (!done) {
@@ -120,7 +120,7 @@ function frame() {
   stoppable(!recorded && hello.role !== "view");
   show(ui.meters, !recorded);
   show(ui.lease, !recorded && page.drives);
-  lease({ who: hello.driver, watching: hello.watching });
+  lease(hello);
   open(page.screens[before] ? before : recorded ? "replay" : shown[0].key, false);
   follow(page.state.scene);
   ping();
@@ -172,10 +172,10 @@ function sentence(severity, title, text) {
   ui.sentence.dataset.severity = severity;
 }
 
-function lease({ who, you = false, watching = 0, others = [] } = {}) {
+function lease({ driver, you = false, watching = 0, others = [] } = {}) {
   const { recorded } = page;
   put(ui, {
-    driver: t(`driver.${recorded ? "recorded" : you ? "you" : who ? "other" : "nobody"}`, { who }),
+    driver: t(`driver.${recorded ? "recorded" : you ? "you" : driver ? "other" : "none"}`, { driver }),
     watching: recorded || !watching ? "" : t(watching === 1 ? "driver.one-watches" : "driver.watch", { n: watching }),
     lease: t(you ? "lease.give" : "lease.take"),
   });

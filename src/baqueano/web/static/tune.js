@@ -37,9 +37,9 @@ export class Tune {
     instead("tune.preparing", t("tune.preparing-how"));
     this.swapped = page.hello.swapped?.controller;
     page.ask("tune", { route }, (word) => {
-      if (!word.no) this.build(word);
+      if (!word.refusal) this.build(word);
       else if (route) this.prepare();
-      else instead("tune.none", word.no);
+      else instead("tune.none", word.refusal);
     });
   }
 
@@ -114,7 +114,7 @@ export class Tune {
     downhill.disabled = true;
     this.#ask("downhill", { price }, (word) => {
       downhill.disabled = false;
-      page.say(word.no ?? t("tune.down", { n: word.laps, s: num(word.seconds), part: num(100 * (1 - word.cost / word.before), 0) }));
+      page.say(word.refusal ?? t("tune.down", { n: word.laps, s: num(word.seconds), part: num(100 * (1 - word.cost / word.before), 0) }));
       if (word.way) this.#roll(word, calm() ? word.way.length - 1 : 0);
     });
   }
