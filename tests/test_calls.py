@@ -100,6 +100,7 @@ def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():
         (lambda: bq.compare([RUN, "runs/0002.mcap"]), "runs[1]", '"runs/0002.mcap"'),
         (lambda: bq.compare([RUN, Run]), "runs[1]", "class Run"),
         (lambda: bq.load(int), "source", "class int"),
+        (lambda: bq.identify(RUN, ROBOT, [3]), "free[0]", "3"),
     ],
 )
 def test_the_wrong_item_of_a_list_is_named(call, name, value_text):
@@ -107,6 +108,12 @@ def test_the_wrong_item_of_a_list_is_named(call, name, value_text):
         call()
     figures = error.value.diagnostic.figures
     assert (figures["name"], figures["value"]) == (name, value_text)
+
+
+def test_a_number_in_a_list_of_names_is_answered_with_a_text():
+    with pytest.raises(Misuse) as error:
+        bq.identify(RUN, ROBOT, [3])
+    assert error.value.diagnostic.figures["expected"] == "a text"
 
 
 def test_a_result_in_place_of_its_part_is_answered_with_the_part():

@@ -1,6 +1,10 @@
-"""A short print contains whole sentences, and the verdict."""
+"""A short print contains whole sentences, and the verdict; a page is not written as a figure."""
+
+import pytest
 
 from baqueano.contracts.result import MAX_LINES, Result, shorten
+from baqueano.errors import UsageError
+from baqueano.report.page import Page
 
 
 def test_a_long_line_is_wrapped_and_never_cut():
@@ -18,3 +22,11 @@ def test_the_verdict_of_a_long_table_is_printed():
             return "\n".join([*"abcdefghijklmn", "WARN: a reason"])
 
     assert repr(Long()).splitlines()[-2:] == ["4 more lines: .table()", "WARN: a reason"]
+
+
+@pytest.mark.parametrize("name", ["page.pdf", "page.SVG"])
+def test_a_page_with_the_name_of_a_figure_is_refused(tmp_path, name):
+    with pytest.raises(UsageError) as error:
+        Page("a page", "", "", [], [], "").save(tmp_path / name)
+    assert error.value.diagnostic.code == "front.page-as-figure"
+    assert not list(tmp_path.iterdir())

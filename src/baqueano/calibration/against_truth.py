@@ -175,8 +175,8 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: Integrat
 
 
 def _gaps(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
-    long = np.flatnonzero(np.diff(t_s) > GAP_S)
-    return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long]
+    long_gaps = np.flatnonzero(np.diff(t_s) > GAP_S)
+    return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long_gaps]
 
 
 def _turn_equations(w: Windows, gyro: IntegratedSignal, offset_s: float) -> Equations:

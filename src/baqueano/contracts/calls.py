@@ -34,6 +34,7 @@ class ArgumentKind(NamedTuple):
     reader: str = ""
 
 
+LIST = N_("a list")
 MAX_REPR = 40  # characters of an argument that a message shows
 LIBRARIES = {"baqueano", "numpy", "pandas", "polars", "scipy", "torch", "xarray", *sys.stdlib_module_names}
 LIBRARIES -= {"types"}  # a SimpleNamespace is of the user
@@ -183,7 +184,7 @@ def _kind_of(part: str) -> ArgumentKind | None:
         return isinstance(value, Iterable) and not isinstance(value, str)
 
     kind = kinds[0]._replace(accepts=accepts)
-    return kind._replace(name=N_("a list"), reader="{name}=[{}]") if items[1] == "str" else kind
+    return kind._replace(name=LIST, reader="{name}=[{}]") if items[1] == "str" else kind
 
 
 def _call_name(example: str) -> str:
@@ -230,11 +231,12 @@ def _refuse_kind(
     if others := [n for n in others if _is_accepted(value, kinds[n])]:
         fix = f"{others[0]}={_short_repr(value)}"
         raise Misuse(fault("call.of-other-argument", fix, call=call, name=name, other=others[0]))
-    label = name
+    label, is_item = name, False
     if type(value) in (list, tuple) and _is_accepted([], kinds[name]):
         wrong_items = (i for i, item in enumerate(value) if not _is_accepted([item], kinds[name]))
         if (position := next(wrong_items, None)) is not None:
             label, value = f"{name}[{position}]", value[position]
+            is_item = True
     reader = next((kind.reader for kind in kinds[name] if kind.reader), "")
     is_text = isinstance(value, str | PurePath)
     value_text = f'"{value}"' if is_text else _short_repr(value)
@@ -244,6 +246,7 @@ def _refuse_kind(
         if part is not None and any(kind.accepts(part) for kind in kinds[name]):
             fix = re.sub(rf"\b{part_name}\b", f"result.{part_name}", example)
     expected_kind = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
+    expected_kind = ALLOWED["str"] if is_item and expected_kind.name == LIST else expected_kind
     raise Misuse(
         fault("call.kind", fix, call=call, name=label, value=value_text, expected=expected_kind.name)
     )

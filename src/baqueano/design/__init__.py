@@ -1,6 +1,6 @@
-"""Design an experiment: as much information about the vehicle as the room, the vehicle and the duration allow.
+"""Design the experiment that gives the most information about a vehicle in its room and in the given time.
 
-plan            the drive of most information: `design_plan`
+plan            the most informative drive: `design_plan`
 compose         motion primitives, and their order in the room
 information     Fisher information of a drive, exactly, before the drive
 live            the same during a drive, and the motion to drive next

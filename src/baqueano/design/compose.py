@@ -279,11 +279,13 @@ class Composer:
         """Put a better primitive in the place if the search finds one. Return J of the sequence minus the cost of its
         primitives."""
         earlier, later = self.chosen[:place], self.chosen[place + 1 :]
-        pose, others = self._start(), [*earlier, *later]
+        pose, other_pieces = self._start(), [*earlier, *later]
         for k in earlier:
             pose = poses_in_map(pose, self.path[k, :, -1])
-        cost = float(self.cost[others].sum())
-        first_inside = self._first_inside(self.F[others].sum(axis=0), pose, later, best_score + cost + 1e-6)
+        cost = float(self.cost[other_pieces].sum())
+        first_inside = self._first_inside(
+            self.F[other_pieces].sum(axis=0), pose, later, best_score + cost + 1e-6
+        )
         if first_inside is None:
             return best_score
         self.chosen[place] = first_inside[0]

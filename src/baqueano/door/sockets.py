@@ -2,9 +2,8 @@
 
   to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {reason}, clear,
                      runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
-  from the vehicle   state {door}, event {message}, done {id, run, reason}, runs, file {run, data, left},
-                     refused {reason, diagnostic}, pong {token}, received {do}, vehicle, fields, route,
-                     frame {t_ns, n, x}
+  from the vehicle   state {door}, event {message}, done {id, run, reason}, runs, file {run, data, left}, vehicle,
+                     fields, refused {reason, diagnostic}, pong {token}, received {do}, route, frame {t_ns, n, x}
 
 `reason`, `message` and `diagnostic` are diagnostics (wire.py), except the `reason` of `refused`, a sentence. `door` is
 the version of the protocol: missions of other versions are refused, but stops are always accepted. A new connection

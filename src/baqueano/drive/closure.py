@@ -226,12 +226,14 @@ def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> L
     e, P, turn_rad = end(0.0)
     change = end(SCALE_STEP)[0] - e
     J = np.array([change[0], change[1], wrap(change[2])]) / SCALE_STEP
-    here = LapEnd(name, e, J, P + np.diag(np.square([place_std_m, place_std_m, MARK_STD_RAD])), turn_rad, e)
-    if not here.std <= MAX_SCALE_ERROR:
+    lap_end = LapEnd(
+        name, e, J, P + np.diag(np.square([place_std_m, place_std_m, MARK_STD_RAD])), turn_rad, e
+    )
+    if not lap_end.std <= MAX_SCALE_ERROR:
         figures = {"gyro": name, "within_percent": 100.0 * MAX_SCALE_ERROR}
         raise AnswerNo(fault("marks.lap-no-scale", name=run.name, **figures))
-    kappa = float(np.clip(here.kappa, -MAX_SCALE_ERROR, MAX_SCALE_ERROR))
-    return here._replace(e=end(kappa)[0] - J * kappa)
+    kappa = float(np.clip(lap_end.kappa, -MAX_SCALE_ERROR, MAX_SCALE_ERROR))
+    return lap_end._replace(e=end(kappa)[0] - J * kappa)
 
 
 def closure_of_end(end: LapEnd, vehicle_file: VehicleFile, run_name: str) -> Closure:

@@ -275,8 +275,8 @@ def weak_reason(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> 
 
 def _explanation(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> JsonObject:
     """Return the parameters that are confused with `parameter`, the reason, and the missing motion."""
-    others = {"others": _names(confused)} if confused else {}
-    return others | {"why": _motion_note((parameter, *confused)), "needs": _needed_motion(parameter)}
+    figures = {"others": _names(confused)} if confused else {}
+    return figures | {"why": _motion_note((parameter, *confused)), "needs": _needed_motion(parameter)}
 
 
 def unobservable_reason(
@@ -290,8 +290,8 @@ def unobservable_reason(
     if collinear:
         by, others = parameter.definition.measured_by, _names(collinear)
         apart = _separation((parameter, *collinear))
-        how = note("identifiability.by-hand", by=by) if by else note("identifiability.fix-one")
-        return note("identifiability.tied", subject=path, others=others, at=value, how=how, apart=apart)
+        remedy = note("identifiability.by-hand", by=by) if by else note("identifiability.fix-one")
+        return note("identifiability.tied", subject=path, others=others, at=value, how=remedy, apart=apart)
     if parameter.definition.role == "scale":
         return note("identifiability.scale", subject=path, at=value, needs=_needed_motion(parameter))
     code = "identifiability.not-beside" if confused else "identifiability.not"

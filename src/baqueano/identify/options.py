@@ -94,5 +94,7 @@ class FitOptions:
     def non_defaults(self) -> tuple[str, ...]:
         """Return the names of the options that differ from their defaults."""
         plain = FitOptions()
-        both = [(entry.name, getattr(self, entry.name), getattr(plain, entry.name)) for entry in fields(self)]
-        return tuple(name for name, value, default in both if value != default and (value or default))
+        values = [
+            (entry.name, getattr(self, entry.name), getattr(plain, entry.name)) for entry in fields(self)
+        ]
+        return tuple(name for name, value, default in values if value != default and (value or default))

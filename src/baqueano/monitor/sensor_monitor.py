@@ -79,7 +79,8 @@ class SensorMonitor:
             f"innovation[{c}]" if self._channel_indices is None else self.channels.names[c] for c in indices
         ]
         return tuple(
-            Rejections(name, no, n) for name, no, n in zip(names, self._refusals, self._arrivals, strict=True)
+            Rejections(name, rejected_count, n)
+            for name, rejected_count, n in zip(names, self._refusals, self._arrivals, strict=True)
         )
 
     def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
@@ -113,9 +114,9 @@ class SensorMonitor:
     def _is_absent(self, c: int, memory: Memory) -> bool:
         """Return True for a channel that has given no number yet, while others of its sensor have: a gyro alone."""
         sensor = self.channels.names[c].partition("[")[0]
-        others = [k for k, name in enumerate(self.channels.names) if name.partition("[")[0] == sensor]
+        indices = [k for k, name in enumerate(self.channels.names) if name.partition("[")[0] == sensor]
         is_silent = memory.change_count[c] == 0.0 and memory.last_reading[c] == 0.0
-        return bool(is_silent and np.any(memory.change_count[others] > 0.0))
+        return bool(is_silent and np.any(memory.change_count[indices] > 0.0))
 
     def _changes(self, t_ns: int, doubt: list[float]) -> list[Notice]:
         notices, memory = [], Memory(*self._state.memory)

@@ -79,9 +79,9 @@ class BlockArrow:
     def __matmul__(self, v: np.ndarray) -> np.ndarray:
         """Return the product (p,) with v (p,)."""
         x, y = self._split(v)
-        up = self.corner @ x + np.einsum("ksq,kq->s", self.border, y)
-        down = np.einsum("ksq,s->kq", self.border, x) + np.einsum("kqr,kr->kq", self.blocks, y)
-        return self._join(up, down)
+        corner_product = self.corner @ x + np.einsum("ksq,kq->s", self.border, y)
+        block_products = np.einsum("ksq,s->kq", self.border, x) + np.einsum("kqr,kr->kq", self.blocks, y)
+        return self._join(corner_product, block_products)
 
     def solve(self, damping: float, scale: np.ndarray, is_free: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Return (H + λ D)⁻¹ g (p,) over the entries in the mask `is_free` (p,), with D = diag(scale); other entries

@@ -188,8 +188,13 @@ class Page:
     def save(self, path: str | Path) -> Path:
         """Write the page, and return its path.
 
-        The file is replaced at once, so that a reader never receives an incomplete page.
+        The file is replaced at once, so that a reader never receives an incomplete page. Raise UsageError for the name
+        of a figure, such as "fit.pdf".
         """
+        suffix = Path(path).suffix.lower().removeprefix(".")
+        if suffix in FORMATS:
+            fix = f'page.save_figures("figures", "{suffix}")'
+            raise UsageError(fault("front.page-as-figure", fix, value=str(path)))
         return save_text(path, self.html())
 
 

@@ -264,9 +264,9 @@ def drive_batch(
         for perfect in {CASES[c].perfect for c in cases}
     }
     for case in cases:
-        change, perfect, its = CASES[case]
+        change, perfect, overrides = CASES[case]
         for shape, route_at in SHAPES.items():
-            for speed in [v for v in its if v in speeds]:
+            for speed in [v for v in overrides if v in speeds]:
                 laps = simulate_lap(loops[perfect], change(robots), route_at(speed), [s + 1 for s in names])
                 drives += [
                     LapErrors(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)

@@ -7,9 +7,9 @@ MAX_STANDARD_ERRORS, MAX_RELATIVE_ERROR = 5.0, 0.05  # standard errors, and part
 
 def wrong_mask(estimate: np.ndarray, std: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return a mask (p,), True for each wrong parameter, and False if its error is not finite."""
-    off = np.abs(estimate - truth)
+    distance = np.abs(estimate - truth)
     return (
-        np.isfinite(off)
-        & (off > MAX_STANDARD_ERRORS * np.where(np.isfinite(std), std, 0.0))
-        & (off > MAX_RELATIVE_ERROR * np.abs(truth))
+        np.isfinite(distance)
+        & (distance > MAX_STANDARD_ERRORS * np.where(np.isfinite(std), std, 0.0))
+        & (distance > MAX_RELATIVE_ERROR * np.abs(truth))
     )

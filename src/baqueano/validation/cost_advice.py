@@ -43,8 +43,8 @@ def with_cost_advice(
     other = refit("simulation" if is_fit_by_innovations(fit) else "innovations")
     if other.verdict == Verdict.REFUSED or is_fit_by_innovations(other) == is_fit_by_innovations(fit):
         return replace(fit, notes=fit.notes[:at] + fit.notes[at + 1 :])
-    both = [validation, validate(other, runs)]
-    simulation, innovations = reversed(both) if is_fit_by_innovations(fit) else both
+    validations = [validation, validate(other, runs)]
+    simulation, innovations = reversed(validations) if is_fit_by_innovations(fit) else validations
     percent = 100.0 * relative_error_change(simulation, innovations)
     advice = note("cost.held-out-smaller" if percent < 0.0 else "cost.held-out-larger", percent=abs(percent))
     if advice.code == "cost.held-out-smaller" and not is_fit_by_innovations(fit):

@@ -75,8 +75,8 @@ class NoiseComparison:
 
     def table(self) -> str:
         """Return the table as text."""
-        on = _("on {runs}", runs=", ".join(self.runs))
-        head = [_("R from"), "NIS", "95 %", _("log-likelihood"), on]
+        run_names = _("on {runs}", runs=", ".join(self.runs))
+        head = [_("R from"), "NIS", "95 %", _("log-likelihood"), run_names]
         rows = (
             [trial.name, f"{number(trial.nis):.3f}", _("{low:.2f} to {high:.2f}", low=trial.low, high=trial.high),
              f"{number(trial.likelihood):.4f}", _(trial.consistent)]

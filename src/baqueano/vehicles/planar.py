@@ -108,9 +108,9 @@ class Planar:
 
     def gravity(self, psi: float) -> np.ndarray:
         """Return gravity along body x and y (2,) [m/s²].  (6)"""
-        down = -STANDARD_GRAVITY * np.sin(self.slope_rad)
+        downhill = -STANDARD_GRAVITY * np.sin(self.slope_rad)
         return np.array(
-            [down * np.cos(self.slope_heading_rad - psi), down * np.sin(self.slope_heading_rad - psi)]
+            [downhill * np.cos(self.slope_heading_rad - psi), downhill * np.sin(self.slope_heading_rad - psi)]
         )
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:

@@ -277,17 +277,13 @@ class Live:
 
     def _on_refusal(self, message: "JsonObject") -> None:
         """Send a refusal of the service to the browser of the last request, or to all if this browser has left."""
-        about = message.get("diagnostic")
-        browsers = self._browsers()
+        cause, browsers = message.get("diagnostic"), self._browsers()
         for visitor in [self._last_sender] if self._last_sender in browsers else browsers:
             if visitor is not None:
                 with use_language(visitor.language):
-                    reason = (
-                        text(about) if isinstance(about, Diagnostic) else one_line(str(message["reason"]))
-                    )
-                visitor.send(
-                    {"is": "refused", "reason": reason, "code": getattr(about, "code", ""), "to": "mission"}
-                )
+                    words = text(cause) if isinstance(cause, Diagnostic) else one_line(str(message["reason"]))
+                code = getattr(cause, "code", "")
+                visitor.send({"is": "refused", "reason": words, "code": code, "to": "mission"})
 
     def _on_vehicle(self, message: "JsonObject") -> None:
         self._vehicle = message

@@ -230,8 +230,8 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
                 continue
             sigma = result.sigma[channels][np.argsort(mount.order)]  # in the column order of the run
             pairs = zip(as_in_file.sigma[channels], sigma, strict=True)
-            less = [note("residual.from-to", before=a, after=b) for a, b in pairs]
-            return mount, note(mount.code, Severity.ERROR, subject=name, less=less)
+            reductions = [note("residual.from-to", before=a, after=b) for a, b in pairs]
+            return mount, note(mount.code, Severity.ERROR, subject=name, less=reductions)
     return None
 
 
@@ -265,9 +265,13 @@ def gain_findings(
 def noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
     """Return findings on channels whose noise `sigma` (m,) is much less than `file_sigma` (m,), that of the file."""
     findings = []
-    for label, was, now in zip(labels, file_sigma, sigma, strict=True):
-        if was > 0.0 and SILENT_RATIO < now / was < QUIET_RATIO:
-            figures: JsonObject = {"guess": _unit(was / now), "sigma": float(now), "times": float(now / was)}
+    for label, file_std, now in zip(labels, file_sigma, sigma, strict=True):
+        if file_std > 0.0 and SILENT_RATIO < now / file_std < QUIET_RATIO:
+            figures: JsonObject = {
+                "guess": _unit(file_std / now),
+                "sigma": float(now),
+                "times": float(now / file_std),
+            }
             findings.append(note("file.quiet", Severity.WARNING, "", label, **figures))
     return findings
 

@@ -162,8 +162,8 @@ TEMPLATES: dict[str, str] = {
     "sigma.negative": "sigma = [{value}]: expected standard deviations greater than 0.",
     "sigma.size": "sigma: expected {size} values for {sensor}, the standard deviations of its noise.",
     "signal.all-rest": (
-        "rest_s = {rest_s:g} before and after leaves {moving_s:g} of {duration_s:g} s for the motion: "
-        "expected more than 0."
+        "duration_s = {duration_s:g} and rest_s = {rest_s:g}: {moving_s:g} s remain for the motion. Expected more than "
+        "0, so give a longer duration or a shorter rest."
     ),
     "signal.band": (
         "low_hz = {low_hz:g}, high_hz = {high_hz:g}: expected 0 < low_hz < high_hz < {most_hz:g} Hz, half the rate."

@@ -55,6 +55,9 @@ TEMPLATES: dict[str, str] = {
         "A report needs a run, a fit, a comparison, a forecast, a sweep, sensors at rest, or parameters over "
         "several runs. Found: {value}. For several runs, type: bq.report(bq.compare(runs))"
     ),
+    "front.page-as-figure": (
+        "A page is an HTML file, such as fit.html: {value} is a figure. For the figures, type: {fix}"
+    ),
     "front.format-unknown": "Figures cannot be written as {value}. {near}.",
     "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
     "front.several-panels": (

@@ -69,7 +69,7 @@ def report(
     Raises
     ------
     UsageError
-        For another type of result, format or width, or if matplotlib or jinja2 is missing.
+        For another type of result, format or width, a `path` of a figure, or if matplotlib or jinja2 is missing.
 
     Examples
     --------

@@ -81,11 +81,11 @@ class StoredSettings:
             whole[name] = plug_names[bool(s.wiring & flag)]
         for name, (field, unit) in NUMBER_OPTIONS.items():
             whole[name] = getattr(s, field) / unit
-        ways = [
-            {"wheel": wheel} | {name: getattr(way, field) / 1000 for name, field in CURVE_OPTIONS.items()}
-            for wheel, way in zip(WHEEL_DIRECTIONS, s.curves, strict=True)
+        wheel_rows = [
+            {"wheel": wheel} | {name: getattr(curve, field) / 1000 for name, field in CURVE_OPTIONS.items()}
+            for wheel, curve in zip(WHEEL_DIRECTIONS, s.curves, strict=True)
         ]
-        return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *ways)]
+        return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *wheel_rows)]
 
     @classmethod
     def from_rows(cls, rows: list["TableRow"]) -> "StoredSettings":
@@ -94,7 +94,7 @@ class StoredSettings:
 
     def table(self) -> str:
         """Return the settings as a table of text, with the names of the options."""
-        row, *ways = self.rows()
+        row, *wheel_rows = self.rows()
         unit_texts = {
             "battery-ratio": _("V for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, forward and back"),
             "dither-ms": "ms", "mark": _("over the tape"),
@@ -105,21 +105,25 @@ class StoredSettings:
             text = f"{number(value):g}" if isinstance(value, float) else value
             lines.append(f"{name:15} {text} {unit_texts.get(name, '')}".rstrip())
         lines.append(f"{'':15} dead-zone  slope   kick")
-        for way in ways:
-            zone, slope, kick = (way[name.replace("-", "_")] for name in CURVE_OPTIONS)
-            lines.append(f"{way['wheel']:15} {number(zone):9.3f}  {number(slope):5.3f}  {number(kick):5.3f}")
+        for wheel_row in wheel_rows:
+            zone, slope, kick = (wheel_row[name.replace("-", "_")] for name in CURVE_OPTIONS)
+            lines.append(
+                f"{wheel_row['wheel']:15} {number(zone):9.3f}  {number(slope):5.3f}  {number(kick):5.3f}"
+            )
         origin = _("initial value of the firmware") if self.verdict == "DEFAULT" else _("stored in the Uno")
         return "\n".join([*lines, f"{_(self.verdict)}: {origin}"])
 
 
 def _option_texts(rows: list["TableRow"]) -> dict[str, list[str]]:
     """Return the texts to type for each option, from the `rows` of a StoredSettings."""
-    row, *ways = rows
+    row, *wheel_rows = rows
     texts = {
         name: [str(row[name.replace("-", "_")])] for name in (*NAMED_OPTIONS, *PLUG_FLAGS, *NUMBER_OPTIONS)
     }
     for name in CURVE_OPTIONS:
-        texts[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
+        texts[name] = [
+            f"{wheel_row['wheel']}={wheel_row[name.replace('-', '_')]}" for wheel_row in wheel_rows
+        ]
     return texts
 
 
@@ -165,11 +169,11 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
     if not equals or wheel not in (*WHEEL_DIRECTIONS, "all"):
         raise UsageError(fault("settings.way", option=name, value=text, valid=WHEEL_DIRECTIONS))
     number = _checked_number(name, text, number_text, WheelCurve, CURVE_OPTIONS[name], 1000)
-    ways = [
-        way._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (way_name, "all") else way
-        for way_name, way in zip(WHEEL_DIRECTIONS, settings.curves, strict=True)
+    wheel_rows = [
+        curve._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (way_name, "all") else curve
+        for way_name, curve in zip(WHEEL_DIRECTIONS, settings.curves, strict=True)
     ]
-    return settings._replace(curves=tuple(ways))
+    return settings._replace(curves=tuple(wheel_rows))
 
 
 def _checked_word(name: str, text: str, known_words: list[str]) -> str:

@@ -93,32 +93,32 @@ class MotorCalibration:
             "wheel_differences": self.wheel_differences, "turn_rates_dps": self.turn_rates_dps,
             "heading_errors_deg": self.heading_errors_deg,
         }  # fmt: skip
-        ways = zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
-        return [row, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
+        directions = zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
+        return [row, *({"wheel": name} | s._asdict() | curve._asdict() for name, s, curve in directions)]
 
     @classmethod
     def from_rows(cls, rows: list["TableRow"]) -> "MotorCalibration":
         """Return the result from rows in JSON, the inverse of `rows`, with only the settings that `table` uses."""
         whole, *wheels = rows
-        ways = tuple(WheelCurve(*(row[name] for name in WheelCurve._fields)) for row in wheels)
+        curves = tuple(WheelCurve(*(row[name] for name in WheelCurve._fields)) for row in wheels)
         sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
         names = ("wheel_differences_before", "wheel_differences", "turn_rates_dps", "heading_errors_deg")
         pairs = (tuple(whole[name]) for name in names)
-        return cls(Settings(wiring=whole["wiring"], curves=ways), sweeps, *pairs)
+        return cls(Settings(wiring=whole["wiring"], curves=curves), sweeps, *pairs)
 
     def table(self) -> str:
         """Return wiring, dead zones, slopes and straight drives as text."""
         rows = (
-            [_(name), f"{number(s.starting_duty):.0%}", f"{number(way.dead_zone_permille / 10):.1f} %",
-             f"{number(way.slope_permille / 1000):.2f}", f"± {number(s.rms):.1%}"]
-            for name, s, way in zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
+            [_(name), f"{number(s.starting_duty):.0%}", f"{number(curve.dead_zone_permille / 10):.1f} %",
+             f"{number(curve.slope_permille / 1000):.2f}", f"± {number(s.rms):.1%}"]
+            for name, s, curve in zip(WHEEL_DIRECTIONS, self.sweeps, self.settings.curves, strict=True)
         )  # fmt: skip
         head = ["", _("starts"), _("dead zone"), _("slope"), _("fit")]
         lines = [wiring_text(self.settings.wiring), *text_table("<>>><", head, *rows)]
         names = _("forwards"), _("backwards")
         parts = self.before, self.wheel_differences, self.turn_rates_dps, self.heading_errors_deg
-        ways = zip(names, *parts, strict=True)
-        for name, b, e, w, h in ways:
+        directions = zip(names, *parts, strict=True)
+        for name, b, e, w, h in directions:
             lines.append(
                 _(
                     "straight {name}: turns {w:+.1f} °/s, wheels differ by {e:+.1%} (before the trim "

@@ -91,7 +91,7 @@ def check_answers(
     )
     if telemetry:
         yield check_battery(telemetry[-1].battery_v, least_battery_v)
-    is_calibrated = any(way != WheelCurve() for way in link.settings(wait).curves)
+    is_calibrated = any(curve != WheelCurve() for curve in link.settings(wait).curves)
     yield Check(
         N_("motors"),
         "ok" if is_calibrated else "warn",
@@ -113,13 +113,15 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
         )
     else:
         yield Check(N_("link round trip"), "bad", _("no answer to a ping"), _("Type: baqueano robot flash"))
-    lost_frames, damaged_frames, came = link.statistics.since(previous, "lost", "damaged", "received")
+    lost_frames, damaged_frames, received_frames = link.statistics.since(
+        previous, "lost", "damaged", "received"
+    )
     yield Check(
         N_("frames"),
-        loss_verdict((lost_frames + damaged_frames) / max(1, came + lost_frames)),
+        loss_verdict((lost_frames + damaged_frames) / max(1, received_frames + lost_frames)),
         _(
             "{came} received, {lost} lost, {damaged} damaged",
-            came=came,
+            came=received_frames,
             lost=lost_frames,
             damaged=damaged_frames,
         ),

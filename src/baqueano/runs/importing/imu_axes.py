@@ -142,7 +142,7 @@ def _vertical_axis(accels: dict[str, np.ndarray]) -> tuple[str, float]:
     if min(map(len, accels.values())) < MIN_ROWS:
         return "z", 0.0
     medians = {axis: float(np.median(x)) for axis, x in accels.items()}
-    *others, vertical = sorted(medians, key=lambda axis: abs(medians[axis]))
+    *horizontal_axes, vertical = sorted(medians, key=lambda axis: abs(medians[axis]))
     deviation = MAD * float(np.median(np.abs(accels[vertical] - medians[vertical])))
-    least = max(MIN_AXIS_RATIO * abs(medians[others[-1]]), MIN_DEVIATIONS * deviation)
+    least = max(MIN_AXIS_RATIO * abs(medians[horizontal_axes[-1]]), MIN_DEVIATIONS * deviation)
     return (vertical, medians[vertical]) if abs(medians[vertical]) > least else ("z", 0.0)

@@ -117,8 +117,8 @@ class ImportedRuns(NamedTuple):
                 counts[d.level, d.code] = counts.get((d.level, d.code), 0) + 1
         lines = []
         for (level, code), d in first.items():
-            runs, of = counts[level, code], len(self.imported_runs)
-            advice = _("in {runs} of {of} runs; the first: {advice}", runs=runs, of=of, advice=d.advice)
+            runs, total = counts[level, code], len(self.imported_runs)
+            advice = _("in {runs} of {of} runs; the first: {advice}", runs=runs, of=total, advice=d.advice)
             lines.append([_(level), _(code), advice])
         return "\n".join(text_table("<<<", *lines)) or _("nothing in the data was doubtful")
 

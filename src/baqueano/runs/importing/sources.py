@@ -162,9 +162,9 @@ def _match_parts(
 
 def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePart]]]) -> Iterator[ImportFinding]:
     """Yield a finding for each file without values that another file has; the parts of these values are skipped."""
-    for name, of in by_file.items():
+    for name, signals in by_file.items():
         for file, file_values in by_file.items():
-            unmatched_values = [value for value in file_values if value not in of]
+            unmatched_values = [value for value in file_values if value not in signals]
             if unmatched_values:
                 values = _values_of(m, file, unmatched_values)
                 reason = note("recording.not-in-all", map=m.path.name, values=values, file=file, lacking=name)

@@ -170,8 +170,8 @@ def _is_log_of_changes(
     """Return True for a file of commands alone that were logged only when they changed: at irregular times, and almost
     never twice. The steps of such a file do not show gaps.
     """
-    others = [signal.file for signal in (*m.sensors.values(), *([m.truth] if m.truth else []))]
-    if spec.name in (m.ticks, *others):
+    other_files = [signal.file for signal in (*m.sensors.values(), *([m.truth] if m.truth else []))]
+    if spec.name in (m.ticks, *other_files):
         return False
     rows, columns = np.arange(len(step_s)), used - {spec.time}
     is_repeat = _equal_rows(table, rows, rows + 1, columns) if columns else np.ones(len(rows), dtype=bool)

@@ -52,8 +52,8 @@ class LoopWorld(protocols.World):
             z = self._world.tick(self._u[None], 1.0 / self._rate_hz)[0]
             ticks.append(Tick(next_ns, self._u, self._slots(Slot(1.0, z))))
             eta, nu, nu_dot = (x[0] for x in self._world.truth)
-            down = self._world.physics.gravity(eta[None, 2])[0]
-            self.motion = Motion(eta, nu, nu_dot, down)
+            downhill = self._world.physics.gravity(eta[None, 2])[0]
+            self.motion = Motion(eta, nu, nu_dot, downhill)
             self._truths.append((next_ns, self.motion))
             self._count += 1
         return ticks

@@ -82,8 +82,8 @@ def with_backlash(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
 
 def with_slope(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     """Return the vehicle on a floor that rises by 2 to 6° in a random direction."""
-    rise, way = np.radians(draw.uniform(2.0, 6.0, 1)), draw.uniform(-np.pi, np.pi, 1)
-    return q.with_parameters(slope_rad=rise, slope_heading_rad=way)
+    rise, direction = np.radians(draw.uniform(2.0, 6.0, 1)), draw.uniform(-np.pi, np.pi, 1)
+    return q.with_parameters(slope_rad=rise, slope_heading_rad=direction)
 
 
 def with_second_lag(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
@@ -117,10 +117,10 @@ def simulate_outcomes(
     """Return the evaluations of vehicles with seeds 0 … `seeds` − 1."""
     jobs = []
     for vehicle in VEHICLES:
-        some = [seed for seed in range(seeds) if unmodelled_effect(seed)[1] == vehicle]
+        seeds_of_vehicle = [seed for seed in range(seeds) if unmodelled_effect(seed)[1] == vehicle]
         jobs += [
-            EstimationJob(vehicle, tuple(some[k : k + BATCH_SIZE]), tuple(kinds), backend)
-            for k in range(0, len(some), BATCH_SIZE)
+            EstimationJob(vehicle, tuple(seeds_of_vehicle[k : k + BATCH_SIZE]), tuple(kinds), backend)
+            for k in range(0, len(seeds_of_vehicle), BATCH_SIZE)
         ]
     return [
         outcome for batch in run_in_processes(evaluate_job, jobs, processes, advance) for outcome in batch
@@ -155,12 +155,12 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
             (name, j) for name, j in named_estimates if (j.sensors, j.estimator) == (sensors, estimator)
         ]
         for name in (*UNMODELLED_EFFECTS, N_("all")):
-            some = [j for lack, j in estimator_rows if name in (lack, "all")]
-            for quantity in QUANTITIES if some else ():
-                ratios = np.array([j.errors[quantity].ratio[0] for j in some])
+            rows_of_name = [j for lack, j in estimator_rows if name in (lack, "all")]
+            for quantity in QUANTITIES if rows_of_name else ():
+                ratios = np.array([j.errors[quantity].ratio[0] for j in rows_of_name])
                 share = float(np.mean(ratios <= ALONE))
                 out.append({
-                    "recording": _("simulated, {name} ({count}), {sensors}", name=_(name), count=len(some),
+                    "recording": _("simulated, {name} ({count}), {sensors}", name=_(name), count=len(rows_of_name),
                                    sensors=sensors),
                     "estimator": estimator, "value": share, "reference": SHARE,
                     "quantity": _("{quantity}, not worse", quantity=_(quantity).partition(" [")[0]),
@@ -200,15 +200,18 @@ def subjects_of(job: EstimationJob) -> list[Subject]:
     """Return the vehicles of a job with both runs; all vehicles are simulated together."""
     vehicles, signals, files = [], [], []
     for seed in job.seeds:
-        of = subject(job.vehicle, seed)
-        of = of._replace(vehicle_file=_file(of, seed))
+        own_subject = subject(job.vehicle, seed)
+        own_subject = own_subject._replace(vehicle_file=_file(own_subject, seed))
         signals += [
-            of._replace(seed=run_seed).signal(DURATION_S) for run_seed in (seed, seed + TEST_SEED_OFFSET)
+            own_subject._replace(seed=run_seed).signal(DURATION_S)
+            for run_seed in (seed, seed + TEST_SEED_OFFSET)
         ]
         vehicles += 2 * [
-            UNMODELLED_EFFECTS[unmodelled_effect(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))
+            UNMODELLED_EFFECTS[unmodelled_effect(seed)[0]](
+                own_subject.vehicle, np.random.default_rng([seed, 50])
+            )
         ]
-        files.append(of.vehicle_file)
+        files.append(own_subject.vehicle_file)
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + TEST_SEED_OFFSET)]
     group = vehicles[0].merge(vehicles[1:])
     drive = drive_group(

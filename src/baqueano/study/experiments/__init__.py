@@ -30,14 +30,14 @@ def experiments(
     progress: Any = lambda text: None,
 ) -> Experiments:  # fmt: skip
     """Return the table over the vehicles of ROOMS, with a last row for all of them."""
-    rows, every = [], {}
+    rows, all_figures = [], {}
     for name, size, count in ROOMS:
         progress(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
         draws = errors_around_file(name, size, count, seed, duration_s, processes, backend)
         rows += rows_of(name, size, draws)
         for signal, part in draws.items():
-            every.setdefault(signal, []).append(part)
-    whole = {signal: merge(parts) for signal, parts in every.items()}
+            all_figures.setdefault(signal, []).append(part)
+    whole = {signal: merge(parts) for signal, parts in all_figures.items()}
     return Experiments((*rows, *rows_of("all", "", whole)), duration_s)
 
 

@@ -82,9 +82,11 @@ def signal_outcome(
     (signal, plan), vehicle_file = job, load(name)
     each = [vehicles.subset([k]) for k in range(plan.u.shape[1])]
     around: list[Any] = [perturbed_copies(q.with_parameters(floor=0.0 * q.floor)) for q in each]
-    group, many = around[0].merge(around[1:]), len(around[0].mass_kg)
+    group, vehicle_count = around[0].merge(around[1:]), len(around[0].mass_kg)
     quiet = np.split(
-        ideal_readings(group, np.repeat(plan.u, many, axis=1), vehicle_file.rate_hz), len(each), axis=1
+        ideal_readings(group, np.repeat(plan.u, vehicle_count, axis=1), vehicle_file.rate_hz),
+        len(each),
+        axis=1,
     )
     paths = [path for path in unknowns(vehicle_file).names if path in free_values(vehicles)]
     errors = [_error(readings, q, paths) for readings, q in zip(quiet, each, strict=True)]

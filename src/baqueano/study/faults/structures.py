@@ -67,7 +67,7 @@ def _throttle(
 def dead_zone(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
     """Remove the dead zone from the model; a car's true dead zone is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
-    zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
+    zones = {f"model.drivetrain.dead_zone_{direction}": none for direction in ("forward", "backward")}
     plan = FaultPlan(subject.vehicle, u, subject.vehicle_file.with_values(zones))
     if isinstance(subject.vehicle, Cars):
         zone = subject.vehicle_file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))

@@ -24,8 +24,8 @@ def undamaged_run(undamaged: Run, damaged: Run, vehicle_file: VehicleFile) -> tu
             return None
         keep = np.zeros(channel.z.shape, bool)
         for segment in segments:
-            some = segment.sensors[name]
-            keep[np.searchsorted(channel.arrival_ns, some.arrival_ns)] = np.isfinite(some.z)
+            readings = segment.sensors[name]
+            keep[np.searchsorted(channel.arrival_ns, readings.arrival_ns)] = np.isfinite(readings.z)
         lost_count, count = lost_count + int(np.sum(~keep)), count + keep.size
         sensors[name] = channel._replace(z=np.where(keep, channel.z, np.nan))
     return replace(undamaged, sensors=sensors), lost_count / max(count, 1)

@@ -162,12 +162,12 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
 def _reasons(row: "TableRow") -> list[str]:
     """Return a sentence for each limit that a row exceeds by more than chance explains for its number of seeds."""
     limit, is_pool, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
-    few = LIMIT_SIGMA * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
+    tolerance = LIMIT_SIGMA * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
     by_chance = 1.0 + LIMIT_SIGMA / np.sqrt(2.0 * max(row["intervals"], 1))
     min_coverage, rmse = (limit.coverage, limit.rmse) if is_pool else (limit.coverage_each, limit.rmse_each)
     reasons = []
-    if row["coverage"] < min(min_coverage, 0.95 - few) or (
-        is_pool and row["coverage"] > max(limit.max_coverage, 0.95 + few)
+    if row["coverage"] < min(min_coverage, 0.95 - tolerance) or (
+        is_pool and row["coverage"] > max(limit.max_coverage, 0.95 + tolerance)
     ):
         reasons.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["coverage"]))
     if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
@@ -183,7 +183,7 @@ def _reasons(row: "TableRow") -> list[str]:
                     expected=100 * limit.usable,
                 )
             )
-        if row["coverage_or_report"] < min(limit.covered_or_named, 0.95 - few):
+        if row["coverage_or_report"] < min(limit.covered_or_named, 0.95 - tolerance):
             reasons.append(
                 _(
                     "{percent:.0f} % of the parameters are in their interval or named",

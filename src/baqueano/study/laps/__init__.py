@@ -87,9 +87,11 @@ def run_cases(
         robots = identify_teams(seeds, gyro, backend, any(case.fix != "none" for case in cases_of_gyro))
         refusals += robots.refused_robots
         for route in dict.fromkeys(case.route for case in cases_of_gyro):
-            its = [case for case in cases_of_gyro if case.route == route]
-            teams = [robots.experiment_only if case.fix == "none" else robots.with_laps for case in its]
-            some_drives, some_wholes = drive_cases(its, teams, count, backend)
+            route_cases = [case for case in cases_of_gyro if case.route == route]
+            teams = [
+                robots.experiment_only if case.fix == "none" else robots.with_laps for case in route_cases
+            ]
+            some_drives, some_wholes = drive_cases(route_cases, teams, count, backend)
             drives += some_drives
             wholes += some_wholes
     return len(seeds), drives, wholes, refusals
@@ -106,14 +108,14 @@ def drive_cases(
         TeamWithFix(team, case.fix, READ_FAULTS[case.read]) for case, team in zip(cases, teams, strict=True)
     ]
     per_lap = round(route.t_s[-1] * RATE_HZ / SAMPLE_TICKS)
-    for case, team, its in zip(
+    for case, team, team_result in zip(
         cases, teams, simulate_laps(route, count, teams_with_fix, backend), strict=True
     ):
-        drives += laps_of(its, case, team.seeds, count, per_lap)
+        drives += laps_of(team_result, case, team.seeds, count, per_lap)
         is_forecast = (case.fix, case.gyro) == ("tags", "uncalibrated")
         for k, seed in enumerate(team.seeds):
             chance = forecast(team.vehicle_files[k], case.fix, route, count, backend) if is_forecast else nan
-            wholes.append(FullDrive(case, seed, bool(its.touches[k]), chance))
+            wholes.append(FullDrive(case, seed, bool(team_result.touches[k]), chance))
     return drives, wholes
 
 

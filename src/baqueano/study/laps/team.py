@@ -75,9 +75,9 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
     accepted_indices = [k for k, name in enumerate(names) if name in learned_files or not learns]
     names, alone = [names[k] for k in accepted_indices], [alone[k] for k in accepted_indices]
     anew = switch_on_again(robots.subset([name - seeds[0] for name in names]), names, alone)
-    others = [learned_files[name] for name in names if name in learned_files]
+    other_files = [learned_files[name] for name in names if name in learned_files]
     refusals = [seed for seed in seeds if seed not in names]
-    return Teams(Team(alone, anew, names), Team(others, anew, names if learns else []), refusals)
+    return Teams(Team(alone, anew, names), Team(other_files, anew, names if learns else []), refusals)
 
 
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:

@@ -124,11 +124,11 @@ class FloorLines:
     def _distances_from_lines(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the distances (n, m) [m] of vehicles at `xy` (n, 2), beyond the lines and to the left of
         their points."""
-        off, (c, s) = (
+        offset, (c, s) = (
             xy[:, None, :] - self._poses[:, :2],
             (np.cos(self._poses[:, 2]), np.sin(self._poses[:, 2])),
         )
-        return off[..., 0] * c + off[..., 1] * s, off[..., 1] * c - off[..., 0] * s
+        return offset[..., 0] * c + offset[..., 1] * s, offset[..., 1] * c - offset[..., 0] * s
 
 
 class _PassageDetector:

@@ -23,8 +23,8 @@ def gravity_on(slope_rad: np.ndarray, uphill_rad: np.ndarray) -> np.ndarray:
     """Return gravity along body x and y (n, 2) on floors of slope `slope_rad` (n,), uphill at `uphill_rad` from x."""
     if not np.any(slope_rad):
         return np.zeros((len(slope_rad), 2))
-    down = -GRAVITY * np.sin(slope_rad)
-    return np.stack([down * np.cos(uphill_rad), down * np.sin(uphill_rad)], axis=1)
+    downhill = -GRAVITY * np.sin(slope_rad)
+    return np.stack([downhill * np.cos(uphill_rad), downhill * np.sin(uphill_rad)], axis=1)
 
 
 @dataclass(frozen=True)

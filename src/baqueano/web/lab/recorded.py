@@ -154,9 +154,12 @@ def _field_description(name: str, commands: list[str], unit: str) -> "JsonObject
         return {"unit": unit, "group": commands[int(remainder)]}
     if prefix in ("z", "model", "innov", "S"):
         return {"unit": _unit_of_reading(remainder), "group": remainder.partition("[")[0]}
-    like = name.replace("truth.", "eta.").replace("ref.", "eta.") if name != "ref.u" else name
+    similar_name = name.replace("truth.", "eta.").replace("ref.", "eta.") if name != "ref.u" else name
     units = {"progress": "m", "cross": "m"}
-    return {"unit": UNITS.get(like, units.get(name, "")), "group": "route" if name in units else prefix}
+    return {
+        "unit": UNITS.get(similar_name, units.get(name, "")),
+        "group": "route" if name in units else prefix,
+    }
 
 
 def _unit_of_reading(channel: str) -> str:
