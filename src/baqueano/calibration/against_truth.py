@@ -66,7 +66,7 @@ class Windows(NamedTuple):
     b: np.ndarray  # (N,)
     batch: np.ndarray  # (N,)
 
-    def of(self, x: np.ndarray) -> np.ndarray:
+    def change_of(self, x: np.ndarray) -> np.ndarray:
         """Return the change x(b) − x(a) (N, …) of a quantity x (K, …) per frame."""
         return x[self.b] - x[self.a]
 
@@ -182,29 +182,41 @@ def _gaps(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
 def _turn_equations(w: Windows, gyro: IntegratedSignal, offset_s: float) -> Equations:
     """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
-    jacobian = np.stack([w.of(gyro.integral_until(t)), w.of(w.t_s)], axis=1)
-    return w.of(w.eta[:, 2]), jacobian, np.stack([w.of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1)
+    jacobian = np.stack([w.change_of(gyro.integral_until(t)), w.change_of(w.t_s)], axis=1)
+    return (
+        w.change_of(w.eta[:, 2]),
+        jacobian,
+        np.stack([w.change_of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1),
+    )
 
 
 def _motion_equations(w: Windows, odometer: IntegratedSignal, offset_s: float) -> Equations:
     """Return (2): y (2N,), derivatives (2N, 4) by (k_x, k_y, l_x, l_y), and their change per second of offset."""
     c, s = np.cos(w.eta[:, 2]), np.sin(w.eta[:, 2])
 
-    def way(v: np.ndarray) -> np.ndarray:
+    def displacement(v: np.ndarray) -> np.ndarray:
         rate = np.stack([v * c, v * s], axis=1)  # R e_x v
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(w.t_s)[:, None]
-        return w.of(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))  # (N, 2)
+        return w.change_of(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))  # (N, 2)
 
-    def both(path: np.ndarray) -> np.ndarray:
+    def with_sideways(path: np.ndarray) -> np.ndarray:
         return np.stack([path, np.stack([-path[:, 1], path[:, 0]], axis=1)], axis=2)
 
     t = w.t_s + offset_s
-    lever = np.stack([np.stack([w.of(c), w.of(s)], axis=1), np.stack([-w.of(s), w.of(c)], axis=1)], axis=2)
-    jacobian = np.concatenate([both(way(odometer.interpolate(t))), lever], axis=2)
+    lever = np.stack(
+        [
+            np.stack([w.change_of(c), w.change_of(s)], axis=1),
+            np.stack([-w.change_of(s), w.change_of(c)], axis=1),
+        ],
+        axis=2,
+    )
+    jacobian = np.concatenate([with_sideways(displacement(odometer.interpolate(t))), lever], axis=2)
     h = 0.5 * GRID_S
-    faster = (way(odometer.interpolate(t + h)) - way(odometer.interpolate(t - h))) / (2.0 * h)
-    change = np.concatenate([both(faster), np.zeros((len(w.a), 2, 2))], axis=2)
-    return w.of(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
+    faster = (displacement(odometer.interpolate(t + h)) - displacement(odometer.interpolate(t - h))) / (
+        2.0 * h
+    )
+    change = np.concatenate([with_sideways(faster), np.zeros((len(w.a), 2, 2))], axis=2)
+    return w.change_of(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
 
 
 def _best_regression(

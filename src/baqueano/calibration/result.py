@@ -75,7 +75,7 @@ class Calibration(Result):
     run: str
     numbers: tuple[CalibratedNumber, ...]
     residuals: dict[str, float]  # root mean square residual of the windows, by equation: rad, m
-    usable_text: str = N_("the truth determines everything")  # text without reasons against it
+    usable_text: str = N_("the true poses determine each estimated number")  # text without reasons against it
     axis_warnings: tuple[
         Diagnostic, ...
     ] = ()  # of the import: the gyro measures another axis, or its opposite

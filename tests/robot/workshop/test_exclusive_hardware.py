@@ -52,7 +52,7 @@ def test_a_running_service_is_stopped_and_started_again(programs):
         assert "systemctl stop baqueano.service" in calls.read_text()
         assert "start" not in calls.read_text()
     assert "systemctl start baqueano.service" in calls.read_text()
-    assert texts == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
+    assert texts == ["baqueano.service is stopped during these tests", "baqueano.service started again"]
 
 
 def test_a_service_that_does_not_restart_is_reported_with_a_command(programs):
@@ -61,7 +61,7 @@ def test_a_service_that_does_not_restart_is_reported_with_a_command(programs):
     with exclusive_hardware.stopped_service(texts.append):
         pass
     assert texts == [
-        "baqueano.service stopped meanwhile",
+        "baqueano.service is stopped during these tests",
         "baqueano.service was not started again (Unit is masked.). Type: sudo systemctl start baqueano.service",
     ]
 

@@ -24,7 +24,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.unknown-verb": "'{path} {value}' does not exist. {near}.",
     "cli.no-such-verb": "'{path} {value}' does not exist. {near}. To see what each command does: {fix}",
-    "cli.unknown-setting": "The environment has {variable}={value}: expected one of {valid}. Type: {fix}",
+    "cli.unknown-setting": "The environment variable {variable} is {value}: expected one of {valid}. Type: {fix}",
     "report.table-ending": "{value}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
     "next.near-file": "Did you mean {similar}? Type: {fix}",

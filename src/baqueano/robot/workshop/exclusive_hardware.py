@@ -54,7 +54,7 @@ def stopped_service(notify: Notify) -> Iterator[None]:
         raise UsageError(
             fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip())
         )
-    notify(_("{service} stopped meanwhile", service=SERVICE))
+    notify(_("{service} is stopped during these tests", service=SERVICE))
     try:
         yield
     finally:
