@@ -1,8 +1,8 @@
 """Tune gains: minimise the paper's cost plus a weight on jerks (cost.py), with exact gradients of the compiled loop.
 
-The vehicle starts `aside_m` behind and beside its route, so that the feedback has an effect. On its route, a vehicle
-with an exact model does not need feedback. jerk_m2 = 0 and aside_m = 0 select the cost of the paper, whose gains
-switch the command from limit to limit.
+The vehicle starts at rest, `aside_m` behind and beside its route, and the reference begins and ends at full speed. So
+the feedback has an effect: on its route, a vehicle with an exact model does not need feedback. jerk_m2 = 0 and
+aside_m = 0 select the cost of the paper, whose gains switch the command from limit to limit.
 
 By default the pose in the loop is exact, as in the paper ("η_e is obtained by simulating the system"). With
 `estimator=True` the estimator of the file is in the loop, and the sensors have noise; the cost still uses the true

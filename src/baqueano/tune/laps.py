@@ -33,7 +33,7 @@ from baqueano.tune.objective import (
     MIN_BATCH_TICKS,
     checked_weights,
     rms,
-    without_quantisation,
+    tuning_system,
 )
 from baqueano.tune.search_space import SearchSpace, search_space
 
@@ -138,7 +138,7 @@ def simulated_laps(
     """
     space = search_space(vehicle_file, controller=kind)
     weights = checked_weights(vehicle_file, None, HUBER_M, JERK_M2)
-    system = without_quantisation(loop_system(vehicle_file, route, 1, True, space.block))
+    system = tuning_system(loop_system(vehicle_file, route, 1, True, space.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     full_tick_count = tick_count_of(system, rate)
     tick_count = min(full_tick_count, round(MAX_LAP_S * rate))

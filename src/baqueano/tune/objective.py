@@ -15,7 +15,7 @@ takes longer to compile.
 from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from functools import partial
-from math import ceil
+from math import ceil, inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -266,7 +266,7 @@ def tuning_objective(
     for route in run_kernels:
         _check_motion(vehicle_file, route)
     systems = [
-        without_quantisation(loop_system(vehicle_file, route, laps, not estimator, space.block))
+        tuning_system(loop_system(vehicle_file, route, laps, not estimator, space.block))
         for route in run_kernels
     ]
     paths_and_delay, vehicles = (
@@ -334,8 +334,14 @@ def _with_delay_slots(system: System, paths: tuple[str, ...], vehicles: np.ndarr
     return with_value(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 
 
-def without_quantisation(system: System) -> System:
-    """Return the system without the steps of converters and timers, because the slope of a staircase is 0."""
+def tuning_system(system: System) -> System:
+    """Return the system that is tuned: its reference begins and ends at full speed, as in the paper.
+
+    So the feedback has to act: gains for a gentle start alone would tolerate less delay. The steps of converters and
+    timers are removed, because the slope of a staircase is 0.
+    """
+    if getattr(system.guide, "acceleration_m_s2", None) is not None:
+        system = with_value(system, "guide.acceleration_m_s2", inf)
     blocks = [("model.drivetrain", getattr(system.model, "drivetrain", None))]
     for path, block in [*blocks, *((f"sensors.{name}", s) for name, s in system.sensors._asdict().items())]:
         for field, _ in parameters(block) if is_dataclass(block) else ():
