@@ -195,7 +195,7 @@ def not_skipped(report: Report) -> Report:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile the many short kernels quickly; the tests of the engine use the compiler flags of the package."""
-    level = "-O1" if is_in(item.path, LONG_RUNS) and not is_in(item.path, SHORT_RUNS) else "-O0"
+    level = "-Og" if is_in(item.path, LONG_RUNS) and not is_in(item.path, SHORT_RUNS) else "-O0"
     flags = SHIPPED if is_in(item.path, {"symbolic"}) else (0, 0, level, level)
     for name, value in zip(FLAGS, flags, strict=True):
         setattr(compile, name, value)

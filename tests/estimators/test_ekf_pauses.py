@@ -82,7 +82,8 @@ def each(ticks):
 
 
 def sound(mean, cov):
-    return np.isfinite(mean).all() and np.isfinite(cov).all() and np.linalg.eigvalsh(cov).min() > 0.0
+    """Return True for finite means and positive definite covariances; for others `cholesky` raises LinAlgError."""
+    return np.isfinite(mean).all() and np.isfinite(np.linalg.cholesky(cov)).all()
 
 
 @cache
@@ -170,7 +171,8 @@ def test_a_million_ticks_of_ten_seconds_cause_no_overflow(name):
 @pytest.mark.parametrize("name", GARAGE)
 def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
     belief = ekf(name).init()
-    for each_tick in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
+    count, longest_s = {"numpy": (25, 0.5), "python": (150, 10.0), "c": (3000, 10.0)}[backend]
+    for each_tick in each(random_ticks(name, count, 3, longest_s=longest_s)):
         belief, estimate = ekf(name, backend).step(belief, each_tick)
         assert sound(belief.mean, belief.cov)
         assert sound(estimate.nu, estimate.cov)
@@ -179,7 +181,7 @@ def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(nam
 @pytest.mark.parametrize("name", GARAGE)
 def test_all_back_ends_give_the_same_estimate_over_pauses(name):
     belief = ekf(name).init()
-    for each_tick in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
+    for each_tick in each(random_ticks(name, 12, 5, 1e-3, 1.5)):
         belief, *beliefs = (
             ekf(name, backend).step(belief, each_tick)[0] for backend in ("c", "numpy", "python")
         )

@@ -13,6 +13,7 @@ from baqueano.monitor import Finding, SensorMonitor
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, run_of_vehicle
+from baqueano.study.counterpart.recorded import GroupDrive
 from baqueano.study.faults.subject import subject
 from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import VehicleFile, parse
@@ -51,17 +52,22 @@ def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
 @cache
 def drives(kind: str, count: int) -> tuple[Run, ...]:
     """Return drives of one vehicle of the independent truth, each with its own commands and noise."""
-    robot, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
-    u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
-    t_ns = tick_times(len(u[0]), file.rate_hz)
-    motion = drive_group(robot.vehicle.subset([0] * count), np.stack(u, axis=1), range(count), t_ns)
-    runs = []
+    file, (u, motion), runs = kind_of(kind).file, _motion("robot" if kind == "wheels" else kind, count), []
     for k in range(count):
         run = run_of_vehicle(motion, k, u[k], file, f"{kind} {k}", k)
         runs.append(
             replace(run, sensors=run.sensors | {"wheels": _wheels(run, k)}) if kind == "wheels" else run
         )
     return tuple(runs)
+
+
+@cache
+def _motion(vehicle: str, count: int) -> tuple[list[np.ndarray], GroupDrive]:
+    """Return the commands and the drives of a "robot" or a "car"; encoders do not change a drive."""
+    one = subject(vehicle, 0)
+    u = [one._replace(seed=seed).signal(SECONDS) for seed in range(count)]
+    t_ns = tick_times(len(u[0]), one.vehicle_file.rate_hz)
+    return u, drive_group(one.vehicle.subset([0] * count), np.stack(u, axis=1), range(count), t_ns)
 
 
 def watch(

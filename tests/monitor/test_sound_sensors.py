@@ -19,7 +19,7 @@ def test_sound_sensors_give_no_fault_report(kind):
 
 @pytest.mark.parametrize(("begins", "names"), [(0, []), (600, ["imu[0]", "imu[1]"])])
 def test_a_gyro_alone_is_sound_and_accelerometers_that_stop_are_reported(begins, names):
-    run = drives("robot", 1)[0]
+    run = drives("robot", 10)[0]
     z = run.sensors["imu"].z.copy()
     z[begins:, :2] = np.nan
     sensors = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
@@ -28,7 +28,7 @@ def test_a_gyro_alone_is_sound_and_accelerometers_that_stop_are_reported(begins,
 
 
 def test_rejections_are_counted_for_each_channel():
-    run = drives("robot", 1)[0]
+    run = drives("robot", 10)[0]
     z = run.sensors["imu"].z.copy()
     z[200:1200:100, 2] += 8.0  # ten single spikes of the gyro
     z[1500, 1] = np.nan

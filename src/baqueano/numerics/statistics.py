@@ -11,6 +11,7 @@ Wilson and Hilferty 1931 for χ².
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import erfc, exp, lgamma, pi, sqrt
 from statistics import NormalDist
 
@@ -24,6 +25,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)  # of a quadrature over (�
 MIN_BLOCKS, DRAWS = 5, 2000  # (4): blocks for an interval, and draws
 
 
+@lru_cache(maxsize=1000)
 def student_quantile(probability: float, freedom: float) -> float:
     """Return the quantile of Student's t with `freedom` degrees of freedom, at least 1, by bisection of the integral of
     cosⁿ⁻¹θ over θ = atan(t/√n)."""
