@@ -26,7 +26,7 @@ def drive_rest(rest_s):
 
 def test_the_gyro_bias_is_measured_while_the_car_is_at_rest():
     car, run = drive_rest(rest_s=6.0)
-    fit = identify(run, car, use=["odometer", "imu[2]"])
+    fit = identify(run, car, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
     file = fit.vehicle_file
     assert "sensors.imu.gyro_bias" not in fit.run_entry_names
     std = file.provenance["sensors.imu.gyro_bias"].std
@@ -53,7 +53,7 @@ def test_each_rest_is_tested_alone_by_its_duration(every):
 
 def test_without_a_rest_the_gyro_bias_of_the_file_is_used():
     car, run = drive_rest(rest_s=0.0)
-    fit = identify(run, car, use=["odometer", "imu[2]"])
+    fit = identify(run, car, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
     assert fit.notes[0].code == "bias.no-rest"
     path = "sensors.imu.gyro_bias"
@@ -89,7 +89,7 @@ def test_a_car_turned_by_hand_is_not_at_rest():
         imu.z + np.where(imu.t_ns > run.t_ns[-250], 1.0, 0.0)[:, None] * np.sin(imu.t_ns * 3e-9)[:, None]
     )
     run = replace(run, sensors={**run.sensors, "imu": imu._replace(z=turned_z)})
-    fit = identify(run, car, use=["odometer", "imu[2]"])
+    fit = identify(run, car, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
 
 
@@ -98,7 +98,7 @@ def test_a_free_delay_may_exceed_its_value_in_the_file():
     u = random_steps([0.5, 0.6], 40.0, car.rate_hz, 5)
     run = simulate(override(car, ["model.drivetrain.delay_s=0.13"]), u, 5)
     free = ["model.throttle_gain", "model.yaw_lag_s", "model.drivetrain.delay_s"]
-    fit = identify(run, car, free, use=["odometer", "imu[2]"])
+    fit = identify(run, car, free, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
     assert fit.value("model.drivetrain.delay_s") == pytest.approx(0.13, abs=0.004)
 
 
