@@ -105,7 +105,9 @@ def residuals_for_tests(
     np.negative(flat, out=flat)
     count = int(np.clip(len(run) // MIN_BLOCK_ROWS, 2, MAX_BLOCKS))
     blocks = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
-    eliminated = [_eliminate(flat, w, m, nuisance) for nuisance in nuisances if nuisance.identifiable.any()]
+    nuisance_derivatives = [
+        _eliminate(flat, w, m, nuisance) for nuisance in nuisances if nuisance.identifiable.any()
+    ]
     is_complete = identifiable.all() and len(flat) == s
     d = flat if is_complete else np.ascontiguousarray(flat[:s][identifiable].T).T
     weighted_rows = np.empty((len(w), len(d) + 1)).T
@@ -115,7 +117,18 @@ def residuals_for_tests(
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
     inverse, residuals = pseudo_inverse(products[:-1]), [r for r, _ in segments]
     return FitResiduals(
-        residuals, psi, w, d, products[-1], eliminated, run, blocks, inverse, weighted_rows, power, signal
+        residuals,
+        psi,
+        w,
+        d,
+        products[-1],
+        nuisance_derivatives,
+        run,
+        blocks,
+        inverse,
+        weighted_rows,
+        power,
+        signal,
     )
 
 
