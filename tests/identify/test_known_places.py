@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.calibration.hand_measurements import read_line
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.data.added_channels import drift_std, read_line
+from baqueano.identify.data.added_channels import drift_std
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import text
 from baqueano.runs.run import TruthLog

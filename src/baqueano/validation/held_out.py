@@ -19,12 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.hand_measurements import HAND_SENSORS
 from baqueano.calibration.rest import begins_at_rest
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import HAND_SENSORS, MOUNT_PREFIX
+from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.diagnostics.file_consistency import GAIN_CODES
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions

@@ -1,25 +1,23 @@
 """Add channels to a fit that are not sensors of the vehicle: the truth, the battery, and measurements made by hand.
 
     ν of the mark = R(−χ) (ν_x − l_y ν_ψ,  ν_y + l_x ν_ψ)                                                  (1)
-    d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (2)
-    σ² = σ_hand² + Σ_i (d_i − d_0)² / SAMPLED_VEHICLES,   d_0 without noise                               (3)
+    σ² = σ_hand² + Σ_i (d_i − d_0)² / SAMPLED_VEHICLES,   d_0 without noise                               (2)
 
 The truth is z = ν of a simulation, from which the paper estimates its matrices, or the pose that a camera measured.
 The pose of the mark on the body is a parameter, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad". It
 belongs to the recording and is not written to a vehicle file. If battery = "logged" in the drivetrain, each row ends
 with the newest voltage of the channel `battery`. This voltage replaces `battery_v`, and the actuator matrix is valid
-at `battery_nominal_v`. A fit sets battery = "logged" itself if `battery_effect` is free. Measurements by hand (2)
-determine the scales of the speed and of the gyro, which the sensors on board do not show.
+at `battery_nominal_v`. A fit sets battery = "logged" itself if `battery_effect` is free. A measurement by hand
+(calibration/hand_measurements.py) has the error of the hand and that of the process noise since the start (2).
 """
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from baqueano.calibration.hand_turns import ANGLE_STD_RAD
+from baqueano.calibration.hand_measurements import HAND_SENSORS, HandMeasurement, read_line
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -28,7 +26,7 @@ from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
 from baqueano.sensors.pose import rotate_vector
-from baqueano.signals import NANOSECONDS, ByName, Motion, seconds, sensor_slots
+from baqueano.signals import ByName, Motion, seconds, sensor_slots
 from baqueano.symbolic import scan
 from baqueano.vehicles.bounds import check_bounds
 
@@ -37,17 +35,7 @@ MOUNT_PREFIX = f"sensors.{TRUTH}."  # prefix of parameters that belong to a reco
 BATTERY_CHANNEL = "battery"  # of the run
 VOLTAGE_KEY = "voltage of the battery"  # key of the voltage in a record; it cannot be the name of a sensor
 VOLTAGE_RATIO_RANGE = (0.5, 2.0)  # of the nominal voltage
-LENGTH_STD_M = 0.01  # accuracy of a tape
-LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
 SAMPLED_VEHICLES = 24  # simulated vehicles; with these, the error of σ is 15 %
-SMOOTHING_M = 1e-3  # keeps the root of (2) smooth at the mark
-LINE_PATTERN = re.compile(
-    r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
-)
-NUMBER_PATTERN = re.compile(
-    r"^\s*(?P<x>[+-]?[\d.]+(?:e[+-]?\d+)?)\s*(?:(?:±|\+-|\+/-)\s*(?P<std>[\d.]+)\s*)?(?P<unit>[a-z°]+)\s*$"
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,44 +114,6 @@ def _voltage_at_rows(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarra
     return z[order][np.maximum(newest, 0)]
 
 
-class HandMeasurement(NamedTuple):
-    """One measurement by hand."""
-
-    kind: str  # a key of HAND_SENSORS
-    t_ns: int
-    z: np.ndarray  # (m,)
-    std: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandSensor:
-    """Sensor block of a kind of hand measurement. `h` returns z (size,): a distance [m], a position [m], or a direction
-    without a jump at half a turn, whose standard deviation is that of the angle [rad].  (2)"""
-
-    size: int
-    std: float
-    h: Callable[[Motion], np.ndarray]
-
-    @property
-    def cov(self) -> np.ndarray:
-        """Return the covariance Q (m, m)."""
-        return np.eye(self.size) * self.std**2
-
-
-def _distance(motion: Motion) -> np.ndarray:
-    return np.sqrt(np.array([motion.eta[0] ** 2 + motion.eta[1] ** 2 + SMOOTHING_M**2]))
-
-
-HAND_SENSORS = {
-    "tape": HandSensor(1, LENGTH_STD_M, _distance),
-    "back_on_mark": HandSensor(2, LENGTH_STD_M, lambda motion: motion.eta[:2]),
-    "turned": HandSensor(
-        2, ANGLE_STD_RAD, lambda motion: np.array([np.cos(motion.eta[2]), np.sin(motion.eta[2])])
-    ),
-}
-EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
-
-
 def with_hand_measurements(
     runs: Sequence[Run], blocks: FittedBlocks, measured: Sequence[str]
 ) -> tuple[list[Run], FittedBlocks]:
@@ -176,7 +126,7 @@ def with_hand_measurements(
 
     A measurement describes the pose at its time. The run begins at x = y = ψ = 0 and is not split into segments. An
     angle is used as a direction, so the model must predict it within half a turn. Process noise moves the vehicle
-    away from its simulation, by the spread of SAMPLED_VEHICLES vehicles with the `process_noise_std` of the file (3).
+    away from its simulation, by the spread of SAMPLED_VEHICLES vehicles with the `process_noise_std` of the file (2).
     If this value is 0, a tape measurement after a minute has the weight of an error of only 1 cm: measure early.
     """
     runs, sensors = list(runs), blocks.sensors._asdict()
@@ -198,7 +148,7 @@ def with_hand_measurements(
 
 
 def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
-    """Return the standard deviation that process noise adds to the measurement, in the unit of `z`.  (3)"""
+    """Return the standard deviation that process noise adds to the measurement, in the unit of `z`.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
     tick_count = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
@@ -217,48 +167,3 @@ def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
     deviations = np.array(ends[1:]) - ends[0]
     per_entry = 1 if measurement.kind == "turned" else len(measurement.z)  # both entries describe one angle
     return float(np.sqrt(np.sum(deviations**2) / (SAMPLED_VEHICLES * per_entry)))
-
-
-def read_line(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
-    """Return the index of the run that `line` names, and the measurements in the line. Raise UsageError for a line that
-    cannot be parsed, an unknown run, or a time outside the run."""
-    match = LINE_PATTERN.match(line.replace(",", ", "))
-    if match is None:
-        raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))
-    run_index = _run_index(match["run"], line, runs)
-    run = runs[run_index]
-    t_s = run.duration_s if match["t"] == "end" else float(match["t"].rstrip("s "))
-    if not 0.0 < t_s <= run.duration_s:
-        raise UsageError(
-            fault("tape.after-the-end", line=line, run=run.name, duration_s=run.duration_s, t_s=t_s)
-        )
-    t_ns = int(run.t_ns[0]) + round(t_s * NANOSECONDS)
-    return run_index, [_measurement(part, line, t_ns) for part in match["what"].split(",")]
-
-
-def _run_index(name: str | None, line: str, runs: Sequence[Run]) -> int:
-    names = [run.name for run in runs]
-    if name is None and len(runs) == 1:
-        return 0
-    if name not in names:
-        if name is None:
-            raise UsageError(fault("tape.of-no-run", line=line, valid=names))
-        raise UsageError(fault("tape.of-another-run", line=line, value=name, valid=names))
-    return names.index(name)
-
-
-def _measurement(text: str, line: str, t_ns: int) -> HandMeasurement:
-    number = NUMBER_PATTERN.match(text)
-    unit = number["unit"] if number else ""
-    if number is None or unit not in {**LENGTHS, **ANGLES}:
-        raise UsageError(
-            fault("tape.no-length", EXAMPLE, line=line, part=text.strip(), units=(*LENGTHS, *ANGLES))
-        )
-    factor = {**LENGTHS, **ANGLES}[unit]
-    x, std = float(number["x"]) * factor, float(number["std"] or 0.0) * factor
-    if x < 0.0 and unit in LENGTHS:
-        raise UsageError(fault("tape.negative", line=line, length_m=x))
-    kind, z = ("tape", [x]) if x > 0.0 else ("back_on_mark", [0.0, 0.0])
-    if unit in ANGLES:
-        kind, z = "turned", [np.cos(x), np.sin(x)]
-    return HandMeasurement(kind, t_ns, np.array(z), std or HAND_SENSORS[kind].std)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.calibration.hand_measurements import HAND_SENSORS
 from baqueano.calibration.rest import is_at_rest
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.optional import is_dynamic
@@ -29,7 +30,6 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.data.added_channels import HAND_SENSORS
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
 from baqueano.identify.noise.held_out import Acceptance, SpeedChannels, accept_or_refit, speed_channels
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
