@@ -9,9 +9,9 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.dataset import unused_sensors
 from baqueano.messages import text
 from baqueano.messages.language import use_language
+from baqueano.runs.diagnostics.cleaning import unused_sensors
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

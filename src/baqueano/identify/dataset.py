@@ -19,15 +19,11 @@ from baqueano.identify.parameters.free import free_parameters, has_offset
 from baqueano.identify.parameters.theta import Parameters, parameters_for_fit
 from baqueano.identify.residuals.gyro_aided import gyro_aided_paths
 from baqueano.runs.diagnostics.cleaning import clean
-from baqueano.runs.maps.columns import KINDS
-from baqueano.runs.run import Channel, Run
+from baqueano.runs.run import Run
 from baqueano.signals import sensor_slots
-from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
-
-KIND_BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,16 +229,3 @@ def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
                 raise UsageError(fault("use.unreadable", value=channel))
             channels.setdefault(name, []).append(int(entry.rstrip("]")))
     return channels
-
-
-def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Diagnostic]:
-    """Return a note for each motion sensor of the runs that the vehicle file lacks, with its likely kind."""
-    channels: dict[str, Channel] = {}
-    for run in runs:
-        channels |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
-    notes = []
-    for name, channel in channels.items():
-        if name not in vehicle_file.sensors._fields and name not in NON_MOTION_CHANNELS:
-            kind = name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")
-            notes.append(note("use.not-in-file", sensor=name, vehicle=vehicle_file.name, kind=kind))
-    return notes

@@ -120,7 +120,7 @@ def command(
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
     from baqueano.identify import identify
-    from baqueano.identify.dataset import unused_sensors
+    from baqueano.runs.diagnostics.cleaning import unused_sensors
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
     _check_table(table)

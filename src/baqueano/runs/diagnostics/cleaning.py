@@ -1,16 +1,21 @@
-"""Clean the runs of a fit: repair their timestamps, and remove samples that are not measurements."""
+"""Clean the runs of a fit: repair their timestamps, remove samples that are not measurements, name unused sensors."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.numerics.parallel import parallel_map
 from baqueano.runs.diagnostics import physical_units, samples, timestamps
-from baqueano.runs.run import Run
+from baqueano.runs.maps.columns import KINDS
+from baqueano.runs.run import Channel, Run
+from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
+
+KIND_BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 def clean(
@@ -42,3 +47,16 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
             channels[name], sensor_messages = samples.check_samples(name, block, channels[name])
             messages += sensor_messages
     return replace(run, sensors=channels) if messages else run, messages
+
+
+def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Diagnostic]:
+    """Return a note for each motion sensor of the runs that the vehicle file lacks, with its likely kind."""
+    channels: dict[str, Channel] = {}
+    for run in runs:
+        channels |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
+    notes = []
+    for name, channel in channels.items():
+        if name not in vehicle_file.sensors._fields and name not in NON_MOTION_CHANNELS:
+            kind = name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")
+            notes.append(note("use.not-in-file", sensor=name, vehicle=vehicle_file.name, kind=kind))
+    return notes
