@@ -208,6 +208,16 @@ def low_pass_s(sensor: Tree) -> Value:
     return 0.5 / (np.pi * sensor.low_pass_hz) if optional.attribute(sensor, "has_low_pass") else 0.0
 
 
+def gain_after_low_pass(sensor: Tree, dt_s: Value) -> Value:
+    """Return the fraction of a change that passes the low-pass by the end of a tick. The change is linear over the
+    tick."""
+    tau_s = low_pass_s(sensor)
+    if isinstance(tau_s, float) and tau_s == 0.0:
+        return 1.0
+    ratio = tau_s / np.maximum(dt_s, MIN_TICK_S)
+    return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
+
+
 def _low_pass_step(sensor: Tree, low_passed: np.ndarray, motion: Motion, dt_s: Value) -> np.ndarray:
     a, m, b = (sensor.h(sample) for sample in motion.tick or (motion, motion, motion))
     tau_s = low_pass_s(sensor)
@@ -222,5 +232,12 @@ def sensor_range(block: Tree) -> np.ndarray | None:
     """Return the largest magnitude (m,) of a reading inside the range of an IMU, or None for other sensors."""
     if not has_field(block, "accel_limit"):
         return None
-    step = np.array([block.accel_step, block.accel_step, block.gyro_step])
-    return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step
+    limit = np.array([block.accel_limit, block.accel_limit, block.gyro_limit])
+    return limit * (1.0 - 1e-9) - converter_steps(block)
+
+
+def converter_steps(block: Tree) -> np.ndarray:
+    """Return the steps (m,) of a sensor's converter, 0 without one."""
+    if not has_field(block, "accel_step"):
+        return np.zeros(block.size)
+    return np.array([block.accel_step, block.accel_step, block.gyro_step])

@@ -22,15 +22,15 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
+from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state, read_sensor
-from baqueano.sensors.sampling import difference, low_pass_s
+from baqueano.sensors.sampling import difference, gain_after_low_pass
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, scan, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
-from baqueano.vehicles.delay import MIN_TICK_S
 from baqueano.vehicles.state import end_of_tick
 
 GATE = 4.0  # G of (3): the gate of the other filters, made smooth
@@ -75,12 +75,8 @@ def axes_of(model: Tree) -> tuple[int, ...]:
 
 def shows_pose(blocks: FittedBlocks) -> bool:
     """Return True if a sensor measures the pose."""
-    rng = np.random.default_rng(0)
-    nu, nu_dot, eta = rng.normal(size=(3, 3))
-    jacobians = [
-        jacobian(lambda x, s=s: s.h(Motion(x, nu, nu_dot, np.zeros(2))))(eta) for s in blocks.sensors
-    ]
-    return any(bool(np.any(np.abs(derivative) > MIN_DERIVATIVE)) for derivative in jacobians)
+    slopes = [measurement_jacobian(sensor)[:, :3] for sensor in blocks.sensors]
+    return any(bool(np.any(np.abs(slope) > MIN_DERIVATIVE)) for slope in slopes)
 
 
 def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
@@ -165,20 +161,10 @@ def _innovation(
             shown_h = shown_h + fractions[k] * difference(sensor, state.previous_h[k], shown_h)
         innovations.append(difference(sensor, z[offset : offset + sensor.size], shown_h))
         jacobian_of_h = jacobian(lambda x, s=sensor: s.h(predicted.motion(x)))(predicted.mean)
-        jacobians.append(_gain_after_low_pass(sensor, dt_s) * jacobian_of_h)
+        jacobians.append(gain_after_low_pass(sensor, dt_s) * jacobian_of_h)
         lines.append((signal, h))
         offset += sensor.size
     return innovations, jacobians, lines
-
-
-def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
-    """Return the fraction of a change that passes the low-pass by the end of the row. The change is linear over the
-    row."""
-    tau_s = low_pass_s(sensor)
-    if isinstance(tau_s, float) and tau_s == 0.0:
-        return 1.0
-    ratio = tau_s / np.maximum(dt_s, MIN_TICK_S)
-    return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
 
 
 def _noise_input_matrix(model: Tree, dt_s: Value) -> np.ndarray:

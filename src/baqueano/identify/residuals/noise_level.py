@@ -17,9 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.contracts import optional
-from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.numerics.statistics import MAD
+from baqueano.sensors.sampling import converter_steps
 from baqueano.signals import ByName
 
 MIN_RELATIVE_SIGMA = 1e-7  # of the largest measurement of a channel
@@ -74,7 +74,7 @@ def _largest(z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
 
 def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
     """Return the least σ (m,): 1/√12 of a converter's step, or MIN_RELATIVE_SIGMA of the largest value, if larger."""
-    steps = np.concatenate([_converter_steps(block) for block in blocks])
+    steps = np.concatenate([converter_steps(block) for block in blocks])
     largest = _largest(z, has)
     return np.maximum(steps / np.sqrt(12.0), np.maximum(MIN_RELATIVE_SIGMA * largest, 1e-12))
 
@@ -91,13 +91,6 @@ def sigma_of_file(blocks: "ByName[Tree]") -> np.ndarray:
         np.zeros((b.size, b.size)) if (Q := optional.attribute(b, "cov")) is None else Q for b in blocks
     ]
     return np.concatenate([np.sqrt(np.maximum(np.diagonal(Q), 0.0)) for Q in covariances])
-
-
-def _converter_steps(block: Tree) -> np.ndarray:
-    """Return the steps (m,) of a sensor's converter, 0 without one."""
-    if not has_field(block, "accel_step"):
-        return np.zeros(block.size)
-    return np.array([block.accel_step, block.accel_step, block.gyro_step])
 
 
 def profile_by_speed(
