@@ -27,9 +27,9 @@ from baqueano.identify.noise.filter_noise import (
     _with_misfit_from_accelerometer,
     _with_noise,
 )
-from baqueano.identify.noise.process_noise import log_det_and_square
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.numerics.coordinate_search import coordinate_search
+from baqueano.numerics.gaussian_likelihood import log_det_and_square
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import Provenance, load, parse

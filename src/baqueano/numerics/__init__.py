@@ -1,11 +1,12 @@
 """Numerical tools that know no vehicle and no run.
 
-least_squares      damped Gauss-Newton with bounds, on normal equations
-normal_equations   normal equations of segments, and the elimination of nuisance entries
-coordinate_search  minimisation without derivatives
-autocorrelation    white and autocorrelated residuals
-score_test         tests of effects that a model lacks, without a new fit
-statistics         quantiles, robust spreads, covariances of estimates
-slow_part          a slow signal and its white noise
-parallel           work on all cores
+least_squares        damped Gauss-Newton with bounds, on normal equations
+normal_equations     normal equations of segments, and the elimination of nuisance entries
+coordinate_search    minimisation without derivatives
+gaussian_likelihood  its two terms, of values that can be traced
+autocorrelation      white and autocorrelated residuals
+score_test           tests of effects that a model lacks, without a new fit
+statistics           quantiles, robust spreads, covariances of estimates
+slow_part            a slow signal and its white noise
+parallel             work on all cores
 """

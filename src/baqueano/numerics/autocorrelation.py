@@ -6,6 +6,8 @@
 autocorrelation over the first LAGS ticks decides if residuals are white. Source: Newey and West 1987 for the taper.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from baqueano.numerics.parallel import dot, inner, parallel_map
@@ -54,6 +56,23 @@ def lag_products(x: np.ndarray, length: int) -> np.ndarray:
     array([14.,  8.,  3.])
     """
     return np.asarray(np.fft.irfft(np.abs(np.fft.rfft(x, length)) ** 2, length))
+
+
+def lag_sums(signals: Sequence[np.ndarray], lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return Σ_t x_t x_{t+l} (K,) over all `signals` (N,) at the `lags` (K,), and the number (K,) of these pairs. NaN
+    marks a missing value.
+
+    >>> lag_sums([np.array([1.0, 2.0, np.nan]), np.ones(2)], np.array([1, 2]))[0].round(6) + 0.0
+    array([3., 0.])
+    """
+    products, count = np.zeros(len(lags)), np.zeros(len(lags))
+    for x in signals:
+        has, within = np.isfinite(x), lags[lags < len(x)]
+        if len(within):
+            length = fourier_length(len(x))
+            products[: len(within)] += lag_products(np.where(has, x, 0.0), length)[within]
+            count[: len(within)] += lag_products(has.astype(float), length)[within]
+    return products, count
 
 
 def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:

@@ -74,12 +74,8 @@ def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
             if hypothesis.code == "inverted":
                 out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
             elif hypothesis.code == "swapped" and (j := hypothesis.prediction_index) < i:
-                correlations = {
-                    "other": channel,
-                    "first": hypotheses[j].regression.correlation,
-                    "second": rho,
-                }
-                out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **correlations))
+                figures = {"other": channel, "first": hypotheses[j].regression.correlation, "second": rho}
+                out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **figures))
     return out
 
 

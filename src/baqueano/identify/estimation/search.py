@@ -118,7 +118,7 @@ def search(
         sigma, profile = task.fixed_sigma, None
     else:
         sigma, profile = sigma_at(task, problem, theta)
-    count, round_number, is_near, reason = 0, 1, sigma_fixed, False
+    count, round_number, is_near, is_stopped = 0, 1, sigma_fixed, False
     while True:
         problem = problem.weight(sigma, profile)
         is_near = is_near or round_number == MAX_ROUNDS
@@ -129,14 +129,9 @@ def search(
         )  # fmt: skip
         theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
         if task.progress is not None:
-            cost = solution.evaluation.cost
-            text = _(
-                "round {turn}: {count} evaluations, cost {cost:.6g}",
-                turn=round_number,
-                count=count,
-                cost=cost,
-            )
-            reason = task.progress(text) is True
+            figures = {"turn": round_number, "count": count, "cost": solution.evaluation.cost}
+            text = _("round {turn}: {count} evaluations, cost {cost:.6g}", **figures)
+            is_stopped = task.progress(text) is True
         if sigma_fixed or round_number == MAX_ROUNDS or not np.isfinite(solution.evaluation.cost):
             break
         new_sigma, profile = sigma_at(task, problem, theta)
@@ -144,12 +139,12 @@ def search(
         is_unfinished = is_near and not solution.converged and solution.evaluations >= MAX_EVALUATIONS
         if (is_near and change < SIGMA_TOLERANCE and not is_unfinished) or (rough and change < NEAR_CHANGE):
             break
-        if reason:
+        if is_stopped:
             solution = solution._replace(converged=False)
             break
         sigma, is_near, round_number = new_sigma, change < NEAR_CHANGE, round_number + 1
     autocorrelation = autocorrelation_sums(problem.residuals(solution.theta), problem.has)
-    return Search(problem, solution, problem.sigma, autocorrelation, count, profile, reason)
+    return Search(problem, solution, problem.sigma, autocorrelation, count, profile, is_stopped)
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:

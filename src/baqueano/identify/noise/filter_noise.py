@@ -5,15 +5,14 @@
     c(τ) = σ_d² (λ e^(−λτ) − a e^(−aτ)) a/(λ² − a²),  a = 1/T of the file;   walk of ν_x ≤ σ √δ             (3)
     Q = σ_m² [1 1; 1 1] + σ_t² [1 −1; −1 1]  of a left and a right wheel                                   (4)
 
-y and S are the innovations of the filter over the log, r the residuals of the fit, ρ as in process_noise.py. The second
-differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A rest with more scatter than
-this limit is not used. A channel that does not correct the motion has the noise of its residuals. A sensor with fewer
-than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities have σ² ≥ step²/12. With only an IMU, (3)
-estimates the disturbance from the forward accelerometer: its r is the rate of change of the speed error, which the drag
-λ of the model limits to d/λ. In a kinematic model d is the speed error itself: truth_noise.py. If wheels measure the
-speed, an error that the accelerometer does not measure is slip (speed_error.py). In (4) a wrong track changes both
-wheels oppositely, so neither is better. The least `course_std` is the angle between course and heading of the model.
-docs/derivations/kalman.md derives (3) and (4).
+y and S are the innovations of the filter over the log, r the residuals of the fit, ρ as in gaussian_likelihood.py. The
+second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A rest with more scatter
+than this limit is not used. A channel that does not correct the motion has the noise of its residuals. A sensor with
+fewer than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities have σ² ≥ step²/12. With only an
+IMU, (3) estimates the disturbance from the forward accelerometer: its r is the rate of change of the speed error, which
+the drag λ of the model limits to d/λ. speed_error.py estimates the d of a kinematic model, and slip if wheels measure
+the speed. In (4) a wrong track changes both wheels oppositely, so neither is better. The least `course_std` is the
+angle between course and heading of the model. docs/derivations/kalman.md derives (3) and (4).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,16 +27,18 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
-from baqueano.identify.noise.process_noise import (
-    TICKS,
-    log_det_and_square,
-    robust_square,
-    total_cost,
+from baqueano.identify.noise.process_noise import TICKS, total_cost
+from baqueano.identify.noise.speed_error import (
+    MAX_FADE_S,
+    MIN_FADE_S,
+    accelerometer_share,
+    forward_accelerometer,
+    with_misfit_from_truth,
+    with_speed_error,
 )
-from baqueano.identify.noise.speed_error import accelerometer_share, forward_accelerometer, with_speed_error
-from baqueano.identify.noise.truth_noise import MAX_FADE_S, MIN_FADE_S, with_misfit_from_truth
-from baqueano.numerics.autocorrelation import fourier_length, lag_products
+from baqueano.numerics.autocorrelation import lag_sums
 from baqueano.numerics.coordinate_search import coordinate_search
+from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.numerics.statistics import expected_variance, white_std
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
@@ -208,16 +209,13 @@ def _with_misfit_from_accelerometer(
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
     first_s = max(MIN_LAG_S, min(LAGS_S[0], 1.0 / max(decay_rate, 1e-3)))
     lags = np.arange(max(1, round(first_s / dt_s)), max(1, round(LAGS_S[1] * T / dt_s)) + 1)
-    products, count, residuals = np.zeros(len(lags)), np.zeros(len(lags)), []
-    for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
-        r = np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
-        has, within, length = np.isfinite(r), lags[lags < len(r)], fourier_length(len(r))
-        residuals.append(r[has])
-        products[: len(within)] += lag_products(np.where(has, r, 0.0), length)[within]
-        count[: len(within)] += lag_products(has.astype(float), length)[within]
+    channels = [c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)]
+    residuals = [np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope for c in channels]
+    products, count = lag_sums(residuals, lags)
     if np.min(count, initial=np.inf) < MIN_RESIDUALS:
         return ekf
-    fading, white = residual_autocorrelation(lags * dt_s, T, decay_rate), white_std(residuals)
+    white = white_std([r[np.isfinite(r)] for r in residuals])
+    fading = residual_autocorrelation(lags * dt_s, T, decay_rate)
     variance = float(np.sum(fading * products / count) / np.sum(fading**2))
     std_error = white**2 * float(np.sqrt(np.sum(fading**2 / count)) / np.sum(fading**2))
     std, (low, high) = np.sqrt(expected_variance(variance, std_error)), FORWARD_NOISE[0][1:]

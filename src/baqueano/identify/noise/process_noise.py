@@ -19,6 +19,7 @@ from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
 from baqueano.identify.residuals.motion import open_loop
 from baqueano.numerics.coordinate_search import coordinate_search
+from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Estimate, Tick, seconds
@@ -56,28 +57,6 @@ def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], flo
         return total if np.isfinite(total) else np.inf
 
     return cost
-
-
-def log_det_and_square(S: np.ndarray, y: np.ndarray, has: np.ndarray) -> tuple[Tree, Tree]:
-    """Return log |S| and yᵀ S⁻¹ y of the entries with `has` (m,) 1, not 0; S (m, m) is positive definite."""
-    S, y, m = S * np.outer(has, has) + np.diag(1.0 - has), np.where(has > 0.0, y, 0.0), len(y)
-    rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
-    for k in range(m):
-        pivot = rows[k][k]
-        total = total + np.log(pivot)
-        square = square + v[k] * v[k] / pivot
-        for i in range(k + 1, m):
-            factor = rows[i][k] / pivot
-            v[i] = v[i] - factor * v[k]
-            for j in range(k + 1, m):
-                rows[i][j] = rows[i][j] - factor * rows[k][j]
-    return total, square
-
-
-def robust_square(square: Tree, limit: Tree) -> Tree:
-    """Return ρ of the squared distance `square`, which grows linearly with a distance above `limit`.  (2)"""
-    d = np.sqrt(np.maximum(square, 1e-12))
-    return np.where(d < limit, square, 2.0 * limit * d - limit**2)
 
 
 def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:

@@ -23,10 +23,15 @@ from baqueano.estimators.augmented.state import layout, start_std
 from baqueano.estimators.augmented_ekf import SCALE_INDEX, AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.estimators.readings.velocity_readings import velocity_readings
+from baqueano.identify.data.added_channels import TRUTH
 from baqueano.identify.data.record import record_of
 from baqueano.identify.residuals.motion import motion_rows, open_loop
+from baqueano.numerics.autocorrelation import lag_sums
 from baqueano.numerics.statistics import white_std
+from baqueano.runs.interpolation import HALF_WINDOW_S, true_speed
 from baqueano.runs.run import Run
+from baqueano.signals import NANOSECONDS
+from baqueano.symbolic import with_value
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
@@ -38,9 +43,10 @@ UPPER_QUANTILE, MIN_SHARE = 0.975, 1e-3  # quantile of φ; least φ, so that a f
 FORWARD, YAW, FORWARD_DOT = 0, 2, 6  # of ν; of (η, ν, ν̇)
 SCALES = [SCALE_INDEX, SCALE_INDEX + 1]  # of speed and yaw rate
 MAX_SPEED_PER_GYRO_SCALE = 10.0  # a larger c belongs to a model that diverged
-SCALES_INCLUDED = (
-    "identifiability.accelerometer-scale"  # note of a fit whose errors contain those of the scales
-)
+SCALES_INCLUDED = "identifiability.accelerometer-scale"  # of a fit whose errors contain those of the scales
+MIN_FADE_S, MAX_FADE_S = 0.3, 30.0  # of T; faster changes belong to the walk of ν
+MIN_STD_M_S = 1e-4
+TRUTH_LAGS_S, MIN_PAIRS = (2.0 * HALF_WINDOW_S, 10.0), 100  # of (6)
 
 
 class TimeSeries(NamedTuple):
@@ -185,3 +191,42 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     if not (np.isfinite(std).all() and abs(c) < MAX_SPEED_PER_GYRO_SCALE):
         return ekf
     return replace(ekf, speed_error_std=std, least_error_speed_m_s=least, speed_per_gyro_scale=c)
+
+
+def with_misfit_from_truth(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:
+    """Return the filter of a kinematic model with σ_d and T of the speed, or unchanged without a truth in the runs.
+
+        e(t) = ν_x(t) − ν̂_x(t),   ν_x by the truth of a run, ν̂_x by the fitted model                       (5)
+        (σ_d, T) = arg min Σ_τ (c(τ) − σ_d² e^(−τ/T))²,   c the autocovariance of e                        (6)
+
+    The disturbance of a kinematic model is a velocity, so its statistics are those of e. No reading on board shows
+    them. The lags begin beyond the window over which a speed is computed from positions.
+    """
+    lags = np.arange(round(TRUTH_LAGS_S[0] * ekf.rate_hz), round(TRUTH_LAGS_S[1] * ekf.rate_hz) + 1)
+    errors = [_speed_errors(fit, run, k, 1.0 / ekf.rate_hz) for k, run in enumerate(runs)]
+    products, count = lag_sums(errors, lags)
+    is_sufficient = count > MIN_PAIRS
+    if not is_sufficient.any():
+        return ekf
+    c, tau_s = products[is_sufficient] / count[is_sufficient], lags[is_sufficient] / ekf.rate_hz
+    fades_s = np.geomspace(MIN_FADE_S, MAX_FADE_S, 60)
+    shapes = np.exp(-tau_s / fades_s[:, None])
+    variances = np.maximum(shapes @ c / np.sum(shapes**2, axis=1), MIN_STD_M_S**2)
+    best = int(np.argmin(np.sum((c - variances[:, None] * shapes) ** 2, axis=1)))
+    ekf = with_value(ekf, "disturbance_std[0]", float(np.sqrt(variances[best])))
+    return with_value(ekf, "disturbance_fade_s[0]", float(fades_s[best]))
+
+
+def _speed_errors(fit: "Fit", run: Run, number: int, step_s: float) -> np.ndarray:
+    """Return e (N,) [m/s] of a run at even steps, NaN without a truth.  (5) `number` is the index of the run."""
+    if run.truth is None or not len(run.truth.t_ns):
+        return np.zeros(0)
+    clock, late_s = f"clock.{TRUTH}", 0.0
+    if clock in fit.run_entry_names:
+        late_s = float(fit.run_entries[number, fit.run_entry_names.index(clock)])
+    record = record_of(run, {})
+    kernel, theta = open_loop(fit.blocks.model, (), lambda motion: motion.nu[:1], fit.backend)
+    speed = np.asarray(kernel.run(motion_rows(record), theta)[1])[:, FORWARD]
+    t_s = np.arange(0.0, record.t_s[-1], step_s)
+    t_ns = run.t_ns[0] + np.rint((t_s - late_s) * NANOSECONDS).astype(np.int64)
+    return true_speed(t_ns, run.truth) - np.interp(t_s, record.t_s, speed)

@@ -325,12 +325,9 @@ def _inseparable_sums(end: FinishedFit) -> list[Diagnostic]:
         and _has_path(shape.paths, f"sensors.{name}.accel_bias")
     ]  # fmt: skip
     without_filter = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
-    delays = (
-        without_filter[:1] if DELAY_PATH in shape.shared_paths and len(without_filter) == len(blocks) else []
-    )
-    return [note("delay.sum", subject=name) for name in delays] + [
-        note("bias.tilt-sum", subject=name) for name in tilted_names
-    ]
+    has_two_delays = DELAY_PATH in shape.shared_paths and len(without_filter) == len(blocks)
+    notes = [note("delay.sum", subject=name) for name in (without_filter[:1] if has_two_delays else [])]
+    return notes + [note("bias.tilt-sum", subject=name) for name in tilted_names]
 
 
 def _has_path(paths: tuple[str, ...], key: str) -> bool:

@@ -51,14 +51,9 @@ class Prior(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return a message on the value that is written, and the reason."""
-        details: JsonObject = {
-            "value": self.value,
-            "prior_std": self.prior_std,
-            "unit": self.unit,
-            "std": self.std,
-        }
         code = "bias.contradicts-file" if self.contradicted else "bias.file-better"
-        return note(code, subject=self.path, **details)
+        figures: JsonObject = {"value": self.value, "prior_std": self.prior_std}
+        return note(code, subject=self.path, **figures, unit=self.unit, std=self.std)
 
 
 def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":

@@ -1,0 +1,30 @@
+"""Provide the two terms of a Gaussian log-likelihood, for values that can be traced: log |S| and ρ(yᵀ S⁻¹ y).
+
+ρ(d²) = d² up to k², beyond it 2 k d − k²: limits the effect of an outlier                            (1)
+"""
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+
+
+def log_det_and_square(S: np.ndarray, y: np.ndarray, has: np.ndarray) -> tuple[Tree, Tree]:
+    """Return log |S| and yᵀ S⁻¹ y of the entries with `has` (m,) 1, not 0; S (m, m) is positive definite."""
+    S, y, m = S * np.outer(has, has) + np.diag(1.0 - has), np.where(has > 0.0, y, 0.0), len(y)
+    rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
+    for k in range(m):
+        pivot = rows[k][k]
+        total = total + np.log(pivot)
+        square = square + v[k] * v[k] / pivot
+        for i in range(k + 1, m):
+            factor = rows[i][k] / pivot
+            v[i] = v[i] - factor * v[k]
+            for j in range(k + 1, m):
+                rows[i][j] = rows[i][j] - factor * rows[k][j]
+    return total, square
+
+
+def robust_square(square: Tree, limit: Tree) -> Tree:
+    """Return ρ of the squared distance `square`, which grows linearly with a distance above `limit`.  (1)"""
+    d = np.sqrt(np.maximum(square, 1e-12))
+    return np.where(d < limit, square, 2.0 * limit * d - limit**2)
