@@ -78,7 +78,7 @@ def test_a_better_minimum_is_not_reported_as_a_mounting_error(case, case_run, mo
         is_swapped = np.array_equal(records[0].sensors["imu"].z[:50], z[:50, [1, 0, 2]])
         is_better = is_swapped or (theta is other_theta and not is_of_mount)
         solution = SimpleNamespace(theta=other_theta, evaluation=SimpleNamespace(cost=1.0))
-        return SimpleNamespace(sigma=better if is_better else worse, solution=solution)
+        return end.search._replace(sigma=better if is_better else worse, solution=solution)
 
     monkeypatch.setattr(file_consistency, "_search_from", search_from)
     finding = file_consistency._better_mount(end, "imu")

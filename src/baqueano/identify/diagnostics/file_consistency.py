@@ -219,9 +219,10 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
             # another minimum, not the mount, can explain a gain: the same start must not help the unchanged readings
             as_in_file = min(
                 (as_in_file, _search_from(task, blocks, records, result.solution.theta)),
-                key=lambda end: _log_sigma(end, channels, n),
+                key=lambda end: end.log_sigma_sum(n, channels),
             )
-            gain = _log_sigma(as_in_file, channels, n) - _log_sigma(result, channels, n[list(mount.order)])
+            log_sigma = result.log_sigma_sum(n[list(mount.order)], channels)
+            gain = as_in_file.log_sigma_sum(n, channels) - log_sigma
             if not is_clear(gain, gain / n.sum()):
                 continue
             sigma = result.sigma[channels][np.argsort(mount.order)]  # in the column order of the run
