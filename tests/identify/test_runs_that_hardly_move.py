@@ -5,9 +5,9 @@ import pytest
 
 from baqueano.identify import identify
 from baqueano.identify.result import verdict as verdicts
-from baqueano.identify.result.assemble import explained_variance
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
+from baqueano.numerics.statistics import explained_variance
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
 

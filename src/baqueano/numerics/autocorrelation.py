@@ -1,6 +1,7 @@
 """Test if residuals are white, and sum their scores if they are not.
 
     B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ                                               (1)
+    c(τ) = σ² (λ e^(−λτ) − a e^(−aτ)) a/(λ² − a²),   a = 1/T                                              (2)
 
 γ_c(l) is the autocovariance of the scores ψ in channel c, L = WINDOW_S or a tenth of a shorter run. The sum of the
 autocorrelation over the first LAGS ticks decides if residuals are white. Source: Newey and West 1987 for the taper.
@@ -73,6 +74,18 @@ def lag_sums(signals: Sequence[np.ndarray], lags: np.ndarray) -> tuple[np.ndarra
             products[: len(within)] += lag_products(np.where(has, x, 0.0), length)[within]
             count[: len(within)] += lag_products(has.astype(float), length)[within]
     return products, count
+
+
+def residual_autocorrelation(tau_s: np.ndarray, fade_s: float, decay_rate: float) -> np.ndarray:
+    """Return c/σ² (K,) of (2) at the lags `tau_s` (K,), for a disturbance that decays with `fade_s`, and the decay
+    rate λ [1/s] of the speed. Without drag it is exp(−τ/T).
+
+    >>> residual_autocorrelation(np.array([0.0, 1.0]), 1.0, 0.0).round(3)
+    array([1.   , 0.368])
+    """
+    a, rate = 1.0 / fade_s, decay_rate
+    rate = rate if abs(rate - a) > 1e-3 * a else 1.001 * a  # the limit of two equal rates
+    return a * (rate * np.exp(-rate * tau_s) - a * np.exp(-a * tau_s)) / (rate**2 - a**2)
 
 
 def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:

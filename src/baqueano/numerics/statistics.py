@@ -19,6 +19,7 @@ import numpy as np
 
 QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
+CLIP_SIGMA = 4.0  # standard deviations beyond which an error is clipped
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 MAX_FREEDOM = 1000.0  # degrees of freedom above which Student's t is normal to 1e-4
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)  # of a quadrature over (−1, 1)
@@ -111,6 +112,20 @@ def batch_covariance(
     np.add.at(scores, index, (weights * residuals)[:, None] * J)
     changes = (vectors / values) @ vectors.T @ scores.T
     return covariance_of_changes(changes.T, p) / np.outer(scale, scale)
+
+
+def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
+    """Return 1 − var(z − h) / var(z) of a run, with outliers clipped; NaN without measurements.
+
+    An outlier is a residual beyond CLIP_SIGMA times the noise `sigma`, or times the typical error of the run if that
+    is larger. The clipped residuals remove outliers of z from var(z). Jumps of h do not increase it.
+    """
+    if len(z) < 2:
+        return float("nan")
+    limit = CLIP_SIGMA * max(sigma, MAD * float(np.median(np.abs(z - h))))
+    residuals = np.clip(z - h, -limit, limit)
+    total = float(min(np.var(h + residuals), np.var(z)))
+    return 1.0 - float(np.mean(residuals**2)) / total if total > 0.0 else 0.0
 
 
 def huber_cost(residuals: np.ndarray) -> float:

@@ -36,7 +36,7 @@ from baqueano.identify.noise.speed_error import (
     with_misfit_from_truth,
     with_speed_error,
 )
-from baqueano.numerics.autocorrelation import lag_sums
+from baqueano.numerics.autocorrelation import lag_sums, residual_autocorrelation
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.numerics.statistics import expected_variance, white_std
@@ -183,18 +183,6 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
     for path, low, _ in (FORWARD_NOISE[0], FORWARD_NOISE[2]):
         ekf = with_value(ekf, path, max(low, float(share * value_at_path(ekf, path))))
     return ekf
-
-
-def residual_autocorrelation(tau_s: np.ndarray, fade_s: float, decay_rate: float) -> np.ndarray:
-    """Return c/σ_d² (K,) of (3) at the lags `tau_s` (K,), for a disturbance that decays with `fade_s`, and the decay
-    rate λ [1/s] of the speed. Without drag it is exp(−τ/T).
-
-    >>> residual_autocorrelation(np.array([0.0, 1.0]), 1.0, 0.0).round(3)
-    array([1.   , 0.368])
-    """
-    a, rate = 1.0 / fade_s, decay_rate
-    rate = rate if abs(rate - a) > 1e-3 * a else 1.001 * a  # the limit of two equal rates
-    return a * (rate * np.exp(-rate * tau_s) - a * np.exp(-a * tau_s)) / (rate**2 - a**2)
 
 
 def _with_misfit_from_accelerometer(

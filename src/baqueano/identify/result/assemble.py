@@ -26,12 +26,12 @@ from baqueano.identify.residuals.noise_level import sigma_of_file
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
-from baqueano.identify.result.verdict import CLIP_SIGMA, Evidence, by_channel, remarks, verdict_of
+from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
 from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import parallel_map
-from baqueano.numerics.statistics import MAD
+from baqueano.numerics.statistics import explained_variance
 from baqueano.vehicle_file.provenance import is_measured
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
@@ -249,20 +249,6 @@ def _channels(
     names = list(_runs(problem))
     channels = parallel_map(channels_of_run, range(len(names)), names, rows=sum(map(len, problem.z)))
     return tuple(channel for of_run in channels for channel in of_run)
-
-
-def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
-    """Return 1 − var(z − h) / var(z) of a run, with outliers clipped; NaN without measurements.
-
-    An outlier is a residual beyond CLIP_SIGMA times the noise `sigma`, or times the typical error of the run if that
-    is larger. The clipped residuals remove outliers of z from var(z). Jumps of h do not increase it.
-    """
-    if len(z) < 2:
-        return float("nan")
-    limit = CLIP_SIGMA * max(sigma, MAD * float(np.median(np.abs(z - h))))
-    residuals = np.clip(z - h, -limit, limit)
-    total = float(min(np.var(h + residuals), np.var(z)))
-    return 1.0 - float(np.mean(residuals**2)) / total if total > 0.0 else 0.0
 
 
 def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:

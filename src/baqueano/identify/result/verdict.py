@@ -23,7 +23,7 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.parallel import dot
-from baqueano.numerics.statistics import prediction_limit
+from baqueano.numerics.statistics import CLIP_SIGMA, prediction_limit
 from baqueano.vehicle_file.units import CHANNEL_UNITS
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ WARNING, ERROR = Severity.WARNING, Severity.ERROR
 ONE_SIDED_SIGMA = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
 # times the square about its own mean: a channel with larger residuals does not follow the model
 MAX_SQUARE_RATIO = 2.0
-CLIP_SIGMA = 4.0  # standard deviations beyond which an error is clipped
 MAX_NAMED_RUNS = 3  # runs
 FALSE_ALARM_RATE = 0.01  # α, the probability that a normal run is reported as unlike the others
 
