@@ -236,3 +236,12 @@ def test_an_uneven_drive_is_distinguished_from_an_even_drive():
     row = compare(run).rows()[0]
     assert row["sign_changes_per_s"] == pytest.approx(19 / 4, rel=0.02)
     assert row["saturated_fraction"] > 0.98
+
+
+def test_a_command_against_a_reference_that_has_not_started_is_not_counted():
+    """At rest, noise gives the command both signs; the reference starts 0.1 s later."""
+    t_ns = np.arange(300) * 10_000_000
+    speed_ref = np.clip(0.3e-9 * t_ns - 0.03, 0.0, 0.2)
+    drives = evenness.is_driving(t_ns, speed_ref, 0.0)
+    assert not drives[:16].any()
+    assert drives[17:].all()

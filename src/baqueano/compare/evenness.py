@@ -25,7 +25,7 @@ from baqueano.vehicles.drivetrain import MIXINGS, mix
 START_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
 MEAN_WINDOW_S = 1.0  # of the mean in (2)
 DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller command is ignored
-REST_SHARE = 0.1  # of the largest reference speed: a reference that ends slower has braked to rest
+REST_SHARE = 0.1  # of the largest reference speed: a slower reference starts, or has braked to rest
 LIMIT_SHARE = 1.0 - 1e-9  # of a limit: a command scaled down to the limit can differ from it by rounding
 
 
@@ -70,12 +70,16 @@ def speed_errors(
 
 
 def is_driving(t_ns: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S) -> np.ndarray:
-    """Return True (N,) from `after_s` on, until the reference speed (N,) begins to fall to rest at its end."""
+    """Return True (N,) from `after_s` on, while the reference speed (N,) is not that of a start or of the last braking.
+
+    The start ends at REST_SHARE of the largest speed. The braking begins where the speed falls to rest at its end.
+    """
     magnitude = np.abs(speed_ref)
     has_braked = len(magnitude) > 0 and magnitude[-1] < REST_SHARE * np.max(magnitude)
     not_falling = np.flatnonzero(np.diff(magnitude) >= 0.0)
     last = (not_falling[-1] + 1 if not_falling.size else 0) if has_braked else len(magnitude)
-    return (seconds(t_ns, t_ns[:1]) >= after_s) & (np.arange(len(magnitude)) <= last)
+    has_started = np.maximum.accumulate(magnitude) >= REST_SHARE * np.max(magnitude, initial=0.0)
+    return (seconds(t_ns, t_ns[:1]) >= after_s) & has_started & (np.arange(len(magnitude)) <= last)
 
 
 def minus_moving_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S) -> np.ndarray:

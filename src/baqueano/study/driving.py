@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.compare.errors import cross_track, rms
-from baqueano.compare.evenness import limits_of, share_at_limit, sign_changes, speed_errors
+from baqueano.compare.evenness import is_driving, limits_of, share_at_limit, sign_changes, speed_errors
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.guides.repeat import Repeat
@@ -33,6 +33,7 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
+from baqueano.signals import seconds
 from baqueano.simulate.closed_loop import check_compilable
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.demo import GUESSED_VALUES
@@ -319,7 +320,8 @@ def _lap_errors(
     and reference speeds (N,).
     """
     pace_figures = speed_errors(t_ns, truth[:, 3], speed_ref)
-    changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
+    drives = is_driving(t_ns, speed_ref, 0.0)
+    changes = sign_changes(t_ns[drives], u[drives, 0]) * seconds(t_ns[drives][-1], t_ns[drives][0])
     is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
     cross_track_rms_m = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
     return (
