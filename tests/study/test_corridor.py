@@ -43,7 +43,7 @@ def test_a_lost_vehicle_is_counted_and_not_judged():
         for name, case in cases(5, 1.0, rng)
     ]
     (row, _) = corridors_of([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
-    assert (row["cases"], row["lost"]) == (12, 5)
+    assert (row["cases"], row["lost_cases"]) == (12, 5)
 
 
 def test_the_study_vehicles_have_the_imu_of_a_data_sheet():

@@ -223,7 +223,7 @@ class ScriptedServer:
             "left_s": 12.0,
             "title": title,
             "sentence": sentence,
-            "odd": [],
+            "warnings": [],
             "paused": self.paused,
             "pace": self.pace,
             "severity": "error" if self.state == "STOPPED" else "info",

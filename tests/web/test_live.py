@@ -278,7 +278,7 @@ def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
             assert "Lap 2 of 3" in state["sentence"]
             assert "1.2 cm" in state["sentence"]
             assert "NIS 4.0" in state["sentence"]
-            assert (state["severity"], len(state["odd"])) == ("warning", 1)
+            assert (state["severity"], len(state["warnings"])) == ("warning", 1)
             assert (
                 "1,2 cm"
                 in (await uno.next("state", where=lambda word: word["state"] == "MISSION"))["sentence"]
@@ -295,7 +295,7 @@ def test_the_reason_of_a_stop_is_reported_once(tmp_path):
             link.on_word({"is": "done", "id": "x", "run": None, "reason": why})
             link.state("STOPPED", reason=why)
             state = await me.next("state", where=lambda word: word["state"] == "STOPPED")
-            assert (state["severity"], state["odd"]) == ("error", [])
+            assert (state["severity"], state["warnings"]) == ("error", [])
             assert "it nears the stairs" in state["sentence"]
 
     run_page(job)

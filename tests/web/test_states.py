@@ -25,9 +25,9 @@ def states(tab, live):
     open_page(tab, live, "es")
     tab.click("#lease")
     tab.wait(f"{PAGE}.hand.mine")
-    live.put(live._state("es") | {"odd": [ODD["es"]], "severity": "warning"})
+    live.put(live._state("es") | {"warnings": [ODD["es"]], "severity": "warning"})
     tab.wait(f"document.getElementById('text').textContent.includes({ODD['es']!r})")
-    yield "lease and odd"
+    yield "lease and warnings"
     tab.js(
         f"Object.assign(document.getElementById('toast'), {{ textContent: {MESSAGE!r}, className: 'shown' }})"
     )
@@ -117,7 +117,7 @@ def test_on_a_phone_the_numbers_of_a_run_stand_above_its_controls(tab, live):
 @pytest.mark.parametrize("language", ODD)
 def test_an_odd_event_is_stated_beside_the_accuracy_in_the_sentence(tab, live, language):
     open_page(tab, live, language)
-    live.put(live._state(language) | {"odd": [ODD[language]], "severity": "warning"})
+    live.put(live._state(language) | {"warnings": [ODD[language]], "severity": "warning"})
     tab.wait(f"document.getElementById('text').textContent.endsWith({ODD[language]!r})")
     assert tab.js("document.getElementById('sentence').dataset.severity") == "warning"
     assert "2,5 cm" in tab.js("document.getElementById('text').textContent").replace("2.5", "2,5")

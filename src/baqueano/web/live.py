@@ -380,14 +380,14 @@ class Live:
 
     def _description(self) -> "JsonObject":
         now_s, cause = self.feed.value("t"), self._state.get("reason")
-        odd = [
+        warnings = [
             message for t_s, message in self._events
             if message.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > WARNING_DISPLAY_S
             and message != cause
         ]  # fmt: skip
         waits = self._vehicle.get("gains", {}).get(PACE) == 0.0
         pause_state = {"paused": waits} if self._state.get("mission") == "repeat" else {}  # of a robot
-        return state_message(pause_state | self._state, self.feed, self._route, odd[-3:])
+        return state_message(pause_state | self._state, self.feed, self._route, warnings[-3:])
 
     def _send_lease(self) -> None:
         self._last_lease = self.lease.holder, len(self._browsers())

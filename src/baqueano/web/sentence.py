@@ -30,9 +30,9 @@ HALF_BAND = 1.96 * math.sqrt(2.0)  # 95 % half width of the mean of N squared no
 
 
 def state_message(
-    state: "JsonObject", feed: "Feed", route: "JsonObject | None", odd: list[Diagnostic]
+    state: "JsonObject", feed: "Feed", route: "JsonObject | None", warnings: list[Diagnostic]
 ) -> "JsonObject":
-    """Return the message `state` for a browser, in the current language; `odd` are the unusual events."""
+    """Return the message `state` for a browser, in the current language; `warnings` are the present ones."""
     kind, name = state.get("mission"), state["state"]
     is_driving = kind is not None and name in ("MISSION", "MANUAL")
     lap, laps = _lap_number(feed, route), state.get("laps")
@@ -44,14 +44,15 @@ def state_message(
     title = "web.title-prepares" if name == "READY" and "step" in state else title
     title = "web.title-paused" if state.get("paused") and is_driving else title
     parts = _drive_sentences(state, feed, lap, laps) if is_driving else [_cause_sentence(state)]
-    severity = Severity.ERROR if name == "STOPPED" else Severity.WARNING if odd else Severity.INFO
+    severity = Severity.ERROR if name == "STOPPED" else Severity.WARNING if warnings else Severity.INFO
     route_field = {} if not route or not route.get("name") else {"route": route["name"]}
     return {
         "is": "state", "state": name, "mission": {"kind": kind, **route_field} if is_driving else None,
         "lap": lap if is_driving else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
         "paused": state.get("paused") if is_driving else None, "pace": state.get("pace"), "title": text(note(title)),
         "sentence": " ".join(with_full_stop(text(part)) for part in parts), "severity": str(severity),
-        "odd": [text(message) for message in odd], "battery_v": state.get("battery_v"), "scene": state.get("scene"),
+        "warnings": [text(message) for message in warnings], "battery_v": state.get("battery_v"),
+        "scene": state.get("scene"),
     }  # fmt: skip
 
 

@@ -67,9 +67,11 @@ class Corridors:
             )
             for at, instants in source_instants.items():
                 for quantity, bar in CHI_SQUARE_LIMITS.items():
-                    row = {"source": source, "at": at, "quantity": quantity, "cases": len(instants)}
+                    row = {"source": source, "instant": at, "quantity": quantity, "cases": len(instants)}
                     d2 = np.array([squared_distance(instant, quantity) for instant in instants])
-                    out.append(row | {"lost": self.lost.get(at, 0)} | _coverage_row(d2, bar, coverage, wider))
+                    out.append(
+                        row | {"lost_cases": self.lost.get(at, 0)} | _coverage_row(d2, bar, coverage, wider)
+                    )
         return out
 
     @property
@@ -79,9 +81,9 @@ class Corridors:
             _(
                 "{quantity} at {at}: coverage {coverage:.0f} %, {wider:.2f} × the size that is needed",
                 quantity=r["quantity"],
-                at=r["at"],
+                at=r["instant"],
                 coverage=100.0 * r["coverage"],
-                wider=r["wider"],
+                wider=r["width_ratio"],
             )
             for r in self.rows()
             if r["ok"] is False
@@ -96,9 +98,9 @@ class Corridors:
         """Return the coverage and width at each instant as a text table."""
         head = [_("at"), _("quantity"), _("cases"), _("lost"), _("coverage"), "95 %", _("× needed"), ""]
         rows = (
-            [_(r["at"]), _(r["quantity"]), str(r["cases"]), str(r["lost"]), f"{number(100 * r['coverage']):.1f} %",
-             f"[{number(100 * r['low']):.0f}, {number(100 * r['high']):.0f}] %", f"{number(r['wider']):.2f}",
-             _("NO") if r["ok"] is False else ""]
+            [_(r["instant"]), _(r["quantity"]), str(r["cases"]), str(r["lost_cases"]),
+             f"{number(100 * r['coverage']):.1f} %", f"[{number(100 * r['low']):.0f}, {number(100 * r['high']):.0f}] %",
+             f"{number(r['width_ratio']):.2f}", _("NO") if r["ok"] is False else ""]
             for r in self.rows()
         )  # fmt: skip
         lines = text_table("<<>>><><", head, *rows)
@@ -166,7 +168,7 @@ def _coverage_row(
         else bool(low <= coverage[1] and high >= coverage[0] and narrow <= CORRIDOR_PROBABILITY)
     )
     wider = float(bar / np.quantile(d2, CORRIDOR_PROBABILITY))
-    return {"coverage": share_inside, "low": low, "high": high, "wider": wider, "ok": ok}
+    return {"coverage": share_inside, "low": low, "high": high, "width_ratio": wider, "ok": ok}
 
 
 def _wilson(share: float, n: int) -> tuple[float, float]:

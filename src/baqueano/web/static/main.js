@@ -164,7 +164,7 @@ function announce() {
   if (screen?.summary) sentence("info", ...screen.summary);
   else if (opened && (recorded || screen instanceof Replay)) sentence("info", opened.label, opened.about.sentence);
   else if (recorded) sentence("info", t(hello.open ? "replay.loading" : "replay.none"), "");
-  else sentence(state.severity, state.title, [state.sentence, ...state.odd].join(" "));
+  else sentence(state.severity, state.title, [state.sentence, ...state.warnings].join(" "));
 }
 
 function sentence(severity, title, text) {
