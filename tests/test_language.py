@@ -133,7 +133,7 @@ def test_the_command_line_prints_spanish():
     assert "Uso: baqueano" in output_of("--help", BAQUEANO_LANG="es")
     assert "Usage: baqueano" in output_of("--lang=en", "--help", BAQUEANO_LANG="es")
     assert "'fr' is not one of" in output_of("--lang", "fr", "compare")
-    assert "BAQUEANO_LANG=fr" in output_of("blocks", "ls", BAQUEANO_LANG="fr")
+    assert "variable BAQUEANO_LANG is fr" in output_of("blocks", "ls", BAQUEANO_LANG="fr")
 
 
 def test_the_columns_of_a_table_are_as_wide_as_their_widest_cell():

@@ -164,8 +164,10 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
     world, small = TruthWorld(physics, range(n)), load("small")
     wheels = Wheels(track_m=0.12, noise_std=0.01)
     reckon = DeadReckoning(
-        small.vehicle, sensors(imu=Imu(gyro_noise_std=0.004, gyro_scale_std=0.01), wheels=wheels), np.diag([5e-7, 2e-7, 6e-6, 1, 1, 1]),
-    )  # fmt: skip
+        small.vehicle,
+        sensors(imu=Imu(gyro_noise_std=0.004, gyro_scale_std=0.01), wheels=wheels),
+        np.diag([5e-7, 2e-7, 6e-6, 1, 1, 1]),
+    )
     gyro_scale, speed_scale = 1.0 + 0.01 * rng.standard_normal((2, n))
     u = 0.1 * np.sin(0.03 * np.arange(ticks))[:, None] + [0.75, 0.0, 0.0]
     u = u * [1.0, 0.0, 0.0] + np.outer(np.where(np.arange(ticks) // 200 % 2, 0.1, -0.1), [0.0, 0.0, 1.0])

@@ -40,6 +40,7 @@ from baqueano.numerics.autocorrelation import lag_sums, residual_autocorrelation
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.numerics.statistics import expected_variance, white_std
+from baqueano.runs.diagnostics.samples import ROUNDING
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
@@ -288,16 +289,22 @@ def _with_noise(
 def _rounding(
     layout: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
-    """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
+    """Return the least and greatest variance of the entries that measure a velocity, such as that of a counter.
+
+    One count is the step between the values, or the least value above 0 if the intervals of the counter vary.
+    """
     channels, variances = layout.channel_entries, {}
     # repeated positions of a tag are not quantised
     positions = {channels[k] for group in layout.pose_groups for k in group}
     for name, i in (c for c in channels if c[0] not in inertial and c not in positions):
         readings = [run.sensors[name].z[:, i] for run in runs if name in run.sensors]
         z = np.concatenate([np.zeros(0), *readings])
-        levels = np.unique(z := z[np.isfinite(z)])
-        if 1 < len(levels) < MAX_LEVEL_SHARE * len(z):
-            variances[name, i] = float(np.median(np.diff(levels))) ** 2 / 12.0, np.inf
+        gaps = np.diff(np.unique(z := z[np.isfinite(z)]))
+        resolvable = ROUNDING * float(np.max(np.abs(z), initial=0.0))
+        gaps, sizes = gaps[gaps > resolvable], np.abs(z[np.abs(z) > resolvable])
+        step = float(np.median(gaps)) if 0 < len(gaps) < MAX_LEVEL_SHARE * len(z) else 0.0
+        if (step := max(step, float(np.min(sizes, initial=np.inf)) if len(sizes) else 0.0)) > 0.0:
+            variances[name, i] = step**2 / 12.0, np.inf
     return variances
 
 
