@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic
 from baqueano.identify.diagnostics import file_consistency, residual_checks
-from baqueano.identify.diagnostics.wheels import sliding_findings, track_findings
+from baqueano.identify.diagnostics.wheels import wheel_findings
 from baqueano.runs.diagnostics.physical_units import CURVE_CODE
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> res
         messages += errors
         cleared_codes = {CURVE_CODE} if is_cleared else set()
         earlier_messages = [message for message in earlier_messages if message.code not in cleared_codes]
-    earlier_messages += [*track_findings(end), *sliding_findings(end)]
+    earlier_messages += wheel_findings(end)
     if not (end.search.solution.converged and is_finite and identifiable[:s].any()):
         # without a fit, compare the axes with the predictions at the start of the search
         codes = {message.code for message in messages}
@@ -42,8 +42,7 @@ def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> res
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
     messages += file_consistency.gain_findings(end.blocks, problem.shape.shared_paths, estimate, std[:s])
     messages += file_consistency.noise_findings(file_sigma, sigma, problem.labels)
-    diagnosis = residual_checks.check_residuals(
-        end.blocks, problem, theta, identifiable, std, (end.task.low, end.task.high)
-    )
+    bounds = end.task.low, end.task.high
+    diagnosis = residual_checks.check_residuals(end.blocks, problem, theta, identifiable, std, bounds)
     messages = file_consistency.with_mount_findings(end, messages + diagnosis.messages)
     return diagnosis._replace(messages=earlier_messages + messages)

@@ -29,19 +29,26 @@ SIDEWAYS_PATH = "model.friction.linear[1]"
 STIFFEST_PER_TICK = 2.0  # decay of a sideways velocity in a tick that the integrator follows well
 
 
-def track_findings(end: "FinishedFit") -> list[Diagnostic]:
-    """Return a finding on each pair of wheels with another track than in the file, unless its track is fitted."""
+def wheel_findings(end: "FinishedFit") -> list[Diagnostic]:
+    """Return the findings on wheels of a fit with a gyro."""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    z, findings = measurements(problem), []
     gyros = [problem.spans[name].start + GYRO_CHANNEL for name in problem.names if is_imu(sensors[name])]
+    if not gyros:
+        return []
+    z = measurements(problem)
+    return [*track_findings(end, z, z[:, gyros[0]]), *sliding_findings(end, z[:, gyros[0]])]
+
+
+def track_findings(end: "FinishedFit", z: np.ndarray, gyro: np.ndarray) -> list[Diagnostic]:
+    """Return a finding on each pair of wheels with another track than in the file, unless its track is fitted.  (1)"""
+    sensors, findings = end.blocks.sensors._asdict(), []
     fitted_paths = {parameter.path for parameter in end.parameters.free}
-    for name, span in problem.spans.items() if gyros else ():
+    for name, span in end.task.problem.spans.items():
         path = f"sensors.{name}.track_m"
         if not has_field(sensors[name], "track_m") or path in fitted_paths:
             continue
         track_m = float(sensors[name].track_m)
-        rate, gyro = clip(np.column_stack([np.diff(z[:, span]) / track_m, z[:, gyros[0]]])).T
-        r = channel_regression(gyro, rate)
+        r = channel_regression(*clip(np.column_stack([gyro, np.diff(z[:, span]) / track_m])).T)
         if r.slope <= 0.0 or not r.is_clear(MIN_SCALE_GAIN):
             continue
         least_m, most_m = track_m * r.correlation**2 / r.slope, track_m / r.slope
@@ -51,20 +58,18 @@ def track_findings(end: "FinishedFit") -> list[Diagnostic]:
     return findings
 
 
-def sliding_findings(end: "FinishedFit") -> list[Diagnostic]:
+def sliding_findings(end: "FinishedFit", gyro: np.ndarray) -> list[Diagnostic]:
     """Return a finding if the wheels slide by a guess of the sideways friction that the fit could not estimate.  (2)"""
-    model, problem, sensors = end.blocks.model, end.task.problem, end.blocks.sensors._asdict()
-    paths = [parameter.path for parameter in end.parameters.free]
-    gyros = [problem.spans[name].start + GYRO_CHANNEL for name in problem.names if is_imu(sensors[name])]
+    model, paths = end.blocks.model, [parameter.path for parameter in end.parameters.free]
     is_guess = SIDEWAYS_PATH in paths and not end.identifiability.mask[paths.index(SIDEWAYS_PATH)]
-    if not (gyros and is_guess) or 1 in model.drivetrain.driven_axes:
+    if not is_guess or 1 in model.drivetrain.driven_axes:
         return []
-    friction = model.friction  # SIDEWAYS_PATH is one of its parameters
-    rate = clip(measurements(problem)[:, gyros[:1]])[:, 0]
-    slope = float(friction.linear[1] + friction.coulomb[1] / friction.coulomb_speed[1])
-    angle = float(model.mass_kg * np.sqrt(np.nanmean(rate**2)) / slope) if slope > 0.0 else np.inf
+    slope = float(model.friction.linear[1] + model.friction.coulomb[1] / model.friction.coulomb_speed[1])
+    side_force = float(model.mass_kg * np.sqrt(np.nanmean(clip(gyro[:, None]) ** 2)))  # N per m/s forward
+    angle = side_force / slope if slope > 0.0 else np.inf
     stiff = STIFFEST_PER_TICK * float(model.mass_kg) * end.vehicle_file.rate_hz
     if angle <= MAX_SLIDE_RAD or slope >= stiff:
         return []
-    figures = {"now": slope, "degrees": float(np.degrees(angle)), "stiff": stiff}
-    return [note("file.slides", Severity.INFO, subject=SIDEWAYS_PATH, **figures)]
+    return [
+        note("file.slides", subject=SIDEWAYS_PATH, now=slope, degrees=float(np.degrees(angle)), stiff=stiff)
+    ]
