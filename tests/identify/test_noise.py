@@ -301,12 +301,10 @@ def test_the_noise_of_a_counted_speed_is_at_least_its_step():
         )
         return _rounding(its, {"imu"}, [run])
 
-    counts, one_count = np.rint(speed / 0.04), pytest.approx(0.04**2 / 12.0, rel=0.3)
-    late = np.cumsum(rng.uniform(0.9, 1.1, (600, 1)), axis=0)
-    intervals = rng.uniform(0.9, 1.1, (600, 1))
-    for z in (0.04 * counts, 0.04 * (late + counts) - 0.04 * late, 0.04 * counts / intervals):
-        assert rounding_of(z) == {("odometer", 0): (one_count, np.inf)}
-    assert rounding_of(speed)["odometer", 0][0] < 1e-6
+    counts, late = np.rint(speed / 0.04), np.cumsum(rng.uniform(0.9, 1.1, (600, 1)), axis=0)
+    for z in (0.04 * counts, 0.04 * (late + counts) - 0.04 * late):  # the second with rounding errors
+        assert rounding_of(z) == {("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)}
+    assert rounding_of(speed) == {}
 
 
 def test_no_noise_of_two_wheels_trusts_one_of_them():

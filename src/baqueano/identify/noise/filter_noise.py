@@ -40,7 +40,7 @@ from baqueano.numerics.autocorrelation import lag_sums, residual_autocorrelation
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.numerics.statistics import expected_variance, white_std
-from baqueano.runs.diagnostics.samples import ROUNDING, channel_resolution
+from baqueano.runs.diagnostics.samples import ROUNDING
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
@@ -73,6 +73,7 @@ ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of
 LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
 MIN_RESIDUALS = 30  # residuals for (2), (3), readings for the noise of a sensor
 MIN_READINGS = 6  # readings for the magnitude of a misfit, with an error of 30 %
+MAX_LEVEL_SHARE = 0.5  # of the readings: with fewer levels they are quantised
 # lags of (3): beyond the noise, from LAGS_S[0] seconds or 1/λ if it is less, to LAGS_S[1] times T
 LAGS_S, MIN_LAG_S = (0.1, 2.0), 0.03
 CLIP_SIGMA = 4.0  # σ, of a residual for (3)
@@ -286,18 +287,17 @@ def _with_noise(
 def _rounding(
     layout: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
-    """Return the least and greatest variance of entries that measure a velocity. The least is that of one count: the
-    step between the values or, if the intervals of the counter vary, the least value above 0."""
+    """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
     channels, variances = layout.channel_entries, {}
     # repeated positions of a tag are not quantised
     positions = {channels[k] for group in layout.pose_groups for k in group}
     for name, i in (c for c in channels if c[0] not in inertial and c not in positions):
         readings = [run.sensors[name].z[:, i] for run in runs if name in run.sensors]
-        z = np.concatenate([np.zeros(1), *readings])
-        z = z[np.isfinite(z)]
-        least = np.min(np.abs(z), initial=np.inf, where=np.abs(z) > ROUNDING * np.max(np.abs(z)))
-        if (step := max(channel_resolution(z).step, float(least))) < np.inf:
-            variances[name, i] = step**2 / 12.0, np.inf
+        z = np.concatenate([np.zeros(0), *readings])
+        gaps = np.diff(np.unique(z := z[np.isfinite(z)]))
+        gaps = gaps[gaps > ROUNDING * np.max(np.abs(z), initial=0.0)]
+        if 0 < len(gaps) < MAX_LEVEL_SHARE * len(z) - 1:
+            variances[name, i] = float(np.median(gaps)) ** 2 / 12.0, np.inf
     return variances
 
 
