@@ -1,16 +1,21 @@
 """Interpolate a log between its samples; in a gap the result is NaN.
 
-The speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± HALF_WINDOW_S, or
-± HALF_WINDOW_STEPS of a slow camera. The speed is then the parabola's slope along the heading.
+The speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± h, at least
+± HALF_WINDOW_STEPS. The speed is then the parabola's slope along the heading. Positions with the white noise σ at
+intervals δ give it the variance (1). A fine camera needs only a short window, which follows the start of a motion.
+
+    σ_v² = 3 σ² δ / (2 h³),   h = (3 σ² δ / (2 SPEED_STD²))^(1/3) ≤ HALF_WINDOW_S                         (1)
 """
 
 import numpy as np
 
 from baqueano.geometry import wrap
+from baqueano.numerics.statistics import white_std
 from baqueano.runs.run import TruthLog
 from baqueano.signals import NANOSECONDS, seconds
 
 MAX_GAP_S = 0.5  # longest gap that is interpolated
+SPEED_STD = 0.005  # m/s, σ_v
 HALF_WINDOW_S, HALF_WINDOW_STEPS, MAX_HALF_WINDOW_S = 0.15, 3.0, 0.6  # of the parabola
 
 
@@ -49,7 +54,9 @@ def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
     sample_ns, speeds = truth.t_ns[has_pose], np.full(len(t_ns), np.nan)
     since_s = seconds(sample_ns, t_ns[0])
     step_s = float(np.median(np.diff(since_s))) if len(since_s) > 1 else 0.0
-    half_s = min(max(HALF_WINDOW_S, HALF_WINDOW_STEPS * step_s), MAX_HALF_WINDOW_S)
+    sigma_m = max(white_std([x]) for x in eta[:, :2].T)
+    half_s = min((1.5 * sigma_m**2 * step_s / SPEED_STD**2) ** (1.0 / 3.0), HALF_WINDOW_S)  # (1)
+    half_s = min(max(half_s, HALF_WINDOW_STEPS * step_s), MAX_HALF_WINDOW_S)
     for i, t_s in enumerate(seconds(t_ns, t_ns[0])):
         a, b = np.searchsorted(since_s, [t_s - half_s, t_s + half_s])
         near_s = since_s[a:b] - t_s
