@@ -156,7 +156,7 @@ def test_the_space_bar_latches_a_stop_and_q_ends_the_drive():
     with cockpit(terminal) as hand:
         terminal.type("w", " ")
         assert np.array_equal(hand(), np.zeros(3))
-        assert hand.pop_messages() == [{"do": "stop", "why": stop(StopReason.DRIVER)}]
+        assert hand.pop_messages() == [{"do": "stop", "reason": stop(StopReason.DRIVER)}]
         terminal.type("w", "q")
         assert np.array_equal(hand(), np.zeros(3))
         with pytest.raises(KeyboardInterrupt):

@@ -122,7 +122,7 @@ def test_the_page_says_that_the_vehicle_stands_still():
     resting, driving = state_at(1.0), state_at(2.0)
     assert (resting["rest_s"], "rest_s" in driving) == (2.0, False)
     assert resting["left_s"] == pytest.approx(1.0 + LAP.t_s[-1], abs=0.01)
-    common = {"state": "MISSION", "why": None}
+    common = {"state": "MISSION", "reason": None}
     sentences = [state_message(common | state, Feed(), None, [])["sentence"] for state in (resting, driving)]
     assert "2 s" in sentences[0]
     assert sentences[0] != sentences[1]

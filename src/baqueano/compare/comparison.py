@@ -167,7 +167,7 @@ class Comparison(Result):
     Examples
     --------
     >>> still = bq.simulate(bq.load("small"), np.zeros((20, 3)))
-    >>> [row["duration_s"] for row in compare(still).rows()]
+    >>> [row["duration_s"] for row in bq.compare(still).rows()]
     [0.19]
     """
 

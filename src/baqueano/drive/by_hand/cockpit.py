@@ -157,7 +157,7 @@ class Cockpit(Observer):
         self._sent_marks = self._marks
         if self._stop and not self._stop_sent:
             self._stop_sent = True
-            commands.append({"do": "stop", "why": self._stop})
+            commands.append({"do": "stop", "reason": self._stop})
         return commands
 
     def on_record(self, record: Record) -> None:
@@ -173,7 +173,7 @@ class Cockpit(Observer):
     def show(self, state: JsonObject) -> None:
         """Show the state of a remote vehicle on the display."""
         s = self.status
-        s.state, s.reason = str(state.get("state", "")), text(self._stop or state.get("why"))
+        s.state, s.reason = str(state.get("state", "")), text(self._stop or state.get("reason"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
             setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
         s.sensor_text = text(state.get("degraded"))
