@@ -169,7 +169,7 @@ def _path_distances(log: Any, run: Run) -> PathDistances:
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
         return UNKNOWN_DISTANCES
-    if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: the run has no reference path
+    if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop, without a reference path
         return UNKNOWN_DISTANCES
     rows = _until_done(log.t_ns, ref)
     return _distance_statistics(
