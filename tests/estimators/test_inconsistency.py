@@ -15,7 +15,7 @@ from baqueano.runs import Run
 from baqueano.signals import Slot, Tick
 from baqueano.simulate import simulate
 from baqueano.symbolic import compile_block
-from baqueano.vehicle_file import load
+from baqueano.vehicle_file import load, parse
 
 SMALL = load("small").with_values(  # the model equals the vehicle
     {"estimator.velocity_walk_std": [0.005, 0.002, 0.005], "estimator.disturbance_std": [0.02, 0.05]}
@@ -73,6 +73,41 @@ def test_the_heading_region_covers_the_truth_during_and_after_a_gyro_fault(fault
     assert np.mean(inside[late]) >= 0.95
     turning = np.abs(nu[:, 2] - true.nu[:, 2]) <= REGION_95 * np.sqrt(cov[:, 5, 5])
     assert np.mean(turning[AT & late]) >= 0.95
+
+
+@cache
+def wheeled_block():
+    """Return the filter of SMALL with two wheels and a model that allows almost any motion."""
+    text = SMALL.text + '\n[sensors.wheels]\nkind = "wheels"\ntrack_m = 0.12\nnoise_std = 0.02\n'
+    file = parse(text, SMALL.name).with_values(
+        {"estimator.use": ["imu", "wheels"], "estimator.disturbance_std": [1.0, 10.0]}
+    )
+    return file, compile_block(file.estimator())
+
+
+@pytest.mark.parametrize(("fault", "wide"), [("gyro", [3, 5]), ("wheel", [3]), ("none", [])])
+def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradicts(fault, wide):
+    file, filter_ = wheeled_block()
+    imu, true = run().sensors["imu"].z.copy(), run().truth
+    across = 0.06 * true.nu[:, 2]
+    noise = 0.02 * np.random.default_rng(5).standard_normal((len(t_s), 2))
+    wheels = np.stack([true.nu[:, 0] - across, true.nu[:, 0] + across], axis=1) + noise
+    if fault == "gyro":
+        imu[AT, 2] *= 2.0
+    elif fault == "wheel":
+        wheels[AT, 0] = -0.3
+    belief, nu, cov = filter_.init(), [], []
+    for k, t_ns in enumerate(run().t_ns.tolist()):
+        slots = file.sensors._replace(imu=Slot(1.0, imu[k], 0.0), wheels=Slot(1.0, wheels[k], 0.0))
+        belief, estimate = filter_.step(belief, Tick(t_ns, run().applied_commands[k], slots))
+        nu.append(estimate.nu)
+        cov.append(np.diag(estimate.cov))
+    late = AT & (t_s >= FAULT_S[0] + 1.0)
+    inside = np.abs(np.array(nu) - true.nu)[late] <= REGION_95 * np.sqrt(np.array(cov)[late, 3:])
+    assert np.all(np.mean(inside[:, [0, 2]], axis=0) >= 0.9)
+    before = np.median(np.array(cov)[(t_s > 1.5) & (t_s < FAULT_S[0])], axis=0)
+    is_wide = np.median(np.array(cov)[late], axis=0) > 30.0 * before
+    assert [k for k in (3, 5) if is_wide[k]] == wide
 
 
 def test_the_region_covers_the_truth_if_the_model_turns_half_as_much():

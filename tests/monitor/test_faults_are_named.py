@@ -91,6 +91,20 @@ def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, na
     assert off.count(SENSOR) >= DRIVES - 1
 
 
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [("imu[2]", "half"), ("imu[2]", "frozen"), ("wheels[0]", "half"), ("wheels[0]", "frozen"), ("wheels[1]", "slip")],
+)  # fmt: skip
+def test_two_sensors_identify_the_third_where_the_model_predicts_little(name, fault):
+    """A model that does not know its floor allows almost any motion, but not two yaw rates at once."""
+    wrong = {"estimator.disturbance_std[0]": 20.0, "estimator.disturbance_std[1]": 20.0}
+    for run in drives("wheels", DRIVES):
+        findings, _ = watch("wheels", damaged_run(run, name[:-3], [int(name[-2])], fault), wrong)
+        assert {finding.name for finding in findings if finding.wrong_part == SENSOR} == {name}
+        assert MODEL not in {finding.wrong_part for finding in findings}
+        assert watch("wheels", run, wrong)[0] == []
+
+
 @pytest.mark.parametrize("gain", [0.85, 1.15])
 def test_an_aged_turning_gain_is_not_reported_as_a_gyro_fault(gain):
     """Only the gyro measures the turn, so no other sensor can decide. The accelerometer shows only fast turns."""

@@ -208,10 +208,11 @@ class AugmentedEkf:
         x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
         quiet_s = np.where(innovations.rejected_count > 0.0, 0.0, quiet_s)
         is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
-        model_error = np.where(is_exceeded, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
+        from_model = x.mean[[3, 5]] - model_nu[[0, 2]]
         update = update_inconsistency(
-            belief.inconsistency, layout(self).rest_jacobian, innovations, model_error, x.mean[2], row.dt_s
-        )
+            belief.inconsistency, layout(self), innovations, from_model, is_exceeded, x.mean[2], row.dt_s,
+            self.gate_sigma,
+        )  # fmt: skip
         x = x._replace(cov=x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)]))
         last_innovations, pose_memory = innovations[:2]
         mean_disturbance = mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], row.dt_s)

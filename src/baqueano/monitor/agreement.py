@@ -28,7 +28,7 @@ from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, Augmented
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.pauses import filter_row
 from baqueano.monitor.channel_properties import ChannelProperties, channels_of
-from baqueano.monitor.log_odds import log_odds
+from baqueano.monitor.log_odds import MIN_LOG_ODDS, verdicts
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, is_stuck
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
@@ -83,7 +83,18 @@ class AgreementMonitor:
         C, N = mirror_upper(H @ model.cov @ H.T), self._noise_cov(p, at_rest)
         r = np.where(reading.is_good, self._difference(reading.z, predicted_reading) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
+        is_evidence = reading.is_good & ~channels.is_pose & ~is_frozen
+        verdict = verdicts(
+            r,
+            C + N,
+            self._causes(K, model.cov, r),
+            np.where(is_evidence, 1.0, 0.0),
+            channels.groups,
+            GATE_SIGMA,
+        )
         is_outlier = reading.is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
+        is_wrong = (memory.evidence > MIN_LOG_ODDS) & (memory.doubt_s > 0.0)
+        is_outlier = is_outlier | (verdict.is_contradicted & (is_wrong | _is_only_suspect(is_wrong)))
         is_constant = channels.is_inertial & is_stuck(memory_at_end) & ~at_rest
         is_suspect = reading.is_unusable | is_outlier | is_constant
         is_off = reading.is_arrived & (
@@ -94,9 +105,7 @@ class AgreementMonitor:
         fading = np.where(is_frozen, 0.0, SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share)
         doubt_s = np.clip(memory.doubt_s + dt_s * np.where(is_off, 1.0, -fading), 0.0, DEGRADED_S)
 
-        is_evidence = np.where(reading.is_good & ~channels.is_pose & ~is_frozen, 1.0, 0.0)
-        causes = self._causes(K, model.cov, r)
-        odds = np.where(is_outlier, dt_s, 0.0) * log_odds(r, C + N, causes, is_evidence, channels.groups)
+        odds = np.where(is_outlier, dt_s, 0.0) * verdict.log_odds
         memory_factor = np.exp(-dt_s / MEMORY_S)
         evidence = np.clip(memory.evidence * memory_factor + odds, -MAX_EVIDENCE, MAX_EVIDENCE)
 

@@ -6,13 +6,13 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.monitor.channel_properties import ChannelProperties
+from baqueano.monitor.log_odds import MIN_LOG_ODDS
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, is_stuck
 
-NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
-    "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away",
+NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY, CONTRADICTED = (
+    "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away", "contradicted",
 )  # fmt: skip
 SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
-MIN_LOG_ODDS = 3.0  # log odds: 20 to 1
 # ratio below which a reading is zero; part of the signal that one factor explains
 MIN_RATIO, MIN_EXPLAINED = 0.15, 0.7
 
@@ -30,7 +30,8 @@ class Finding:
     doubt_s : float
         Duration of the disagreement, minus the weighted duration of later agreement.
     symptom : str
-        Symptom: one of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY.
+        Symptom: one of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY,
+        CONTRADICTED.
     wrong_part : str
         The wrong part: SENSOR, MODEL or UNKNOWN.
     reading : float
@@ -110,7 +111,7 @@ def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, d
 def _symptom_of(
     n: ChannelProperties, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float
 ) -> str:
-    """Return the symptom of channel `c`: NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SCALED or AWAY."""
+    """Return the symptom of channel `c`, one of those of a Finding except SLIPS."""
     if memory.is_broken[c] > 0.0:
         return AT_ITS_END if np.abs(memory.last_reading[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
     is_constant = memory.unchanged_s[c] >= FROZEN_S
@@ -124,4 +125,7 @@ def _symptom_of(
         return AWAY
     if abs(ratio) < MIN_RATIO and near_zero:
         return ZERO
-    return SCALED if sz * sz >= MIN_EXPLAINED * ss * zz and abs(ratio - 1.0) > MIN_RATIO else AWAY
+    if sz * sz >= MIN_EXPLAINED * ss * zz and abs(ratio - 1.0) > MIN_RATIO:
+        return SCALED
+    as_predicted = abs(memory.last_reading[c] - memory.predicted_reading[c]) <= n.noise_std[c]
+    return CONTRADICTED if as_predicted else AWAY

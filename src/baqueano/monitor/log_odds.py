@@ -1,39 +1,49 @@
 """Decide between the sensor and the model, with the other channels as the third source.
 
-Channel c disagrees with the model. Two hypotheses predict the residuals r ~ N(0, S), S = H P Hᵀ + N, W = S⁻¹, w = W r:
+Each hypothesis predicts the residuals r ~ N(0, S), S = H P Hᵀ + N, W = S⁻¹, w = W r; the smaller J is likelier:
 
-    the sensor is wrong  the other sensors agree             J_A = rᵀw − w_gᵀ W_gg⁻¹ w_g + |g|            (1)
-    the model is wrong   by as much as c shows               J_M = rᵀw − bᵀ (1 + Gᵀ W G)⁻¹ b,  b = Gᵀ w    (2)
-    G_c = K b r_c / (K_c b),   b = cov(ν, d),   K = ∂h/∂ν with constant ν̇                                  (3)
+    channels g are wrong   the other channels agree          J_A = rᵀw − E_g + |g|,   E_g = w_gᵀ W_gg⁻¹ w_g   (1)
+    the model is wrong     by as much as c shows             J_M = rᵀw − bᵀ (1 + Gᵀ W G)⁻¹ b,  b = Gᵀ w       (2)
+    G_c = K b r_c / (K_c b),   b = cov(ν, d),   K = ∂h/∂ν with constant ν̇                                     (3)
+    c is contradicted      E_g − E_(g without c) > σ²,  and no other J_A is smaller by 2 MIN_LOG_ODDS         (4)
 
-P is the covariance of the model, H the Jacobian of h, N the noise. g, of size |g|, is only c, or all channels that fail
-with it (one wheel slips, or both); the g with the smaller J_A is used. (1) is the squared distance of the other
-channels. In (2) the prior is widened by the response of ν to a disturbance d of thrust or torque, whichever has the
-smaller J_M. So a wrong turning gain does not imply a wrong speed, but a wrong thrust of a car implies a wrong yaw rate.
-K contains only the kinematics of a wheel, a gyro, or a_y = ν_x ν_ψ. A wrong model predicts no acceleration, so no
-channel confirms an accelerometer that disagrees. The log odds of a reading are half the difference of J. Only
-INDEPENDENT_HZ readings have weight per second, because their errors are correlated.
+P is the covariance of the model, H the Jacobian of h, N the noise. g is one channel, or all channels that fail together
+(one wheel slips, or both). (4) compares channels where the model predicts little. (2) widens the prior by a disturbance
+d of thrust or torque, whichever has the smaller J_M: a wrong turning gain does not imply a wrong speed. K contains only
+kinematics, so a wrong model does not confirm an accelerometer. Sources: Baarda 1968 for (4); Gertler 1998.
 """
 
 from collections.abc import Sequence
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import Value
 
-INDEPENDENT_HZ = 5.0
+INDEPENDENT_HZ = 5.0  # readings with a weight, because errors are correlated
+MIN_LOG_ODDS = 3.0  # of a decision: 20 to 1
 MAX_LOG_ODDS = 10.0  # largest log odds of one reading
 
 
-def log_odds(
+class Verdicts(NamedTuple):
+    """The verdicts on m channels after a reading."""
+
+    log_odds: np.ndarray  # (m,) per second: above 0 the sensor is wrong, below 0 the model
+    is_contradicted: (
+        np.ndarray
+    )  # (m,) bool: the other channels contradict it, and no other wrong channel is likelier
+
+
+def verdicts(
     r: np.ndarray,
     S: np.ndarray,
     causes: Sequence[np.ndarray],
     arrived: np.ndarray,
     groups: tuple[tuple[int, ...], ...],
-) -> np.ndarray:
-    """Return the log odds (m,) per second of each channel: above 0 the sensor is wrong, below 0 the model.
+    sigma: float,
+) -> Verdicts:
+    """Return the verdicts on each channel; `sigma` is the gate of (4).
 
     r (m,) are readings minus predictions of the model, S (m, m) is their covariance. Each of the `causes` is a G (m, m)
     of (3). `arrived` (m,) is 1 for a channel that can serve as evidence, 0 for any other. `groups` lists, for each
@@ -44,19 +54,38 @@ def log_odds(
     W = np.linalg.solve(S * pairs + np.diag(1.0 - arrived), np.eye(m))
     w = W @ (r * arrived)
     q = np.sum(r * arrived * w)
-    odds = []
+    E = {g: _quadratic(W[list(g)][:, list(g)], w[list(g)]) for g in _wrong_sets(groups)}
+    J_A = {g: q - E[g] + np.sum(arrived[list(g)]) for g in E if g}
+    likeliest = reduce(np.minimum, J_A.values())
+    odds, contradicted = [], []
     for c, group in enumerate(groups):
-        sets = [[c], list(group)] if len(group) > 1 else [[c]]
-        of_sensor = [q - _quadratic(W[k][:, k], w[k]) + np.sum(arrived[k]) for k in sets]
-        of_model = []
+        J_M = []
         for G in causes:
             cause = arrived[:, None] * G[:, list(group)]
-            of_model.append(q - _quadratic(np.eye(len(group)) + cause.T @ W @ cause, cause.T @ w))
-        difference = reduce(np.minimum, of_model) - reduce(np.minimum, of_sensor)
+            J_M.append(q - _quadratic(np.eye(len(group)) + cause.T @ W @ cause, cause.T @ w))
+        of_channel = reduce(np.minimum, [J for g, J in J_A.items() if c in g])
+        of_others = reduce(np.minimum, [J for g, J in J_A.items() if c not in g], q)
+        difference = np.minimum(reduce(np.minimum, J_M) - of_channel, np.maximum(of_others - of_channel, 0.0))
         odds.append(INDEPENDENT_HZ * np.clip(0.5 * difference, -MAX_LOG_ODDS, MAX_LOG_ODDS))
-    return np.array(odds)
+        is_likely = [
+            (E[g] - E[tuple(k for k in g if k != c)] > sigma**2) & (likeliest + 2.0 * MIN_LOG_ODDS >= J)
+            for g, J in J_A.items()
+            if c in g
+        ]
+        contradicted.append((arrived[c] > 0.0) & reduce(np.logical_or, is_likely))
+    return Verdicts(np.array(odds), np.array(contradicted))
+
+
+def _wrong_sets(groups: tuple[tuple[int, ...], ...]) -> list[tuple[int, ...]]:
+    """Return the sets of channels that can be wrong together: none, each alone, each group, a group without one."""
+    sets = [(), *((c,) for c in range(len(groups)))]
+    for group in groups:
+        sets += [tuple(sorted(group)), *(tuple(k for k in sorted(group) if k != c) for c in group)]
+    return list(dict.fromkeys(sets))
 
 
 def _quadratic(A: np.ndarray, b: np.ndarray) -> Value:
     """Return bᵀ A⁻¹ b."""
-    return b[0] * b[0] / A[0, 0] if len(b) == 1 else np.sum(b * np.linalg.solve(A, b))
+    if len(b) < 2:
+        return b[0] * b[0] / A[0, 0] if len(b) else 0.0
+    return np.sum(b * np.linalg.solve(A, b))

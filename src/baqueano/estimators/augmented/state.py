@@ -62,6 +62,9 @@ class Layout(NamedTuple):
         tuple[int, ...], ...
     ]  # the channels of each sensor that measures the pose: place_gate.py
     speed_is_measured: bool  # True if a channel has its own scale of the speed
+    yaw_rate_checks: tuple[
+        np.ndarray, ...
+    ]  # (m,) each: weights whose sum over a sensor's innovations is a yaw rate that corrects no state
 
     @property
     def pose_error_mask(self) -> np.ndarray:
@@ -130,7 +133,24 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
         tuple(group for group in groups if group),
         has_speed_scale(sensors, dict(used_channels)),
+        _yaw_rate_checks([name for name, _ in channels], slopes, moving_mask[:, SPEED_AND_YAW_RATE[1]]),
     )
+
+
+def _yaw_rate_checks(
+    sensors: Sequence[str], slopes: np.ndarray, corrects: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Return the weights (m,) of each sensor that measures speed and yaw rate, but corrects only the speed."""
+    checks = []
+    for name in dict.fromkeys(sensors):
+        channels = (
+            np.array([of == name for of in sensors]) & (np.abs(slopes).sum(axis=1) > 0.0) & (corrects == 0.0)
+        )
+        if np.linalg.matrix_rank(slopes[channels]) == len(SPEED_AND_YAW_RATE):
+            weights = np.zeros(len(sensors))
+            weights[channels] = np.linalg.pinv(slopes[channels])[1]
+            checks.append(weights)
+    return tuple(checks)
 
 
 class _Dependencies(NamedTuple):

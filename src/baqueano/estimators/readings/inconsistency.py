@@ -1,25 +1,29 @@
 """Widen the covariance during a lasting disagreement; the correction of the state does not change.
 
-Speed ν_x and yaw rate ν_ψ each have an inconsistency a [m/s or rad/s]. While a channel of ν_x or ν_ψ is rejected, a =
-|y / h'| with its innovation y and derivative h'. While the filter follows a channel against its model, a = |ν − ν of
-the model|; this is detected by |d| > gate_sigma σ_d. If the inconsistency lasts at least MIN_INCONSISTENT_S:
+Speed ν_x and yaw rate ν_ψ have an inconsistency a: |y / h'| while a channel with innovation y and derivative h' is
+rejected; |Δ|, Δ = ν − ν of the model, while the filter follows a channel: |d| > gate_sigma σ_d. After
+MIN_INCONSISTENT_S, with the rotation J, the axis g of the velocity, the row δ, and the duration t of the inconsistency:
 
     var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
+    wheels contradict a gyro:  e² > gate_sigma² wᵀ S w,  e = wᵀ y,  w: yaw-rate row of the wheels' inverse  (2)
+    a_ψ = |e|  if |e + Δ_ψ| < |Δ_ψ|: the gyro is wrong;   else a_x = |Δ_x|: the speed follows wrong wheels  (3)
 
-P_ηη is the covariance of the pose, J rotates body to map. g is the axis of the velocity, δ the duration of the row, t
-the duration of the inconsistency. The position error is a t if the velocity has the error a all the time. So the region
-contains the truth if either the sensor or the model is correct. The correction uses the unchanged covariance: a wider
-covariance would open the gate.
+The model decides between wheels and gyro. The position error is a t if the velocity has the error a all the time. So
+the region contains the truth if either the sensor or the model is correct. The correction uses the unchanged
+covariance: a wider covariance would open the gate.
 """
 
 from functools import reduce
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.estimators.pauses import MAX_POSE_VARIANCE
 from baqueano.geometry import map_from_body
+
+if TYPE_CHECKING:
+    from baqueano.estimators.augmented.state import Layout
 
 MIN_INCONSISTENT_S = 0.5
 SPEED_AND_YAW_RATE = (3, 5)  # of a state (η, ν, …)
@@ -40,20 +44,21 @@ class InconsistencyUpdate(NamedTuple):
 
 def update_inconsistency(
     inconsistency: np.ndarray,
-    channel_jacobian: np.ndarray,
+    states: "Layout",
     innovations: Value,
-    model_error: np.ndarray,
+    from_model: np.ndarray,
+    is_followed: np.ndarray,
     psi: Value,
     dt_s: Value,
+    gate_sigma: float,
 ) -> InconsistencyUpdate:
     """Return the inconsistency of speed and yaw rate after a row of `dt_s`, and its additions to the covariances.
 
-    `channel_jacobian` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel
-    must not correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
-    `model_error` (2,) is the absolute value of the correction against the model.
+    `innovations` contains y (m,), NaN for a channel without a measurement, S (m, m) and the weights (m,). `from_model`
+    (2,) is the estimate minus that of the model; `is_followed` (2,) is True while the filter follows a channel.
     """
     rejected_sizes, has_reading = [], []
-    for h in channel_jacobian.T:
+    for h in states.rest_jacobian.T:
         channels = np.flatnonzero(h)
         rejected_sizes.append(
             _largest(
@@ -64,6 +69,20 @@ def update_inconsistency(
             )
         )
         has_reading.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in channels]))
+    follows_speed = is_followed[0]
+    for weights in states.yaw_rate_checks:  # (2), (3)
+        channels = np.flatnonzero(weights)
+        e = np.sum(weights[channels] * innovations.y[channels])
+        variance = weights[channels] @ innovations.file_S[channels][:, channels] @ weights[channels]
+        contradicts, gyro_is_wrong = (
+            e**2 > gate_sigma**2 * variance,
+            np.abs(e + from_model[1]) < np.abs(from_model[1]),
+        )
+        rejected_sizes[1] = np.maximum(
+            rejected_sizes[1], np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0)
+        )
+        follows_speed = follows_speed | (contradicts & ~gyro_is_wrong)
+    model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(from_model), 0.0)
     next_inconsistency = inconsistency_after(
         inconsistency, np.array(rejected_sizes), model_error, np.array(has_reading) > 0.0, dt_s
     )

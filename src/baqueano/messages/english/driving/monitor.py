@@ -9,11 +9,14 @@ TEMPLATES: dict[str, str] = {
         "{subject} turns at {reading:.3g}; expected {expected:.3g}. Does its wheel slip? {off}."
     ),
     "sensor.scaled": "{subject} reads {ratio:.2f} times the expected value. {off}.",
+    "sensor.contradicted": (
+        "{subject} reads {reading:.3g}, as the model predicts, but another sensor contradicts it. {off}."
+    ),
     "sensor.away": "{subject} reads {reading:.3g}; expected {expected:.3g}. {off}.",
     "sensor.off-sensor": "The error is in the sensor, not in the model",
     "sensor.off-model": "The error is in the model, not in the sensor. Type: {fix}",
     "sensor.off-unknown": (
-        "The error can be in the sensor or in the model. A third source, such as another sensor, would decide"
+        "The error can be in this sensor, in another sensor, or in the model. A third source would decide"
     ),
     "sensor.degraded": "DEGRADED: {cause}.",
     "sensor.agrees-again": "{subject} agrees again, after {lasted_s:.1f} s",
