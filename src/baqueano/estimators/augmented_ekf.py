@@ -14,7 +14,6 @@ ends the rest, because a person might carry the vehicle.
 Sources: Jazwinski 1970, section 8.4; Schmidt 1966 for κ; Skog et al. 2010 for the detection of rest.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -169,13 +168,7 @@ class AugmentedEkf:
         begin = self.vehicle.drivetrain.init(), file_levels(states.channels)
         return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, *begin)
 
-    def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
-        return step_in_rows(self, belief, tick)
-
-    def rows_before(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick."""
-        return rows_before(belief.t_ns, tick, self.rate_hz)
+    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """Return the belief and the estimate after a row of any duration; they are finite and positive definite."""

@@ -12,7 +12,6 @@ model. ω is the yaw rate of the gyro. Its bias b is estimated while readings ar
 command is at least 1 s old. V is the covariance of the errors of ν, which are treated as independent after each T.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -104,13 +103,7 @@ class Complementary:
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
-    def step(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """Return the belief and the estimate after a tick. A tick that is not newer is ignored."""
-        return step_in_rows(self, belief, tick)
-
-    def rows_before(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick."""
-        return rows_before(belief.t_ns, tick, self.rate_hz)
+    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
         """Return the belief and the estimate after one row.  (1)-(4)"""

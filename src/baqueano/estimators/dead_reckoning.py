@@ -15,7 +15,6 @@ are the constant scale errors of gyro and speed. Both stay 0, and only their unc
 Schmidt 1966).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -147,13 +146,7 @@ class DeadReckoning:
             -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), 0.0, self.vehicle.drivetrain.init()
         )
 
-    def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Return the belief and the estimate after a tick: predict, then use readings. Ignore an older tick."""
-        return step_in_rows(self, belief, tick)
-
-    def rows_before(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick."""
-        return rows_before(belief.t_ns, tick, self.rate_hz)
+    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""

@@ -14,7 +14,6 @@ R(ψ): rotation; f: ν̇ of the model; ⊕: its integrator; a_d: unexplained acc
 bound of pauses.py. Departures from Grotz et al., Positioning system using EKF: docs/derivations/ekf_with_pose.md.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -159,16 +158,7 @@ class Ekf:
         mean = np.concatenate([*start, nu_dot])
         return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
-    def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Return the belief and the estimate after a tick: predict, then correct with the measurements that arrived.
-
-        A tick that is not newer than the last tick is ignored. A tick after a pause is split into rows.
-        """
-        return step_in_rows(self, belief, tick)
-
-    def rows_before(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick."""
-        return rows_before(belief.t_ns, tick, self.rate_hz)
+    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Return the belief and the estimate after a row of any duration; they are finite and positive definite.

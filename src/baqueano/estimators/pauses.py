@@ -12,12 +12,12 @@ without measurements. A delay line contains one command per row period, so a pau
 
 from collections.abc import Sequence
 from math import ceil
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
+from baqueano.signals import NANOSECONDS, Estimate, Slot, Tick, seconds
 from baqueano.symbolic import branch
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort
@@ -28,6 +28,7 @@ MAX_PREDICTION_S = 1.0  # longest prediction without a tick; after it the positi
 JITTER_PERIODS = 1.25  # longest row in row periods
 # m², rad²: beyond this a pose is unknown, and rounding would destroy the smaller variances of the matrix
 MAX_POSE_VARIANCE = 1e6
+Belief = TypeVar("Belief")
 INTEGER_TYPES = (int, np.integer)  # types of a time with a known value, in contrast to a traced time
 
 
@@ -158,16 +159,20 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
     )
 
 
-def step_in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
-    """Return the belief and the estimate of `block.row` for a tick, after the silent rows of `block.rows_before`."""
+def step_in_rows(block: Tree, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+    """Return the belief and the estimate after a tick: predict, then correct with the measurements that arrived.
+
+    A tick that is not newer than the last tick is ignored. A tick after a pause is split into rows.
+    """
     for silent_tick in block.rows_before(belief, tick):
         belief, _ = block.row(belief, silent_tick)
     return block.row(belief, tick)
 
 
-def rows_before(since_ns: Value, tick: Tick, rate_hz: float) -> Sequence[Tick]:
-    """Return the silent rows before a tick; empty if the tick follows without a pause."""
+def rows_before(block: Tree, belief: Tree, tick: Tick) -> Sequence[Tick]:
+    """Return the rows without measurements that fill a pause before this tick; empty without a pause."""
+    since_ns = belief.t_ns
     is_known = isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(since_ns, INTEGER_TYPES)
-    return (
-        () if is_known and 0 <= tick.t_ns - since_ns <= MAX_ROW_NS else silent_rows(since_ns, tick, rate_hz)
-    )
+    if is_known and 0 <= tick.t_ns - since_ns <= MAX_ROW_NS:
+        return ()
+    return silent_rows(since_ns, tick, block.rate_hz)

@@ -14,7 +14,6 @@ kalman.py corrects the standard normal ξ, and ē is added to the noise. R is th
 (3) is the standard correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -121,13 +120,7 @@ class Unscented:
         mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])
         return UnscentedBelief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
-    def step(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
-        return step_in_rows(self, belief, tick)
-
-    def rows_before(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick."""
-        return rows_before(belief.t_ns, tick, self.rate_hz)
+    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
