@@ -15,7 +15,7 @@ bound of pauses.py. Departures from Grotz et al., Positioning system using EKF: 
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -36,15 +36,18 @@ from baqueano.estimators.pauses import (
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import is_within_gate
-from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, motion_at_age
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import difference
-from baqueano.signals import Estimate, Motion, Slot, Tick
+from baqueano.signals import Estimate, Slot, Tick
 from baqueano.symbolic import jacobian, tree_where
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
+
+if TYPE_CHECKING:
+    from baqueano.estimators.unscented import Unscented
 
 MODES = ("default", "paper")
 
@@ -196,24 +199,19 @@ class Ekf:
 
     def move(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
         """Return g(u, μ) (9,), the mean after a tick; `previous` (n,) is the effort before it.  (4, 5, 6)"""
+        if self.mode == "default" and self._is_dynamic:
+            return move_by_model(self, mean, previous, effort, dt_s)
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
-        if self.mode == "paper" and self._is_dynamic:
-            midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
-            eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
-            return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
-        eta_next, nu_next, nu_dot_next = self.vehicle.advance(eta, nu, effort, dt_s)
         if not self._is_dynamic:
-            return _state(eta_next, nu_next, nu_dot_next)
-        a_d = nu_dot - self.vehicle.nu_dot(nu, previous, eta[2])
-        eta_next = eta_next + map_from_body(eta_next[2]) @ (0.5 * dt_s**2 * a_d)
-        nu_next = nu_next + a_d * dt_s
-        f = self.vehicle.nu_dot(nu_next, effort.last, eta_next[2])
-        return _state(eta_next, nu_next, f + np.exp(-dt_s / self.disturbance_time_s) * a_d)
+            return _state(*self.vehicle.advance(eta, nu, effort, dt_s))
+        midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
+        eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
+        return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
 
     def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Slot) -> tuple[Value, ...]:
         """Return the mean, the covariance, the innovation (m,), its covariance (m, m) and the weights (m,).  (2, 3)"""
         sensor = getattr(self.sensors, name)
-        old_s = self._age_s(sensor, slot)
+        old_s = 0.0 if self.mode == "paper" else age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
         has = measured_channels(sensor, slot)
         y = difference(sensor, np.where(has > 0.0, slot.z, z_bar), z_bar)
@@ -224,22 +222,21 @@ class Ekf:
         y, w = (np.where(has > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
         return mean, np.where(is_accepted, update.cov, cov), y, S, w
 
-    def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
-        """Return the age [s] of the measurement; None if it is always 0, or in mode "paper"."""
-        if self.mode == "paper":
-            return None
-        old_s = age_s(sensor, slot)
-        return None if isinstance(old_s, float) and old_s == 0.0 else old_s
-
     def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:
         """Return the predicted measurement (m,) for a reading of the age `old_s`.  (7)"""
-        eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
-        if old_s is not None:
-            turn = old_s * nu[2]
-            displacement = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
-            eta = np.array([eta[0] - displacement[0], eta[1] - displacement[1], eta[2] - turn])
-            nu = nu - old_s * nu_dot
-        return sensor.h(Motion(eta, nu, nu_dot, self.vehicle.gravity(eta[2])))
+        return sensor.h(motion_at_age(self.vehicle, mean[:3], mean[3:6], mean[6:], old_s))
+
+
+def move_by_model(
+    filter_of: "Ekf | Unscented", mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value
+) -> np.ndarray:
+    """Return g(u, μ) (9,) of a filter with a dynamic model; `previous` (n,) is the effort before the tick.  (5)"""
+    vehicle, eta, nu = filter_of.vehicle, mean[:3], mean[3:6]
+    a_d = mean[6:] - vehicle.nu_dot(nu, previous, eta[2])
+    eta, nu, _ = vehicle.advance(eta, nu, effort, dt_s)
+    eta, nu = eta + map_from_body(eta[2]) @ (0.5 * dt_s**2 * a_d), nu + a_d * dt_s
+    f = vehicle.nu_dot(nu, effort.last, eta[2])
+    return _state(eta, nu, f + np.exp(-dt_s / filter_of.disturbance_time_s) * a_d)
 
 
 def _state(eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:

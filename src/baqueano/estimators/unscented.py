@@ -1,21 +1,17 @@
 """The unscented Kalman filter: it evaluates g and h at points around the mean, and does not need derivatives.
 
-The state is x = (η, ν, ν̇): pose, velocity and acceleration. ekf.py defines g and h, in its default mode. e is the
-effort, e₋ the previous one, δ the tick, f the acceleration of the model, T_d the decay time of a_d:
-
-    a_d = ν̇ − f(ν, e₋),   (η, ν)⁺ = advance(η, ν, e) + (½ J a_d δ², a_d δ),   ν̇⁺ = f(ν⁺, e) + e^(−δ/T_d) a_d   (1)
+The state is x = (η, ν, ν̇): pose, velocity and acceleration. ekf.py defines g and h, in its default mode.
 
 sigma_points.py returns the mean m of a function, its linear part o and its even part ē. With x = x̄ ⊞ L ξ, L Lᵀ = P,
 kalman.py corrects the standard normal ξ, and ē is added to the noise. R is the process noise, Q the noise of z:
 
-    P̄ = o oᵀ + ē ēᵀ + R                                                                                   (2)
-    y = z ⊟ (h(x̄) ⊞ m),   H = o,   noise Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                         (3)
+    x̄ = g(x) ⊞ m,   P̄ = o oᵀ + ē ēᵀ + R                                                                  (1)
+    y = z ⊟ (h(x̄) ⊞ m),   H = o,   noise Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                         (2)
 
-(3) is the standard correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form.
+(2) is the standard correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +20,7 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
+from baqueano.estimators.ekf import Belief, move_by_model
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
 from baqueano.estimators.pauses import (
     FilterRow,
@@ -34,27 +31,16 @@ from baqueano.estimators.pauses import (
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import is_within_gate
-from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, motion_at_age
 from baqueano.estimators.sigma_points import propagate
-from baqueano.geometry import map_from_body, wrap
+from baqueano.geometry import wrap
 from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import difference
-from baqueano.signals import Estimate, Motion, Slot, Tick
+from baqueano.signals import Estimate, Slot, Tick
 from baqueano.symbolic import tree_where
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
-
-
-class UnscentedBelief(NamedTuple):
-    """The state of the filter between two ticks."""
-
-    t_ns: int  # of the last tick; -1 before the first
-    mean: np.ndarray  # (9,) η, ν, ν̇
-    cov: np.ndarray  # (9, 9)
-    effort: np.ndarray  # (n,) effort on the body at the end of the last interval
-    drivetrain: DrivetrainState
 
 
 @document
@@ -75,7 +61,7 @@ class Unscented:
 
     References
     ----------
-    Julier and Uhlmann 1997: equations (1)-(3) of the module.
+    Julier and Uhlmann 1997: equations (1), (2) of the module.
 
     Examples
     --------
@@ -113,16 +99,16 @@ class Unscented:
         R = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", R)
 
-    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> UnscentedBelief:
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         effort = np.zeros(self.vehicle.commands)
         mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])
-        return UnscentedBelief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
+        return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
-    def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
+    def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
@@ -130,23 +116,17 @@ class Unscented:
         for name in self.use:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))
             y, s, w = [*y, innovation], [*s, S], [*w, weight]
-        belief = tree_where(row.is_new, UnscentedBelief(tick.t_ns, *x, effort.last, drivetrain), belief)
+        belief = tree_where(row.is_new, Belief(tick.t_ns, *x, effort.last, drivetrain), belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         return belief, Estimate(
             tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *innovations
         )
 
-    def _predict(self, belief: UnscentedBelief, effort: Effort, row: FilterRow) -> Gaussian:
-        """Return the mean and the covariance of the state one row later.  (1, 2)"""
+    def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> Gaussian:
+        """Return the mean and the covariance of the state one row later.  (1)"""
 
         def g(x: np.ndarray) -> np.ndarray:
-            eta, nu, f = x[:3], x[3:6], self.vehicle.nu_dot
-            a_d = x[6:] - f(nu, belief.effort, eta[2])
-            eta, nu, _ = self.vehicle.advance(eta, nu, effort, row.moved_s)
-            eta = eta + map_from_body(eta[2]) @ (0.5 * row.moved_s**2 * a_d)
-            nu = nu + row.moved_s * a_d
-            fade = np.exp(-row.moved_s / self.disturbance_time_s)
-            return np.concatenate([eta, nu, f(nu, effort.last, eta[2]) + fade * a_d])
+            return move_by_model(self, x, belief.effort, effort, row.moved_s)
 
         centre = g(belief.mean)
         spread_points = propagate(lambda x: _difference(g(x), centre), Gaussian(belief.mean, belief.cov))
@@ -163,16 +143,12 @@ class Unscented:
     def _correct(
         self, name: str, x: Gaussian, slot: Slot
     ) -> tuple[Gaussian, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the state, the innovation (m,), its covariance (m, m) and the weight of each channel (m,).  (3)"""
+        """Return the state, the innovation (m,), its covariance (m, m) and the weight of each channel (m,).  (2)"""
         sensor = getattr(self.sensors, name)
         old_s = age_s(sensor, slot)
 
         def h(x: np.ndarray) -> np.ndarray:
-            eta, nu, nu_dot = x[:3], x[3:6], x[6:]
-            displacement = map_from_body(eta[2] - 0.5 * old_s * nu[2]) @ (-old_s * nu)
-            return sensor.h(
-                Motion(eta + displacement, nu - old_s * nu_dot, nu_dot, self.vehicle.gravity(eta[2]))
-            )
+            return sensor.h(motion_at_age(self.vehicle, x[:3], x[3:6], x[6:], old_s))
 
         centre = h(x.mean)
         spread_points = propagate(lambda x: difference(sensor, h(x), centre), x)

@@ -32,11 +32,10 @@ from baqueano.estimators.readings.place_gate import (
     gate_decision,
     growth_factors,
 )
-from baqueano.estimators.readings.sensor_numbers import age_s
-from baqueano.geometry import map_from_body
+from baqueano.estimators.readings.sensor_numbers import age_s, motion_at_age
 from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistake_corrections
-from baqueano.signals import Motion, Slot, Tick
+from baqueano.signals import Slot, Tick
 from baqueano.symbolic import jacobian, value_at_path, with_value
 from baqueano.vehicles.effort import Effort
 
@@ -159,10 +158,7 @@ def _compared_channels(
 def predict_measurement(
     estimator: "AugmentedEkf", mean: np.ndarray, name: str, effort: Effort, nu_dot: Value, slot: Slot
 ) -> np.ndarray:
-    """Return the predicted measurement (m,) of a sensor with its estimated biases, at its time of measurement.
-
-    The state at that time is extrapolated to first order from `mean` (n,), the state at the tick.
-    """
+    """Return the predicted measurement (m,) of a sensor with its estimated biases, at its time of measurement."""
     sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALE_INDEX]
     for k, bias in enumerate(layout(estimator).biases):
         if bias.sensor == name:
@@ -171,11 +167,7 @@ def predict_measurement(
         nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + disturbance_acceleration(
             estimator.vehicle, d
         )
-    old_s = age_s(sensor, slot)
-    turn = old_s * nu[2]
-    displacement = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
-    eta = np.array([eta[0] - displacement[0], eta[1] - displacement[1], eta[2] - turn])
-    return sensor.h(Motion(eta, nu - old_s * nu_dot, nu_dot, estimator.vehicle.gravity(eta[2])))
+    return sensor.h(motion_at_age(estimator.vehicle, eta, nu, nu_dot, age_s(sensor, slot)))
 
 
 def _max_std(estimator: "AugmentedEkf") -> np.ndarray:

@@ -5,6 +5,7 @@ too.
 
     ∂h/∂(η, ν, ν̇)  at rest          which velocities a channel measures, to first order                   (1)
     h(θ + PARAMETER_STEP) ≠ h(θ)               which parameters θ it depends on                                      (2)
+    h(η − d R(ψ − d ν_ψ/2) ν, ν − d ν̇, ν̇)     the reading at the tick, which was measured d before         (3)
 
 A parameter with a `std` in its metadata is uncertain. If it also has a `walk`, it is a bias, else a scale. `slip` is
 the standard deviation of a temporary error of a scale, which decays (Ornstein-Uhlenbeck process).
@@ -20,11 +21,13 @@ from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
+from baqueano.geometry import map_from_body
 from baqueano.parameter import Parameter, parameters
 from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
 from baqueano.symbolic import jacobian, value_at_path, with_value
+from baqueano.vehicles.state import Vehicle
 
 REST_MOTION = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
 GENERAL_MOTION = np.array(
@@ -78,6 +81,18 @@ def age_s(sensor: Sensor, slot: Slot) -> Value:
     """Return the age of a measurement at the tick [s], from its timestamp, its delay and its low-pass."""
     delay_s = sensor.delay_s if optional.attribute(sensor, "delay_slots") > 0 else 0.0
     return slot.age_s + delay_s + low_pass_s(sensor)
+
+
+def motion_at_age(
+    vehicle: Vehicle, eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, old_s: Value
+) -> Motion:
+    """Return the motion `old_s` before the tick, extrapolated to first order from η, ν and ν̇ (3,) at the tick.  (3)"""
+    if not (isinstance(old_s, float) and old_s == 0.0):
+        turn = old_s * nu[2]
+        displacement = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
+        eta = np.array([eta[0] - displacement[0], eta[1] - displacement[1], eta[2] - turn])
+        nu = nu - old_s * nu_dot
+    return Motion(eta, nu, nu_dot, vehicle.gravity(eta[2]))
 
 
 def measurement_jacobian(sensor: Sensor, points: np.ndarray = GENERAL_MOTION) -> np.ndarray:
