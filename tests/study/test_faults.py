@@ -270,11 +270,7 @@ def test_structural_faults_do_not_change_the_original_data(vehicle):
     u = of.signal(12.0)
     nu = np.sin(np.arange(len(u)) / 100.0)[:, None] * np.ones(3)
     sound = SimpleNamespace(truth=SimpleNamespace(nu=nu))
-    for name, structure in STRUCTURES.items():
-        plan = structure(of, u, sound, np.random.default_rng(0))
-        assert (plan is None) == (vehicle == "car" and name in NOT_FOR_CARS), name
-        if plan is not None:
-            has_changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
-            assert (
-                has_changed or plan.vehicle_file is not of.vehicle_file or plan.second_vehicle is not None
-            ), name
+    for name in STRUCTURES.keys() - (NOT_FOR_CARS if vehicle == "car" else ()):
+        plan = STRUCTURES[name](of, u, sound, np.random.default_rng(0))
+        has_changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
+        assert has_changed or plan.vehicle_file is not of.vehicle_file or plan.second_vehicle, name

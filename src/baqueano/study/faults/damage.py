@@ -1,7 +1,7 @@
 """Damage recordings: each function takes an intact run and a random generator, and returns the damaged run.
 
-The size of a damage is drawn for each run, from almost invisible to obvious. A function returns None if its damage
-does not apply, such as swapped motors of a car with one motor.
+The size of a damage is drawn for each run, from almost invisible to obvious. Damages of two motors do not apply to a
+car: detection.py.
 """
 
 from collections.abc import Callable
@@ -14,15 +14,23 @@ from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.vehicle_file import VehicleFile
 
-Damage = Callable[[Run, VehicleFile, np.random.Generator], Run | None]
+Damage = Callable[[Run, VehicleFile, np.random.Generator], Run]
 
 
-def _with_readings(run: Run, z: np.ndarray, name: str = "imu") -> Run:
+def with_readings(run: Run, z: np.ndarray, name: str = "imu") -> Run:
+    """Return the run with the readings `z` of a sensor."""
     return replace(run, sensors={**run.sensors, name: run.sensors[name]._replace(z=z)})
 
 
-def _imu_readings(run: Run) -> np.ndarray:
+def imu_readings(run: Run) -> np.ndarray:
+    """Return a copy of the readings (M, 3) of the IMU."""
     return run.sensors["imu"].z.copy()
+
+
+def with_clocks(run: Run, changed: Callable[[np.ndarray], np.ndarray]) -> Run:
+    """Return the run with all its timestamps `changed`, and without its truth."""
+    sensors = {n: Channel(changed(c.t_ns), changed(c.arrival_ns), c.z) for n, c in run.sensors.items()}
+    return replace(run, t_ns=changed(run.t_ns), sensors=sensors, truth=None)
 
 
 def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -30,28 +38,23 @@ def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> R
     for name, channel in run.sensors.items():
         std = np.sqrt(np.diagonal(getattr(vehicle_file.sensors, name).cov))
         hit = rng.random(channel.z.shape) < 0.1
-        run = _with_readings(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * std, name)
+        run = with_readings(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * std, name)
     return run
 
 
 def gyro_in_degrees(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged gyro to degrees per second."""
-    return _with_readings(run, _imu_readings(run) * [1.0, 1.0, 180.0 / np.pi])
+    return with_readings(run, imu_readings(run) * [1.0, 1.0, 180.0 / np.pi])
 
 
 def accelerometer_in_g(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged accelerometers to multiples of 9.80665 m/s²."""
-    return _with_readings(run, _imu_readings(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
+    return with_readings(run, imu_readings(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
 
 
 def time_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Make all clocks run 1000 times as fast, and remove the truth."""
-
-    def late(t_ns: np.ndarray) -> np.ndarray:
-        return run.t_ns[0] + 1000 * (t_ns - run.t_ns[0])
-
-    sensors = {n: Channel(late(c.t_ns), late(c.arrival_ns), c.z) for n, c in run.sensors.items()}
-    return replace(run, t_ns=late(run.t_ns), sensors=sensors, truth=None)
+    return with_clocks(run, lambda t_ns: run.t_ns[0] + 1000 * (t_ns - run.t_ns[0]))
 
 
 def command_in_volts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -71,9 +74,9 @@ def _command_scale(run: Run, vehicle_file: VehicleFile) -> np.ndarray:
 
 def clip_imu(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Clip each channel of the IMU at 50 to 80 % of its largest reading."""
-    z = _imu_readings(run)
+    z = imu_readings(run)
     end = rng.uniform(0.5, 0.8) * np.max(np.abs(z), axis=0)
-    return _with_readings(run, np.clip(z, -end, end))
+    return with_readings(run, np.clip(z, -end, end))
 
 
 def late_sensor(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -107,23 +110,15 @@ def time_jumps_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Gener
 
 def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
     jump_ns = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
-
-    def delay_stamps(t_ns: np.ndarray) -> np.ndarray:
-        return t_ns + np.where(t_ns >= jump_ns, by_ns, 0)
-
-    sensors = {
-        n: Channel(delay_stamps(c.t_ns), delay_stamps(c.arrival_ns), c.z) for n, c in run.sensors.items()
-    }
-    return replace(run, t_ns=delay_stamps(run.t_ns), sensors=sensors, truth=None)
+    return with_clocks(run, lambda t_ns: t_ns + np.where(t_ns >= jump_ns, by_ns, 0))
 
 
 def sensor_clock_goes_back(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set the IMU's clock back by an hour during the drive."""
     c = run.sensors["imu"]
     is_after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
-    return replace(
-        run, sensors={**run.sensors, "imu": c._replace(t_ns=c.t_ns - is_after * 3600 * NANOSECONDS)}
-    )
+    t_ns = c.t_ns - is_after * 3600 * NANOSECONDS
+    return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
 
 
 def bursts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -136,85 +131,75 @@ def bursts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run
 
 def hold_samples(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat each IMU sample for 3 to 8 readings, as if the IMU measured more slowly than it is read."""
-    z, hold_count = _imu_readings(run), int(rng.integers(3, 9))
-    return _with_readings(run, z[np.arange(len(z)) // hold_count * hold_count])
+    z, hold_count = imu_readings(run), int(rng.integers(3, 9))
+    return with_readings(run, z[np.arange(len(z)) // hold_count * hold_count])
 
 
 def stuck(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat one sample of the IMU for 5 to 20 % of the run."""
-    z = _imu_readings(run)
+    z = imu_readings(run)
     length = int(rng.uniform(0.05, 0.2) * len(z))
     first_row = int(rng.integers(0, len(z) - length))
     z[first_row : first_row + length] = z[first_row]
-    return _with_readings(run, z)
+    return with_readings(run, z)
 
 
 def zeros(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set 5 to 30 % of the IMU samples to zero."""
-    z = _imu_readings(run)
+    z = imu_readings(run)
     z[rng.random(len(z)) < rng.uniform(0.05, 0.3)] = 0.0
-    return _with_readings(run, z)
+    return with_readings(run, z)
 
 
 def not_numbers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set 1 to 20 % of the IMU's readings to NaN."""
-    z = _imu_readings(run)
+    z = imu_readings(run)
     z[rng.random(z.shape) < rng.uniform(0.01, 0.2)] = np.nan
-    return _with_readings(run, z)
+    return with_readings(run, z)
 
 
 def axes_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Swap a_x and a_y in the log."""
-    return _with_readings(run, _imu_readings(run)[:, [1, 0, 2]])
+    return with_readings(run, imu_readings(run)[:, [1, 0, 2]])
 
 
 def axis_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Invert the sign of one of a_x, a_y, ω_z."""
     sign = np.ones(3)
     sign[rng.integers(0, 3)] = -1.0
-    return _with_readings(run, _imu_readings(run) * sign)
+    return with_readings(run, imu_readings(run) * sign)
 
 
 def gyro_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Invert the sign of ω_z."""
-    return _with_readings(run, _imu_readings(run) * [1.0, 1.0, -1.0])
+    return with_readings(run, imu_readings(run) * [1.0, 1.0, -1.0])
 
 
 def gravity_on_an_axis(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace a_x or a_y by gravity and noise, as if the IMU were mounted upright."""
-    z, axis = _imu_readings(run), int(rng.integers(0, 2))
+    z, axis = imu_readings(run), int(rng.integers(0, 2))
     std = float(np.sqrt(vehicle_file.sensors.imu.cov[axis, axis]))
     z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + std * rng.standard_normal(len(z))
-    return _with_readings(run, z)
+    return with_readings(run, z)
 
 
 def dead_channel(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set one of a_x, a_y, ω_z to 0 in the whole run."""
-    z = _imu_readings(run)
+    z = imu_readings(run)
     z[:, rng.integers(0, 3)] = 0.0
-    return _with_readings(run, z)
+    return with_readings(run, z)
 
 
-def motors_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run | None:
-    """Invert the sign of the turning command, as if left and right motor were swapped; None for a car."""
-    return (
-        None
-        if run.applied_commands.shape[1] < 3
-        else replace(run, applied_commands=run.applied_commands * [1.0, 1.0, -1.0])
-    )
+def motors_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Invert the sign of the turning command, as if left and right motor were swapped."""
+    return replace(run, applied_commands=run.applied_commands * [1.0, 1.0, -1.0])
 
 
-def motor_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run | None:
-    """Swap the commands forward and turning, as if one motor were reversed; None for a car."""
-    if run.applied_commands.shape[1] < 3:
-        return None
-    limit = np.asarray(vehicle_file.command.limit)
-    u = run.applied_commands.copy()
-    u[:, 0], u[:, 2] = (
-        run.applied_commands[:, 2] * limit[0] / limit[2],
-        run.applied_commands[:, 0] * limit[2] / limit[0],
-    )
-    return replace(run, applied_commands=u)
+def motor_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Swap the commands forward and turning, as if one motor were reversed."""
+    forward, _, turning = vehicle_file.command.limit
+    to_other_limit = [forward / turning, 1.0, turning / forward]
+    return replace(run, applied_commands=run.applied_commands[:, [2, 1, 0]] * to_other_limit)
 
 
 def too_short(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:

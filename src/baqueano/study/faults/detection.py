@@ -14,7 +14,7 @@ and the errors in the remaining ones. The second part is measured by
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
-from baqueano.runs.run import Channel, Run
+from baqueano.runs.run import Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.logging import LOGGING
 from baqueano.study.faults.structures import STRUCTURES, FaultPlan
@@ -88,32 +88,27 @@ class FaultInputs(NamedTuple):
 
 
 def run_fault_jobs(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
-    """Return the outcomes of faults on one vehicle and seed. Faults that do not apply to the vehicle are skipped."""
+    """Return the outcomes of faults on one vehicle and seed."""
     fault_subject = subject(jobs[0].vehicle, jobs[0].seed)
-    outcomes, undamaged_fit = [], _UndamagedFit(fault_subject, jobs[0].backend)
-    for job, inputs in _inputs(fault_subject, jobs):
-        outcomes.append(_outcome(job, inputs, undamaged_fit))
-    return outcomes
+    inputs_of_jobs, backend = _inputs(fault_subject, jobs), jobs[0].backend
+    clean_fits = (_fit(of, of.undamaged_run, backend) for _, of in inputs_of_jobs if of.undamaged_run)
+    clean = next(clean_fits, None)  # the same run for all jobs
+    return [_outcome(job, inputs, clean) for job, inputs in inputs_of_jobs]
 
 
-def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_UndamagedFit") -> FaultOutcome:
+def _outcome(job: FaultJob, inputs: FaultInputs, clean: "Fit | None") -> FaultOutcome:
     try:
         fit = identify(inputs.run, inputs.vehicle_file, inputs.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
         return FaultOutcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
-    except (
-        ArithmeticError,
-        ValueError,
-        LookupError,
-    ) as error:  # a fault of the program, which is part of the verdict of the study
+    except (ArithmeticError, ValueError, LookupError) as error:  # a fault of the program
         return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     is_wrong = bool(np.any(wrong_mask(fit.estimate, fit.std, _true_values(fit, inputs.truth))))
     outcome = FaultOutcome(
         job, fit.verdict, is_wrong, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)
     )
-    if inputs.undamaged_run is None:
+    if inputs.undamaged_run is None or clean is None:
         return outcome
-    clean = undamaged_fit.fit(inputs.undamaged_run)
     outcome = outcome._replace(
         error_rms=_error_rms(fit, clean, inputs.truth),
         undamaged_error_rms=_error_rms(clean, clean, inputs.truth),
@@ -121,34 +116,15 @@ def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_UndamagedFit")
     reduced_run = undamaged_run(inputs.undamaged_run, inputs.run, inputs.vehicle_file)
     if reduced_run is None:
         return outcome
-    repaired_fit = identify(
-        reduced_run[0],
-        inputs.vehicle_file,
-        inputs.free,
-        options=FitOptions(diagnose=False, backend=job.backend),
-    )
+    repaired_fit = _fit(inputs, reduced_run[0], job.backend)
     return outcome._replace(
         reduced_error_rms=_error_rms(repaired_fit, clean, inputs.truth), lost_share=reduced_run[1]
     )
 
 
-class _UndamagedFit:
-    """The fit of the undamaged run of a vehicle and seed: it is computed once for all damages."""
-
-    def __init__(self, subject: FaultSubject, backend: str) -> None:
-        self._of, self._backend = subject, backend
-        self._clean_fit: Fit | None = None
-
-    def fit(self, run: Run) -> "Fit":
-        """Return the fit of `run`. It is computed only at the first call."""
-        if self._clean_fit is None:
-            self._clean_fit = identify(
-                run,
-                self._of.vehicle_file,
-                self._of.free,
-                options=FitOptions(diagnose=False, backend=self._backend),
-            )
-        return self._clean_fit
+def _fit(inputs: FaultInputs, run: Run, backend: str) -> "Fit":
+    options = FitOptions(diagnose=False, backend=backend)
+    return identify(run, inputs.vehicle_file, inputs.free, options=options)
 
 
 def _true_values(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
@@ -169,22 +145,17 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
     for job in jobs:
         rng = np.random.default_rng([job.seed, *job.fault.encode()])
         if job.fault in STRUCTURES:
-            plan = STRUCTURES[job.fault](subject, u, undamaged_drive, rng)
-            plans += [] if plan is None else [(job, plan, u)]
+            plans.append((job, STRUCTURES[job.fault](subject, u, undamaged_drive, rng), u))
         elif job.fault == "clean, multisine":
             plans.append((job, FaultPlan(subject.vehicle, multisine, subject.vehicle_file), multisine))
         elif job.fault in UNDAMAGED:
             inputs_of_jobs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
         else:
-            harmed_run = DAMAGED[job.fault](_copy(undamaged_drive), subject.vehicle_file, rng)
+            harmed_run = DAMAGED[job.fault](undamaged_drive, subject.vehicle_file, rng)
             clean = undamaged_drive if job.fault in REPAIRED else None
-            if harmed_run is not None:
-                truth = {
-                    k: x for k, x in subject.truth.items() if (job.fault, k) not in UNCOMPARED_PARAMETERS
-                }
-                inputs_of_jobs.append(
-                    (job, FaultInputs(subject.vehicle_file, harmed_run, subject.free, truth, clean))
-                )
+            truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in UNCOMPARED_PARAMETERS}
+            inputs = FaultInputs(subject.vehicle_file, harmed_run, subject.free, truth, clean)
+            inputs_of_jobs.append((job, inputs))
     return inputs_of_jobs + _planned_inputs(subject, plans)
 
 
@@ -196,7 +167,7 @@ def _undamaged_inputs(
         u = subject.signal(2.0 * DRIVE_S)
         (run,) = subject.runs([subject.vehicle], [u], [u])
     elif job.fault == "clean, 10 % outliers":
-        run = outliers(_copy(undamaged_drive), vehicle_file, rng)
+        run = outliers(undamaged_drive, vehicle_file, rng)
     elif job.fault == "clean, other start":
         vehicle_file = _with_other_friction(vehicle_file, rng)
     return FaultInputs(vehicle_file, run, subject.free, subject.truth)
@@ -208,33 +179,16 @@ def _planned_inputs(
     if not plans:
         return []
     first_drives = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
-    second = [
-        (plan.second_vehicle or plan.vehicle, plan.effective, u)
-        for _, plan, u in plans
-        if plan.second_vehicle is not None
-    ]
+    second = [(plan.second_vehicle, plan.effective, u) for _, plan, u in plans if plan.second_vehicle]
     runs = subject.runs(*zip(*first_drives, *second, strict=True))
     second_runs, inputs_of_plans = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):
-        second_run = next(second_runs) if plan.second_vehicle is not None else run
+        second_run = next(second_runs) if plan.second_vehicle else run
         run = plan.change(run, second_run) if plan.change else run
-        free_paths = tuple(
-            path for path in subject.free if path.removeprefix("+") not in plan.excluded_parameters
-        )
-        inputs_of_plans.append(
-            (
-                job,
-                FaultInputs(plan.vehicle_file, run, free_paths, subject._replace(vehicle=plan.vehicle).truth),
-            )
-        )
+        free = tuple(p for p in subject.free if p.removeprefix("+") not in plan.excluded_parameters)
+        truth = subject._replace(vehicle=plan.vehicle).truth
+        inputs_of_plans.append((job, FaultInputs(plan.vehicle_file, run, free, truth)))
     return inputs_of_plans
-
-
-def _copy(run: Run) -> Run:
-    """Return the run with a copy of its readings."""
-    return replace(
-        run, sensors={n: Channel(c.t_ns, c.arrival_ns, c.z.copy()) for n, c in run.sensors.items()}
-    )
 
 
 def _with_other_friction(vehicle_file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":

@@ -7,6 +7,7 @@ import numpy as np
 from baqueano.messages.language import mark as N_
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
+from baqueano.study.faults.damage import imu_readings, with_clocks, with_readings
 from baqueano.vehicle_file import VehicleFile
 
 EPOCH_MS = 1_760_000_000_000
@@ -31,10 +32,10 @@ def clock_drifts_much(run: Run, vehicle_file: VehicleFile, rng: np.random.Genera
 
 def rotate_mount(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Turn the accelerometer axes about z by 10 to 40° from a random time of the drive on."""
-    z, angle = run.sensors["imu"].z.copy(), np.radians(rng.uniform(10.0, 40.0)) * rng.choice([-1.0, 1.0])
+    z, angle = imu_readings(run), np.radians(rng.uniform(10.0, 40.0)) * rng.choice([-1.0, 1.0])
     turned_rows = slice(int(rng.uniform(0.3, 0.7) * len(z)), None)
     z[turned_rows, :2] = z[turned_rows, :2] @ _rotation(angle)
-    return _with_imu(run, z)
+    return with_readings(run, z)
 
 
 def resample(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -51,14 +52,14 @@ def resample(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> R
 def apply_low_pass(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Filter the IMU by a first-order low-pass of 5 to 44 Hz."""
     cut_hz = np.exp(rng.uniform(np.log(5.0), np.log(44.0)))
-    return _with_imu(run, _smooth(run, 2.0 * np.pi * cut_hz / vehicle_file.rate_hz))
+    return with_readings(run, _smooth(run, 2.0 * np.pi * cut_hz / vehicle_file.rate_hz))
 
 
 def gyro_zeroes_itself(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Subtract from the gyro its moving mean, a first-order low-pass with a time constant of 1 to 5 s."""
-    z = run.sensors["imu"].z.copy()
+    z = imu_readings(run)
     z[:, 2] -= _smooth(run, 1.0 / (rng.uniform(1.0, 5.0) * vehicle_file.rate_hz))[:, 2]
-    return _with_imu(run, z)
+    return with_readings(run, z)
 
 
 def sign_lost(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -68,22 +69,14 @@ def sign_lost(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
         u = run.applied_commands.copy()
         u[second_half, 0] = np.abs(u[second_half, 0])
         return replace(run, applied_commands=u)
-    z, channel = run.sensors["imu"].z.copy(), int(rng.integers(0, 3))
+    z, channel = imu_readings(run), int(rng.integers(0, 3))
     z[second_half, channel] = np.abs(z[second_half, channel])
-    return _with_imu(run, z)
+    return with_readings(run, z)
 
 
 def epoch_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the timestamps by milliseconds since 1970, which a reader takes for nanoseconds, and remove the truth."""
-
-    def in_milliseconds(t_ns: np.ndarray) -> np.ndarray:
-        return EPOCH_MS + t_ns // 1_000_000
-
-    sensors = {
-        n: Channel(in_milliseconds(c.t_ns), in_milliseconds(c.arrival_ns), c.z)
-        for n, c in run.sensors.items()
-    }
-    return replace(run, t_ns=in_milliseconds(run.t_ns), sensors=sensors, truth=None)
+    return with_clocks(run, lambda t_ns: EPOCH_MS + t_ns // 1_000_000)
 
 
 def half_duplicated(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -96,11 +89,11 @@ def half_duplicated(run: Run, vehicle_file: VehicleFile, rng: np.random.Generato
 
 def two_imus(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Let every second reading come from another IMU, turned by 20 to 180° and with other biases."""
-    z = run.sensors["imu"].z.copy()
+    z = imu_readings(run)
     angle = np.radians(rng.uniform(20.0, 180.0)) * rng.choice([-1.0, 1.0])
     z[1::2, :2] = z[1::2, :2] @ _rotation(angle)
     z[1::2] += rng.normal(0.0, 1.0, 3) * [0.3, 0.3, 0.02]
-    return _with_imu(run, z)
+    return with_readings(run, z)
 
 
 def ten_hertz(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -115,14 +108,8 @@ def ten_hertz(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
 
 def kilohertz_with_repeats(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Return the first 10 s of the run as a 1 kHz log that repeats the latest command and reading, without a truth."""
-    repeat_count, tick_count = (
-        max(1, round(1000.0 / vehicle_file.rate_hz)),
-        round(10.0 * vehicle_file.rate_hz),
-    )
-    row, repeat_index = (
-        np.repeat(np.arange(tick_count), repeat_count),
-        np.tile(np.arange(repeat_count), tick_count),
-    )
+    repeat_count = max(1, round(1000.0 / vehicle_file.rate_hz))
+    row, repeat_index = np.divmod(np.arange(round(10.0 * vehicle_file.rate_hz) * repeat_count), repeat_count)
     t_ns = run.t_ns[row] + repeat_index * (NANOSECONDS // 1000)
     sensors = {name: Channel(t_ns, t_ns, c.z[row]) for name, c in run.sensors.items()}
     u = run.applied_commands[row + (repeat_index > 0)]  # the next command is applied from a tick on
@@ -133,10 +120,6 @@ def two_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -
     """Keep only 2 s of the drive."""
     start_s = rng.uniform(2.0, 20.0)
     return run.cut(start_s, start_s + 2.0)
-
-
-def _with_imu(run: Run, z: np.ndarray) -> Run:
-    return replace(run, sensors={**run.sensors, "imu": run.sensors["imu"]._replace(z=z)})
 
 
 def _rotation(angle: float) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 Each function takes a subject, its command, its undamaged run and a random generator. An effect on the motor force is
 simulated as an equivalent command, `effective`; the log contains the command that was sent. If an effect depends on the
-motion, the motion is taken from the undamaged run. The size of the effect is drawn for each run.
+motion, the motion is taken from the undamaged run. The size of the effect is drawn for each run. Some effects do not
+apply to a car: detection.py.
 """
 
 from collections.abc import Callable
@@ -30,7 +31,7 @@ class FaultPlan(NamedTuple):
     change: Callable[[Run, Run], Run] | None = None  # changes the run, with the run of the second vehicle
 
 
-Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan | None]
+Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan]
 
 
 def _plan(subject: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
@@ -135,12 +136,8 @@ def backlash(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.rando
     return _throttle(subject, u, loose)
 
 
-def caster(
-    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
-) -> FaultPlan | None:
-    """Add a kick about z when the vehicle reverses; it decays with a time constant of 0.2 to 0.5 s. None for a car."""
-    if isinstance(subject.vehicle, Cars):
-        return None
+def caster(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+    """Add a kick about z when the vehicle reverses; it decays with a time constant of 0.2 to 0.5 s."""
     nu = _velocity(undamaged)
     amplitude, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * subject.vehicle_file.rate_hz
     kick, level, previous_sign = np.zeros(len(u)), 0.0, 1.0
@@ -202,12 +199,10 @@ def dry_friction(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.r
 
 def centre_of_mass(
     subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
-) -> FaultPlan | None:
-    """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed. None
-    for a car."""
+) -> FaultPlan:
+    """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed."""
     q = subject.vehicle
-    if isinstance(q, Cars):
-        return None
+    assert isinstance(q, Robots)
     ahead_m = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
     return FaultPlan(
         q.with_parameters(ahead_m=ahead_m),
@@ -217,13 +212,9 @@ def centre_of_mass(
     )
 
 
-def tilted_floor(
-    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
-) -> FaultPlan | None:
-    """Tilt the floor by 2 to 6°; None for a car."""
+def tilted_floor(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+    """Tilt the floor by 2 to 6°."""
     q = subject.vehicle
-    if isinstance(q, Cars):
-        return None
     rise, uphill_rad = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
     return FaultPlan(q.with_parameters(slope_rad=rise, slope_heading_rad=uphill_rad), u, subject.vehicle_file)
 
