@@ -164,10 +164,8 @@ def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
 def test_turns_by_hand_with_an_imu_whose_z_points_down_give_a_warning(small, tmp_path, upward):
     """Turns on a mark do not show their direction: a gyro of the wrong sign has an equally good scale."""
     log = by_hand_log()
-    gyro, noise = (
-        log.sensors["imu"].z[:, 2],
-        0.05 * np.random.default_rng(0).standard_normal((len(log.t_ns), 3)),
-    )
+    gyro = log.sensors["imu"].z[:, 2]
+    noise = 0.05 * np.random.default_rng(0).standard_normal((len(log.t_ns), 3))
     table = np.column_stack([log.t_s, noise + np.array([0.0, 0.0, 9.8 * upward]), upward * gyro])
     lines = [",".join(f"{x:.6f}" for x in row) for row in table]
     (tmp_path / "log.csv").write_text(

@@ -152,10 +152,8 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
 
 
 def test_a_replay_is_judged_only_by_its_estimate():
-    drive, replayed_run = (
-        run_with("drive", across=0.05),
-        run_with("replay", across=0.05, metadata={"kind": "replay"}),
-    )
+    drive = run_with("drive", across=0.05)
+    replayed_run = run_with("replay", across=0.05, metadata={"kind": "replay"})
     text = compare([drive, replayed_run]).table()
     assert "cross-track" not in text
     assert "at a limit" not in text
@@ -228,11 +226,9 @@ def test_a_run_of_a_few_ticks_gives_no_verdict():
 
 
 def test_innovations_are_judged_without_a_truth():
-    right, far, few = (
-        Band(1.0, 0.9, 1.1, 3, 900.0),
-        Band(2.0, 0.9, 1.1, 3, 900.0),
-        Band(2.0, 0.2, 4.0, 3, 2.0),
-    )
+    right = Band(1.0, 0.9, 1.1, 3, 900.0)
+    far = Band(2.0, 0.9, 1.1, 3, 900.0)
+    few = Band(2.0, 0.2, 4.0, 3, 2.0)
 
     def verdict(pose, nis):
         return FilterConsistency(pose, NOT_REPORTED, nis, {}, {}, (0.5,), 0.05)

@@ -42,10 +42,8 @@ def filtered(rng, few):
     v. The filter assumes 1/κ of the variances, so its gain is correct. Also return κ and the number of independent
     samples of the slower signal."""
     d, a, r = rng.integers(1, 4), rng.choice([0.0, 0.5, 0.9, 0.97, 0.99]), 10 ** rng.uniform(-2.0, 1.0)
-    kappa, n = (
-        rng.choice([0.25, 0.5, 1.0, 1.0, 1.0, 2.0, 4.0]),
-        int(10 ** rng.uniform(2.0, 3.0 if few else 4.0)),
-    )
+    kappa = rng.choice([0.25, 0.5, 1.0, 1.0, 1.0, 2.0, 4.0])
+    n = int(10 ** rng.uniform(2.0, 3.0 if few else 4.0))
     q = 1.0 - a * a
     p = 1.0
     for _ in range(200):

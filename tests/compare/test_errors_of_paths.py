@@ -122,10 +122,8 @@ def test_errors_are_invariant_under_rotation_of_the_world():
             [p[:, :2] @ np.array([[c, s], [-s, c]]) + [5, -7], wrap(p[:, 2] + 2.0 + 2 * np.pi)]
         )
 
-    a, b = (
-        errors.relative_pose_errors(t_ns, eta, truth),
-        errors.relative_pose_errors(t_ns, turn(eta), turn(truth)),
-    )
+    a = errors.relative_pose_errors(t_ns, eta, truth)
+    b = errors.relative_pose_errors(t_ns, turn(eta), turn(truth))
     np.testing.assert_allclose(a.position_m, b.position_m, atol=1e-12)
     np.testing.assert_allclose(a.heading_rad, b.heading_rad, atol=1e-12)
     path = errors.cross_track(t_ns, eta[:, :2], t_ns, truth[:, :2])

@@ -199,9 +199,8 @@ def test_wheels_beside_a_gyro_do_not_make_its_scale_more_certain(gyro, wheel):
 def test_a_pose_sensor_corrects_the_whole_state():
     sensors = sensor_slots(("imu", "pose"))(IMU, Pose(noise_std=np.array([0.01, 0.01, 0.02])))
     its = layout(AugmentedEkf(SMALL, sensors, use=("imu", "pose")))
-    assert np.all(
-        np.delete(its.moving_mask[3:], BEND_INDEX, axis=1) == 1.0
-    )  # the curvature of the region is considered
+    # the curvature of the region is considered
+    assert np.all(np.delete(its.moving_mask[3:], BEND_INDEX, axis=1) == 1.0)
     assert not np.any(layout(AugmentedEkf(SMALL, sensors)).moving_mask[:, SCALE_INDEX:])
 
 

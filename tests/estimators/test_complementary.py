@@ -101,9 +101,8 @@ def test_without_wheel_speeds_the_model_predicts_the_speed():
     _, motion = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
     assert motion.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
     block, quiet = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
-    _, estimate = block.step(
-        block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), quiet
-    )  # the vehicle was driving before
+    # the vehicle was driving before
+    _, estimate = block.step(block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), quiet)
     assert estimate.nu[0] == pytest.approx(0.5, rel=0.03)
 
 
@@ -115,9 +114,10 @@ def test_the_gyro_bias_is_estimated_only_at_rest():
     assert abs(motion.nu[-1, 2]) < 1e-3
     driving, _ = through(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": off})
     assert float(driving.bias) == 0.0
+    # by hand
     turning_state, _ = through(
         blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + off}
-    )  # by hand
+    )
     assert float(turning_state.bias) == 0.0
 
 

@@ -133,9 +133,8 @@ def test_without_wheel_speeds_the_model_predicts_speed_and_uncertainty():
     """The scale of the effort and the noise of every tick are random; the gyro and the start are exact."""
     runs, n = 300, 1000
     rng, std = np.random.default_rng(31), ACCEL_SCALE_STD
-    imu = replace(
-        IMU, gyro_noise_std=1e-6, gyro_bias_std=0.0, gyro_scale_std=0.0
-    )  # so that the scale belongs to the model
+    # so that the scale belongs to the model
+    imu = replace(IMU, gyro_noise_std=1e-6, gyro_bias_std=0.0, gyro_scale_std=0.0)
     reckon = reckoning(imu=imu, initial_std=np.full(6, 1e-6))
     u = np.column_stack([0.4 + 0.3 * np.sin(0.02 * np.arange(n)), np.zeros(n), np.zeros(n)])
     level = np.column_stack([np.zeros((n, 2)), np.full(n, 0.02)])  # the vehicle never turns

@@ -126,9 +126,8 @@ def test_a_measurement_after_a_pause_corrects_the_state_at_its_tick(name):
 @pytest.mark.parametrize("name", GARAGE)
 def test_after_one_second_of_pause_only_the_covariance_grows(name, call):
     belief, _ = moving(name)
-    step = getattr(
-        ekf(name).block if name == "car" else ekf(name), call
-    )  # hundreds of rows: one row of plain NumPy
+    # hundreds of rows: one row of plain NumPy
+    step = getattr(ekf(name).block if name == "car" else ekf(name), call)
     after_1_ms, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
     np.testing.assert_array_equal(two.mean, after_1_ms.mean)
     np.testing.assert_array_equal(ten.mean, after_1_ms.mean)

@@ -43,14 +43,12 @@ def test_prediction_and_correction_equal_filterpy():
     P, y, H, Q = _case(1)
     F, R = np.random.default_rng(2).normal(size=(6, 6)), 0.1 * np.eye(6)
     reference = filterpy.KalmanFilter(6, 3)
-    reference.x, reference.P, reference.F, reference.Q, reference.H, reference.R = (
-        np.ones(6),
-        P.copy(),
-        F,
-        R,
-        H,
-        Q,
-    )
+    reference.x = np.ones(6)
+    reference.P = P.copy()
+    reference.F = F
+    reference.Q = R
+    reference.H = H
+    reference.R = Q
     reference.predict()
     ahead = predict(Gaussian(np.ones(6), P), lambda x: F @ x, R)
     assert ahead.mean == pytest.approx(reference.x)

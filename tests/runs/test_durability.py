@@ -141,9 +141,8 @@ def test_lg4_one_damaged_chunk_does_not_lose_other_chunks(chunked_files, tmp_pat
         path.write_bytes(damaged_data)
         run = read_run(path)
         fewer(run, whole)
-        assert (
-            40 <= len(run.t_ns) < 60 or place == 0
-        )  # the checksum still identifies a chunk of a different type
+        # the checksum still identifies a chunk of a different type
+        assert 40 <= len(run.t_ns) < 60 or place == 0
         assert run.notes[-1].code == "run.damaged"
 
 

@@ -105,10 +105,8 @@ def records(run, sensors):
         t_ns, e, r = tick.t_ns, run.estimate, run.reference
         estimate = Estimate(t_ns, e.eta[k], e.nu[k], e.cov[k], e.innovation[k], e.innovation_cov[k])
         reference = Reference(t_ns, r.eta[k], r.nu[k], r.done[k])
-        requested, sent_command = (
-            Command(t_ns, run.requested_commands[k]),
-            Command(t_ns, run.sent_commands[k]),
-        )
+        requested = Command(t_ns, run.requested_commands[k])
+        sent_command = Command(t_ns, run.sent_commands[k])
         yield SimpleNamespace(
             tick=tick,
             requested_command=requested,

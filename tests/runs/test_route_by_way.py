@@ -23,9 +23,8 @@ def test_a_route_over_distance_equals_the_route_over_time(tmp_path, route):
     second = read_route(written_route(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
     np.testing.assert_array_equal(second.eta, route.eta)
     np.testing.assert_allclose(second.t_s, route.t_s, rtol=1e-4)
-    np.testing.assert_allclose(
-        second.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51
-    )  # half a step of a corner's yaw rate
+    # half a step of a corner's yaw rate
+    np.testing.assert_allclose(second.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51)
     assert np.median(np.abs(second.nu[:, 2] - route.nu[:, 2])) < 1e-3
 
 

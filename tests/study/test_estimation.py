@@ -120,9 +120,8 @@ def test_an_estimate_with_half_the_error_has_the_ratio_one_half():
     for name in QUANTITIES[1:]:
         assert ratios[name].ratio[0] == pytest.approx(0.5, abs=1e-6)
     assert ratios[WHOLE_RUN].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
-    assert ratios[QUANTITIES[2]].rms[1] == pytest.approx(
-        0.1 / np.sqrt(3), rel=0.01
-    )  # begins again after 10 s
+    # begins again after 10 s
+    assert ratios[QUANTITIES[2]].rms[1] == pytest.approx(0.1 / np.sqrt(3), rel=0.01)
     assert len(ratios[QUANTITIES[2]].samples) == 6
     assert np.isnan(ratios[WHOLE_RUN].ratio[1])  # one block gives no interval
 
@@ -134,10 +133,8 @@ def test_the_interval_of_a_ratio_has_its_nominal_coverage():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         common = rng.standard_normal(40)
-        estimate, reference = (
-            (common + 0.5 * rng.standard_normal(40)) ** 2,
-            (common + 0.5 * rng.standard_normal(40)) ** 2,
-        )
+        estimate = (common + 0.5 * rng.standard_normal(40)) ** 2
+        reference = (common + 0.5 * rng.standard_normal(40)) ** 2
         _, low, high = BlockSums(estimate, reference, np.ones(40)).ratio
         inside += low <= 1.0 <= high
     assert inside >= 174
@@ -165,9 +162,8 @@ def test_a_better_estimator_passes_and_a_worse_estimator_fails():
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
     flags = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
     assert flags == [True] * len(QUANTITIES)
-    assert not EstimationStudy((outcome_of(0.8),)).pooled_ratios()[0][
-        "ok"
-    ]  # with an odometer the required speed error is 0.7 of the model error
+    # with an odometer the required speed error is 0.7 of the model error
+    assert not EstimationStudy((outcome_of(0.8),)).pooled_ratios()[0]["ok"]
     assert merge([outcome_of(0.6).errors[SPEED], outcome_of(0.6).errors[SPEED]]).samples.sum() == 20
 
 

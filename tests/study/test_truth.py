@@ -157,9 +157,8 @@ def test_within_the_backlash_a_robot_rolls_without_motor_force():
     world = TruthWorld(q, [0])
     world._x[0, 3] = 0.4
     world.tick(np.array([[0.0, 0.0, 0.0]]), 0.2)
-    assert world.truth.nu[0, 0] == pytest.approx(
-        0.4, rel=1e-12
-    )  # the back-EMF of the motor does not reach it
+    # the back-EMF of the motor does not reach it
+    assert world.truth.nu[0, 0] == pytest.approx(0.4, rel=1e-12)
 
 
 def test_a_second_order_motor_has_the_analytic_step_response():

@@ -101,14 +101,10 @@ def test_a_short_remainder_is_added_to_the_previous_segment():
 @pytest.mark.parametrize(
     "pair",
     [
-        (
-            ErrorSegments((1.0, 0.0), (5.0, 0.0)),
-            ErrorSegments((0.0, 1.0), (0.0, 5.0)),
-        ),  # no segment is in both drives
-        (
-            ErrorSegments((0.0, 1.0), (5.0, 5.0)),
-            ErrorSegments((1.0,), (5.0,)),
-        ),  # one drive ended before the other had an error
+        # no segment is in both drives
+        (ErrorSegments((1.0, 0.0), (5.0, 0.0)), ErrorSegments((0.0, 1.0), (0.0, 5.0))),
+        # one drive ended before the other had an error
+        (ErrorSegments((0.0, 1.0), (5.0, 5.0)), ErrorSegments((1.0,), (5.0,))),
     ],
 )
 def test_drives_without_common_errors_are_left_out(pair):

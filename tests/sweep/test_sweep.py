@@ -113,9 +113,8 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
     )
     files = sorted(tmp_path.glob("*.json"))
     assert len(files) == 2
-    files[0].write_text(
-        files[0].read_text()[:40]
-    )  # an incomplete file is not from this program, so the drive is repeated
+    # an incomplete file is not from this program, so the drive is repeated
+    files[0].write_text(files[0].read_text()[:40])
     second = one_process(**cells, processes=2, keep=tmp_path)
     assert rows_of(second) == rows_of(result)
     assert len(list(tmp_path.iterdir())) == 4

@@ -47,9 +47,8 @@ def test_derivatives_equal_the_derivatives_of_casadi(seed):
     case.kernel.sensitivities(*case.given(), outputs, slopes)
     expected, slopes_of_casadi = in_casadi(case.program, case.theta, case.start, case.inputs)
     close(outputs, expected, 1e-11)
-    slopes_of_casadi = np.where(
-        np.isnan(slopes_of_casadi), slopes, slopes_of_casadi
-    )  # if_else multiplies an arm that is inf by 0
+    # if_else multiplies an arm that is inf by 0
+    slopes_of_casadi = np.where(np.isnan(slopes_of_casadi), slopes, slopes_of_casadi)
     close(slopes, slopes_of_casadi, 1e-9 * max(1.0, np.abs(slopes_of_casadi).max()))
 
 
@@ -190,11 +189,9 @@ def test_a_bound_call_equals_a_run_of_one_tick(seed):
     bound_nodes = (*program.theta, *program.start, *program.carry)
     tick = Program(program.graph, (), (), (), (), (*bound_nodes, *program.inputs), (), program.outputs * 2)
     draw = np.random.default_rng(seed)
-    inputs, outputs, none = (
-        draw.normal(size=(1, len(tick.inputs))),
-        np.empty((1, len(tick.outputs))),
-        np.zeros(0),
-    )
+    inputs = draw.normal(size=(1, len(tick.inputs)))
+    outputs = np.empty((1, len(tick.outputs)))
+    none = np.zeros(0)
     kernel = make_kernel(tick)
     call = kernel.bind(1, none, none, inputs, outputs, none)
     for _ in range(5):

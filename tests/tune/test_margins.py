@@ -77,11 +77,12 @@ def test_a_loop_becomes_unstable_at_its_margins(plant, channel):
     assert closed_with(loop, 1.0, ticks - 1) < 1.0 + 1e-6 < closed_with(loop, 1.0, ticks + 2)
 
 
+# the channels are independent
 EVEN = {
     "model.drivetrain.gain": [1.0, 1.0],
     "model.drivetrain.dead_zone_forward": [0.3, 0.3],
     "model.centre_of_mass_x_m": 0.0,
-}  # the channels are independent
+}
 
 
 def test_additional_delay_reduces_the_delay_margin_by_its_amount():

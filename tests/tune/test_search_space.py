@@ -58,10 +58,8 @@ def test_the_gradient_with_respect_to_an_entry_is_exact():
 
 def test_the_memory_of_the_controller_at_the_start_follows_its_gains():
     """The regulator starts with the cost matrix of its own weights, so the weights in the file have no effect."""
-    weights, options = (
-        np.array([0.2, 0.02, 0.1]),
-        {"controller": "lqr", "gains": ["e_max"], "duration_s": 1.0},
-    )
+    weights = np.array([0.2, 0.02, 0.1])
+    options = {"controller": "lqr", "gains": ["e_max"], "duration_s": 1.0}
     other = load("small").with_values({"controller.kind": "lqr", "controller.e_max": weights})
     drive = tuning_objective(load("small"), ROUTE, **options)
     assert drive.cost(weights) == pytest.approx(

@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 
 MAX_OFFSET_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
 MAX_HALF_INTERVAL, MAX_CLOCK_HALF_S = 0.02, 0.02  # of a scale: a larger half interval gives a warning
-MAX_UNKNOWN = (
-    0.2  # half interval of a scale above which the run does not determine it; noise at rest gives 0.4
-)
+# half interval of a scale above which the run does not determine it; noise at rest gives 0.4
+MAX_UNKNOWN = 0.2
 
 
 class CalibratedNumber(NamedTuple):
@@ -76,9 +75,8 @@ class Calibration(Result):
     numbers: tuple[CalibratedNumber, ...]
     residuals: dict[str, float]  # root mean square residual of the windows, by equation: rad, m
     usable_text: str = N_("the true poses determine each estimated number")  # text without reasons against it
-    axis_warnings: tuple[
-        Diagnostic, ...
-    ] = ()  # of the import: the gyro measures another axis, or its opposite
+    # of the import: the gyro measures another axis, or its opposite
+    axis_warnings: tuple[Diagnostic, ...] = ()
 
     def value(self, name: str) -> float:
         """Return the value of the calibrated number `name`. Raise KeyError for an unknown name."""

@@ -62,9 +62,8 @@ class RunComparison:
     corridor: Corridor | None  # None: the estimator does not report a covariance of the pose
     divergence_s: float  # time from which the estimate has diverged; NaN: never
     invalid_covariance: InvalidCovariance | None  # None: the covariance is valid at every tick
-    refusals: tuple[
-        Rejections, ...
-    ] = ()  # how often the estimator rejected each channel; empty: rejections are not recorded
+    # how often the estimator rejected each channel; empty: rejections are not recorded
+    refusals: tuple[Rejections, ...] = ()
     laps: tuple[DriveLap, ...] = ()  # laps of a route that returns to its beginning
 
     @property

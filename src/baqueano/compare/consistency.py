@@ -59,10 +59,8 @@ def whiten(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     An unknown entry, such as that of a sensor without a reading, is excluded: its w is NaN. A row whose P is singular
     is NaN.
     """
-    is_finite, w = (
-        np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
-        np.full(error.shape, np.nan),
-    )
+    is_finite = np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2))
+    w = np.full(error.shape, np.nan)
     for pattern in np.unique(is_finite, axis=0):
         columns = np.flatnonzero(pattern)
         rows = np.flatnonzero(np.all(is_finite == pattern, axis=1))

@@ -20,10 +20,7 @@ from baqueano.signals import seconds
 
 MAX_HEADING_STD_RAD = 0.5
 QUANTILE_95 = 1.960
-RETURN_DISTANCE_M, RETURN_ANGLE_RAD = (
-    0.03,
-    0.15,
-)  # a reference within this distance of its first pose has returned to this pose
+RETURN_DISTANCE_M, RETURN_ANGLE_RAD = 0.03, 0.15  # from its first pose: a reference has returned to it
 
 
 class Corridor(NamedTuple):

@@ -42,13 +42,10 @@ def divergence_s(run: Run) -> float:
         known_positions = true_xy[np.isfinite(true_xy).all(axis=1)]
         if len(known_positions):
             path_size = float(np.hypot(*np.ptp(known_positions, axis=0)))
-            errors_m = np.hypot(
-                *(p - true_xy - (p[0] - known_positions[0])).T
-            )  # the map of a recording can have another origin
-            distances, limit = (
-                np.where(np.isfinite(errors_m), errors_m, distances),
-                MAX_PATH_SIZES * max(1.0, path_size) * np.ones(len(t_s)),
-            )
+            # the map of a recording can have another origin
+            errors_m = np.hypot(*(p - true_xy - (p[0] - known_positions[0])).T)
+            distances = np.where(np.isfinite(errors_m), errors_m, distances)
+            limit = MAX_PATH_SIZES * max(1.0, path_size) * np.ones(len(t_s))
     is_lost = ~(distances <= limit)  # NaN is also a divergence
     return float(t_s[np.argmax(is_lost)]) if is_lost.any() else float("nan")
 

@@ -68,14 +68,11 @@ def relative_pose_errors(
     later_rows = np.searchsorted(t_ns, t_ns + span_ns)
     first_rows = np.flatnonzero(later_rows < len(t_ns))
     later_rows = later_rows[first_rows]
-    is_on_time = (
-        np.abs(t_ns[later_rows] - t_ns[first_rows] - span_ns) < 0.1 * span_ns
-    )  # a gap is not a motion over `span_s`
+    # a gap is not a motion over `span_s`
+    is_on_time = np.abs(t_ns[later_rows] - t_ns[first_rows] - span_ns) < 0.1 * span_ns
     first_rows, later_rows = first_rows[is_on_time], later_rows[is_on_time]
-    motion, true_motion = (
-        _relative_pose(eta[first_rows], eta[later_rows]),
-        _relative_pose(eta_true[first_rows], eta_true[later_rows]),
-    )
+    motion = _relative_pose(eta[first_rows], eta[later_rows])
+    true_motion = _relative_pose(eta_true[first_rows], eta_true[later_rows])
     E = _relative_pose(true_motion, motion)
     return PoseErrors(np.hypot(E[:, 0], E[:, 1]), E[:, 2])
 
@@ -121,9 +118,8 @@ def _signed_distance(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
         - d[rows, nearest_segment, 1] * r[rows, nearest_segment, 0]
     )
     distance = np.sqrt(squared_distance[rows, nearest_segment])
-    to_point = np.hypot(
-        *(xy - corners[:, 0]).T
-    )  # distance to the point, if the reference does not move in the window
+    # distance to the point, if the reference does not move in the window
+    to_point = np.hypot(*(xy - corners[:, 0]).T)
     return np.where(np.isinf(distance), to_point, distance * np.where(side == 0.0, 1.0, side))
 
 

@@ -141,11 +141,9 @@ class FilterConsistency:
     def _few_samples(self, verdict: str) -> Diagnostic | None:
         """Return a note if the verdict is "consistent" but a joint NEES has too few samples, else None."""
         short_names = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
-        return (
-            note("consistency.unknown", of=JOINT_FIGURES[short_names[0]])
-            if short_names and verdict == "consistent"
-            else None
-        )
+        if short_names and verdict == "consistent":
+            return note("consistency.unknown", of=JOINT_FIGURES[short_names[0]])
+        return None
 
     def _correlation(self) -> Diagnostic | None:
         if not abs(self.correlation) > max(self.correlation_limit, 0.1):

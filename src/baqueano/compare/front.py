@@ -223,8 +223,6 @@ def _distances_between_runs(run: Run, first: Run) -> PathDistances:
 
 def _distance_statistics(distance: np.ndarray) -> PathDistances:
     d = np.abs(distance[np.isfinite(distance)])
-    return (
-        PathDistances(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d)))
-        if d.size
-        else UNKNOWN_DISTANCES
-    )
+    if d.size:
+        return PathDistances(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d)))
+    return UNKNOWN_DISTANCES

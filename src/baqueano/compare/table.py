@@ -228,11 +228,11 @@ def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[T
 def _refusal_text(run: "RunComparison", name: str) -> str:
     """Return the rejected readings of a channel, such as "540 of 1501"; "-" without a record or without readings."""
     refusals = [refusal for refusal in run.refusals if refusal.name == name and refusal.reading_count]
-    return (
-        _("{refused} of {arrived}", refused=refusals[0].rejected_count, arrived=refusals[0].reading_count)
-        if refusals
-        else "-"
-    )
+    if refusals:
+        return _(
+            "{refused} of {arrived}", refused=refusals[0].rejected_count, arrived=refusals[0].reading_count
+        )
+    return "-"
 
 
 def _band(band: "Band") -> str:

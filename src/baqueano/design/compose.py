@@ -28,9 +28,8 @@ GENTLE_FACTOR = 1.0 / 3.0  # factor on the turning channels of a gentler primiti
 class MotionPrimitive(NamedTuple):
     """A short motion from rest to rest: its commands, and the kind of its return to the start."""
 
-    outbound: (
-        np.ndarray
-    )  # (T, n) relative to the limit, over the whole length of a primitive without its coast
+    # (T, n) relative to the limit, over the whole length of a primitive without its coast
+    outbound: np.ndarray
     return_kind: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none
 
     def u(self, ticks: int, limit: np.ndarray) -> np.ndarray:
@@ -119,11 +118,9 @@ def poses_in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
 def _mutation(
     primitive: MotionPrimitive, other: MotionPrimitive, shape: PrimitiveShape, rng: np.random.Generator
 ) -> MotionPrimitive:
-    outbound, mode, j = (
-        primitive.outbound.copy(),
-        int(rng.integers(8)),
-        int(rng.choice(shape.moving_channels)),
-    )
+    outbound = primitive.outbound.copy()
+    mode = int(rng.integers(8))
+    j = int(rng.choice(shape.moving_channels))
     ticks_used = len(outbound) if primitive.return_kind == RETURN_KINDS - 1 else len(outbound) // 2
     a, b = np.sort(rng.integers(0, ticks_used + 1, 2))
     if mode < 4:  # another level for some ticks

@@ -59,9 +59,8 @@ class AugmentedBelief(NamedTuple):
     mean_disturbance: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not decay
     model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
     last_innovations: np.ndarray  # (m,) the last innovation of each channel
-    inconsistency: (
-        np.ndarray
-    )  # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
+    # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
+    inconsistency: np.ndarray
     pose_memory: PoseMemory  # of the sensors that measure the pose
     quiet_s: Value  # time since the last command, or since the last rejected channel
     drivetrain: DrivetrainState

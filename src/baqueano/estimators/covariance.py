@@ -92,9 +92,8 @@ def cholesky_root(P: np.ndarray) -> np.ndarray:
     n = len(P)
     L: list[list[Value]] = [[0.0] * n for _ in range(n)]
     for j in range(n):
-        remainder = P[j, j] - sum(
-            x * x for x in L[j][:j]
-        )  # the variance that the previous entries do not explain
+        # the variance that the previous entries do not explain
+        remainder = P[j, j] - sum(x * x for x in L[j][:j])
         is_certain = remainder <= ROUNDING_SHARE * P[j, j]
         divisor = np.sqrt(np.where(is_certain, 1.0, remainder))
         L[j][j] = np.where(is_certain, 0.0, divisor)

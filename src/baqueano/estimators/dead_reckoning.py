@@ -211,11 +211,9 @@ class DeadReckoning:
         effort = Effort(*((1.0 + x[8]) * e for e in effort))
         nu = model_nu = self.vehicle.advance(eta, previous_nu, effort, dt_s)[1] + x[9:12]
         for reading in self.readings:
-            sensor, slot, m = (
-                getattr(self.sensors, reading.name),
-                getattr(slots, reading.name),
-                len(reading.rows),
-            )
+            sensor = getattr(self.sensors, reading.name)
+            slot = getattr(slots, reading.name)
+            m = len(reading.rows)
             bias, scale = (x[6], x[7]) if reading.is_gyro else (0.0, x[8])
             nu, n = replace_velocity(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
         nu = self.vehicle.init(eta, nu).nu

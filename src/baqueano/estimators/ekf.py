@@ -192,9 +192,8 @@ class Ekf:
             previous, lambda x: self.move(x, belief.effort, effort, row.moved_s), np.zeros((9, 9))
         )
         R = self.process_noise_cov * (row.dt_s * self.rate_hz)
-        rest_cov = unmoved_cov(
-            row, prediction.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R])
-        )  # (8)
+        # (8)
+        rest_cov = unmoved_cov(row, prediction.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))
         return prediction.mean, limit_covariance(prediction.cov + block_diagonal([rest_cov, R]))  # (9)
 
     def move(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:

@@ -48,10 +48,8 @@ class BlockArrow:
     def add(self, indices: np.ndarray, parts: np.ndarray) -> None:
         """Add the matrices `parts` (K, n, n) of the segments at the rows `indices` (K, n)."""
         # in the same order in each segment
-        is_segment_entry, part_index = (
-            self.layout.is_segment_entry[indices[0]],
-            self.layout.index_in_part[indices],
-        )
+        is_segment_entry = self.layout.is_segment_entry[indices[0]]
+        part_index = self.layout.index_in_part[indices]
         shared_index, segment_index = part_index[:, ~is_segment_entry], part_index[:, is_segment_entry]
         k = np.arange(len(parts))[:, None, None]
         row_parts, column_parts = parts[:, ~is_segment_entry], parts[:, is_segment_entry]

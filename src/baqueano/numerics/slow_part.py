@@ -24,9 +24,8 @@ def slow_part(e: np.ndarray) -> np.ndarray:
         return e
     limit = CLIP_SIGMA * MAD * float(np.median(np.abs(e - np.median(e))))
     clipped_errors = np.clip(e, np.median(e) - limit, np.median(e) + limit)
-    spectrum = np.fft.rfft(
-        np.concatenate([clipped_errors, clipped_errors[::-1]])
-    )  # mirrored, so that its ends meet
+    # mirrored, so that its ends meet
+    spectrum = np.fft.rfft(np.concatenate([clipped_errors, clipped_errors[::-1]]))
     ratio = _most_likely_ratio(np.abs(np.fft.rfft(clipped_errors - clipped_errors.mean()))[1:] ** 2 / n, n)
     if ratio is None:
         return np.zeros(n)

@@ -28,9 +28,8 @@ NUMBERED_NAME = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED_SUFFIX = "-recovered"  # suffix of the name of a run that `runs recover` saved
 RUN_NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
 MAX_NAME_LETTERS = 120  # most characters of a name
-DEVICE_NAME = re.compile(
-    r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE
-)  # reserved by Windows
+# reserved by Windows
+DEVICE_NAME = re.compile(r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE)
 NUMBER_RANGE = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
@@ -204,9 +203,8 @@ def listing_table(rows: list[ListedRun]) -> str:
         for r in rows
     ]
     last = max((k for line in lines for k, entry in enumerate(line) if entry), default=len(head) - 1) + 1
-    return in_lines(
-        text_table("<" * last, head[:last], *(line[:last] for line in lines))
-    )  # no empty last column
+    # no empty last column
+    return in_lines(text_table("<" * last, head[:last], *(line[:last] for line in lines)))
 
 
 def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:

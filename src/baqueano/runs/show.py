@@ -165,11 +165,9 @@ def show(run: "Run") -> ShownRun:
 
 
 def _data(lines: "Diagnostic | None") -> "JsonObject":
-    return (
-        {"code": None, "figures": {}}
-        if lines is None
-        else {"code": str(lines.code), "figures": dict(lines.figures)}
-    )
+    if lines is None:
+        return {"code": None, "figures": {}}
+    return {"code": str(lines.code), "figures": dict(lines.figures)}
 
 
 def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> "JsonObject":

@@ -40,9 +40,8 @@ SHORT_NAMES = {"cpm_run_a": "a", "cpm_run_b": "b"}
 SENSORS_USED = ("odometer", "imu[2]")
 MIN_EXPLAINED = 0.9  # part of the variance of speed and yaw rate, on a run that was not used for the fit
 MAX_EXTRAPOLATION = 0.1  # of the range of a command: beyond it the model extrapolates
-MAX_POSITION_ERROR = (
-    0.05  # of the distance driven: an estimate with a larger rms error has diverged from the car
-)
+# of the distance driven: an estimate with a larger rms error has diverged from the car
+MAX_POSITION_ERROR = 0.05
 CAVEATS = (
     N_("The model is simulated from the commands alone, from the first tick to the last."),
     N_(
@@ -106,11 +105,9 @@ class RunEvaluation:
 
     def row(self) -> "JsonObject":
         """Return a flat row in SI units."""
-        rmse, explained_variance, figures = (
-            self.prediction.rmse,
-            self.prediction.explained_variance,
-            self.figures,
-        )
+        rmse = self.prediction.rmse
+        explained_variance = self.prediction.explained_variance
+        figures = self.figures
         row = {"fit_run": self.fit_run, "test_run": self.test_run, "is_held_out": self.is_held_out}
         row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(explained_variance[0])}
         row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained_variance[1])}
@@ -166,12 +163,10 @@ class CrossValidation:
                 applied_commands[judgement.test_run].T,
                 strict=True,
             ):
-                low, high, min_command, max_command = (
-                    np.min(fit_commands),
-                    np.max(fit_commands),
-                    np.min(commands),
-                    np.max(commands),
-                )
+                low = np.min(fit_commands)
+                high = np.max(fit_commands)
+                min_command = np.min(commands)
+                max_command = np.max(commands)
                 if min_command < low - MAX_EXTRAPOLATION * (
                     high - low
                 ) or max_command > high + MAX_EXTRAPOLATION * (high - low):
@@ -316,9 +311,8 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     v = _first_measurement(record, "odometer", 0) / odometer.scale
     r = (_first_measurement(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
-    past = np.tile(
-        record.u[0], (len(start.drivetrain.past_commands), 1)
-    )  # a moving car has had a command before
+    # a moving car has had a command before
+    past = np.tile(record.u[0], (len(start.drivetrain.past_commands), 1))
     start = start._replace(drivetrain=start.drivetrain._replace(past_commands=past))
 
     def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
@@ -339,11 +333,9 @@ def _first_measurement(record: FitRecord, sensor: str, entry: int) -> float:
 
 
 def _evaluation_title(judgement: RunEvaluation) -> str:
-    return (
-        _("{fit_run} → {test_run}", fit_run=judgement.fit_run, test_run=judgement.test_run)
-        if judgement.is_held_out
-        else _("{fit_run} itself", fit_run=judgement.fit_run)
-    )
+    if judgement.is_held_out:
+        return _("{fit_run} → {test_run}", fit_run=judgement.fit_run, test_run=judgement.test_run)
+    return _("{fit_run} itself", fit_run=judgement.fit_run)
 
 
 def _with_error(estimate: float | None, std: float | None) -> str:

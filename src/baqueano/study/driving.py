@@ -47,10 +47,8 @@ if TYPE_CHECKING:
     from baqueano.guides.route import Route
 
 EXPERIMENT_S = 60.0
-FREE = [
-    "+model.centre_of_mass_x_m",
-    "+model.drivetrain.delay_s",
-]  # a fit without them reports that they are wrong
+# a fit without them reports that they are wrong
+FREE = ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"]
 ROBOTS_AT_ONCE = 10  # robots that are simulated together
 SHAPES: dict[str, Callable[[float], "Route"]] = {
     N_("sinuous"): lambda v: sinuous_circle(0.6, 0.06, 5, v),

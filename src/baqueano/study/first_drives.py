@@ -102,13 +102,11 @@ class FirstDrives:
     @property
     def verdict(self) -> Verdict:
         """Return REFUSED if a wall was touched, WARN with other reasons, else USABLE."""
-        return (
-            Verdict.REFUSED
-            if any(row.touches for row in self.wiring_rows)
-            else Verdict.WARN
-            if self.reasons
-            else Verdict.USABLE
-        )
+        if any(row.touches for row in self.wiring_rows):
+            return Verdict.REFUSED
+        if self.reasons:
+            return Verdict.WARN
+        return Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each wiring."""
@@ -157,10 +155,8 @@ def first_drives(
 def _row(wiring: str, figures: list[FirstDriveFigures]) -> FirstDriveRow:
     margins = np.array([drive.margin_m for drive in figures])
     gain = float(np.median([drive.gain_off for drive in figures]))
-    named_count, max_duration_s = (
-        sum(drive.is_named for drive in figures),
-        max(drive.seconds for drive in figures),
-    )
+    named_count = sum(drive.is_named for drive in figures)
+    max_duration_s = max(drive.seconds for drive in figures)
     return FirstDriveRow(
         wiring,
         len(figures),

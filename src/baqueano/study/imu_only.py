@@ -46,13 +46,8 @@ FREE = (*DRIVE_PARAMETERS, "model.steering_gain", "model.steering_offset_rad", "
 BARE_VALUES = {"model.quadratic_drag": 0.0, GYRO_BIAS_PATH: ZERO_RAD_S}
 MAX_SPEED_ERROR_RATIO = 1.5  # limit of the speed error on the other run, relative to the odometer's fit
 MIN_COVERAGE = 0.85  # required coverage of the intervals
-MAX_WIDTHS = (
-    0.40,
-    0.40,
-    0.50,
-    np.inf,
-    0.08,
-)  # of the value, gain, viscous, dry, cornering drag, steady speed
+# of the value, gain, viscous, dry, cornering drag, steady speed
+MAX_WIDTHS = (0.40, 0.40, 0.50, np.inf, 0.08)
 TEST_THROTTLE = 0.4  # throttle
 QUANTITY_NAMES = (
     N_("gain"), N_("viscous drag"), N_("dry friction"), N_("cornering drag"), N_("speed at 0.4 throttle"),
@@ -159,10 +154,8 @@ def fitted_drive(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
     speed = (gain * effort - dry) / viscous
     gradient = np.array([effort, -speed, -1.0, 0.0]) / viscous
     cov = np.nan_to_num(fit.cov[np.ix_(entries, entries)])
-    value, stds = (
-        np.append(fit.estimate[entries], speed),
-        np.append(fit.std[entries], np.sqrt(gradient @ cov @ gradient)),
-    )
+    value = np.append(fit.estimate[entries], speed)
+    stds = np.append(fit.std[entries], np.sqrt(gradient @ cov @ gradient))
     return FittedDrive(value, stds)
 
 

@@ -78,13 +78,8 @@ def do_job(job: SweepJob) -> SweepDrive:
 def _drive(job: SweepJob) -> "Run":
     assert job.route is not None
     start = compose(job.route.eta[0], np.array(job.settings.start))
-    bare = {
-        "check": False,
-        "lead_in": False,
-        "caution": False,
-        "patience_s": np.inf,
-        "rest_s": 0.0,
-    }  # only the blocks are compared
+    # only the blocks are compared
+    bare = {"check": False, "lead_in": False, "caution": False, "patience_s": np.inf, "rest_s": 0.0}
     return repeat(
         job.file_text.parse(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
         backend=job.settings.backend, **bare,

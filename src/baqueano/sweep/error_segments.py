@@ -16,9 +16,8 @@ from baqueano.signals import NANOSECONDS, seconds
 
 SEGMENT_S = 10.0
 MIN_SPANS = 4.0  # least length of a segment, in spans of a relative error
-MIN_LAST_LENGTH = (
-    0.9  # least length of the last segment, in lengths; a shorter remainder is added to the previous segment
-)
+# least length of the last segment, in lengths; a shorter remainder is added to the previous segment
+MIN_LAST_LENGTH = 0.9
 WINDOW_TIMES = 5.0
 
 

@@ -93,10 +93,8 @@ def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, t
         return {}
     eta_true = interpolate_poses(est.t_ns, truth.t_ns, truth.eta)
     eta = errors.align_trajectory(est.eta, eta_true, alignment)
-    absolute_error, drift = (
-        errors.absolute_pose_errors(eta, eta_true),
-        errors.relative_pose_errors(est.t_ns, eta, eta_true, window_s),
-    )
+    absolute_error = errors.absolute_pose_errors(eta, eta_true)
+    drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, window_s)
     start_ns = est.t_ns[: len(drift.position_m)]
     return {
         "ate_m": (est.t_ns, absolute_error.position_m), "ate_heading_rad": (est.t_ns, absolute_error.heading_rad),

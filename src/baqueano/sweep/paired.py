@@ -65,10 +65,8 @@ def paired_difference(ours: Sequence[ErrorSegments], theirs: Sequence[ErrorSegme
     block_pairs = [blocks for blocks in block_pairs if np.all(np.sum(blocks, axis=0) > 0.0)]
     if not block_pairs:
         return UNKNOWN
-    logs, n = (
-        np.array([_log_ratio(np.sum(blocks_of_drive, axis=0)) for blocks_of_drive in block_pairs]),
-        len(block_pairs),
-    )
+    logs = np.array([_log_ratio(np.sum(blocks_of_drive, axis=0)) for blocks_of_drive in block_pairs])
+    n = len(block_pairs)
     theta, is_by_drives = float(np.mean(logs)), n >= MIN_BLOCKS
     blocks = n if is_by_drives else sum(map(len, block_pairs))
     freedom = n - 1 if is_by_drives else blocks - n

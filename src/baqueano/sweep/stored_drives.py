@@ -145,9 +145,8 @@ def _block_text(role: str, block: object, job: SweepJob) -> str:
         kind, numbers = resolve(role, block, folder), block
     else:
         kind = block if isinstance(block, type) else type(block)
-        with np.printoptions(
-            threshold=sys.maxsize, floatmode="unique"
-        ):  # all entries of an array, with all digits
+        # all entries of an array, with all digits
+        with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
             numbers = kind.__qualname__ if isinstance(block, type) else repr(block)
     return numbers if is_ours(kind) else f"{numbers}\n{source_text(kind)}"
 

@@ -270,10 +270,8 @@ class TracedScan(Scan):
 
     def bind_sensitivities(self, inputs: Tree) -> Callable[[np.ndarray, np.ndarray], Tree]:
         self._need_theta()
-        rows, (assembly, runner) = (
-            input_rows(self.input_shape, inputs),
-            self._runner(keep_all=False, given_start=True),
-        )
+        rows = input_rows(self.input_shape, inputs)
+        assembly, runner = self._runner(keep_all=False, given_start=True)
         theta, start = np.empty(self.parameters or 0), np.empty(len(assembly.first))
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))

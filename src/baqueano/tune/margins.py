@@ -31,21 +31,13 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 SETTLE_S = 0.5
-MAX_NEWTON_STEPS, STEADY_TOLERANCE = (
-    8,
-    1e-7,
-)  # largest number of steps, and relative error at which Newton's method ends
-EXTRA_S, CALM_WINDOW_S, CALM_TOLERANCE = (
-    4.0,
-    0.5,
-    0.05,
-)  # a drive is steady if the command changes less at its end
+MAX_NEWTON_STEPS, STEADY_TOLERANCE = 8, 1e-7  # steps and relative error at which Newton's method ends
+EXTRA_S, CALM_WINDOW_S, CALM_TOLERANCE = 4.0, 0.5, 0.05  # a drive is steady if its command then changes less
 MIN_SPEED_M_S = 0.01  # a steady drive is faster
 FREQUENCY_COUNT = 2000
 MIN_FREQUENCY_RAD_S = 0.02
-UNSTABLE_EIGENVALUE = (
-    1.0 + 1e-5
-)  # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
+# per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
+UNSTABLE_EIGENVALUE = 1.0 + 1e-5
 BISECTION_STEPS = 50  # number of steps of a bisection
 
 
@@ -146,11 +138,9 @@ def linearise(
 
     Newton's method finds the state x in which a tick f changes only the position: f(x) = x + v δ ∂x/∂position.
     """
-    system, rate_hz, dt_s = (
-        _straight_loop(vehicle_file, controller, speed_m_s),
-        vehicle_file.rate_hz,
-        1.0 / vehicle_file.rate_hz,
-    )
+    system = _straight_loop(vehicle_file, controller, speed_m_s)
+    rate_hz = vehicle_file.rate_hz
+    dt_s = 1.0 / vehicle_file.rate_hz
     state = begin(system)
     flat = _NumberRow(state)
     direction = flat.row(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.row(state)

@@ -180,11 +180,9 @@ class Objective:
 
     def _batch_pays_off(self, case: ObjectiveCase, row_count: int, derivative_count: int) -> bool:
         drives = row_count * self.seed_count
-        return (
-            drives >= MIN_BATCH_DRIVES
-            if derivative_count
-            else drives * case.ticks >= MIN_BATCH_TICKS and drives > 1
-        )
+        if derivative_count:
+            return drives >= MIN_BATCH_DRIVES
+        return drives * case.ticks >= MIN_BATCH_TICKS and drives > 1
 
 
 def soft_maximum(costs: np.ndarray) -> np.ndarray:
@@ -327,9 +325,8 @@ def _with_delay_slots(system: System, paths: tuple[str, ...], vehicles: np.ndarr
     """Return the system with enough slots for the longest delay that is drawn."""
     if DELAY_PATH not in paths:
         return system
-    max_delay_s = (
-        float(np.max(vehicles[:, paths.index(DELAY_PATH)])) + DELAY_SPREAD_S
-    )  # the vehicles of the test are drawn later
+    # the vehicles of the test are drawn later
+    max_delay_s = float(np.max(vehicles[:, paths.index(DELAY_PATH)])) + DELAY_SPREAD_S
     slots = ceil(max_delay_s * row_rate_hz(rate_hz))
     return with_value(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 

@@ -26,21 +26,17 @@ STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
 SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
 MAX_EVALUATIONS = 60  # of one descent
-MAX_RELATIVE_SLOPE = (
-    1e-3  # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
-)
+# ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
+MAX_RELATIVE_SLOPE = 1e-3
 SIMPLEX_EVALUATIONS = 150  # evaluations of one search without gradients
-SIMPLEX_SEARCHES, SIMPLEX_SIZE = (
-    3,
-    0.1,
-)  # number of simplex searches in a row, and size of the first simplex of each, in x
+SIMPLEX_SEARCHES = 3  # in a row
+SIMPLEX_SIZE = 0.1  # of the first simplex of each, in x
 TIE_WEIGHT = 2e-3  # w: the share of the cost that is given up for a gain that moves across its range
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 LIMIT_TOLERANCE = 1e-3  # of the range in x
 MAX_SLOPE = 1e12  # ∂C/∂x relative to C above which rounding decides its sign: the drive is chaotic
-MIN_DECREASE = (
-    1e-12  # of C in a step, relative to the start; at larger values the slope in a narrow valley stays large
-)
+# of C in a step, relative to the start; at larger values the slope in a narrow valley stays large
+MIN_DECREASE = 1e-12
 DIVERGED_COST = 1e30  # the cost of gains for which the simulation diverges
 
 Cost = Callable[[np.ndarray], float]

@@ -37,13 +37,11 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 SCALE_INDEX, BIAS_INDEX = 8, 12  # index of the first of κ, β, w, and of the first bias
-BEND_INDEX = (
-    11  # index of w, the bend of the position's region at a large heading variance; w is not estimated
-)
+# index of w, the bend of the position's region at a large heading variance; w is not estimated
+BEND_INDEX = 11
 POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
-LEADING_GYRO_FACTOR = (
-    2.5  # factor on the model's part of the gate of a gyro, because no model predicts each turn
-)
+# factor on the model's part of the gate of a gyro, because no model predicts each turn
+LEADING_GYRO_FACTOR = 2.5
 
 
 class Layout(NamedTuple):
@@ -55,12 +53,10 @@ class Layout(NamedTuple):
     moving_mask: np.ndarray  # (m, n) E of kalman.py for each channel, while the vehicle drives  (2)
     resting_mask: np.ndarray  # (m, n) the same at rest
     gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each channel
-    rest_jacobian: (
-        np.ndarray
-    )  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
-    pose_groups: tuple[
-        tuple[int, ...], ...
-    ]  # the channels of each sensor that measures the pose: place_gate.py
+    # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
+    rest_jacobian: np.ndarray
+    # the channels of each sensor that measures the pose: place_gate.py
+    pose_groups: tuple[tuple[int, ...], ...]
     speed_is_measured: bool  # True if a channel has its own scale of the speed
     yaw_rate_checks: tuple[
         np.ndarray, ...
@@ -173,10 +169,8 @@ def _moving_mask(
     bias_count: int,
 ) -> np.ndarray:
     """Return E (m, n) of each channel while the vehicle drives.  (2)"""
-    mask, has_gyro = (
-        np.zeros((len(dependencies), BIAS_INDEX + bias_count)),
-        any(d.is_turn_only for d in dependencies),
-    )
+    mask = np.zeros((len(dependencies), BIAS_INDEX + bias_count))
+    has_gyro = any(d.is_turn_only for d in dependencies)
     for k, channel in enumerate(dependencies):
         if channel.pose:
             mask[k] = 1.0

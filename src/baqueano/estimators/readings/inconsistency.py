@@ -35,9 +35,8 @@ MAX_HELD_S, FADING_RATE = 1.0, 2.0
 class InconsistencyUpdate(NamedTuple):
     """The inconsistency after a row, and its contributions to the covariances of pose and velocity."""
 
-    inconsistency: (
-        np.ndarray
-    )  # (2, 2) of speed and yaw rate: absolute value of the last rejected innovations, and duration [s]
+    # (2, 2) of speed and yaw rate: absolute value of the last rejected innovations, and duration [s]
+    inconsistency: np.ndarray
     pose_cov: np.ndarray  # (3, 3)
     nu_cov: np.ndarray  # (3, 3)
 

@@ -35,9 +35,8 @@ class PoseChannels(NamedTuple):
     y: np.ndarray  # (m,) innovations; 0 for a channel without a measurement
     S: np.ndarray  # (m, m) their covariance; only the noise for a channel without a measurement
     has: np.ndarray  # (m,) 1 for a channel with a measurement, else 0
-    corrections: list[
-        np.ndarray
-    ]  # of each channel (k,): Δ of (2), zeros for the tag that the sensor reported
+    # of each channel (k,): Δ of (2), zeros for the tag that the sensor reported
+    corrections: list[np.ndarray]
 
 
 class GateHistory(NamedTuple):
@@ -79,11 +78,9 @@ def gate_decision(
     factor, innovations, histories = 1.0, list(memory.y), []
     for group, *record in zip(groups, *memory.history, strict=True):
         indices, limit = list(group), gate_limit(sigma, len(group))
-        y, S, has_reading = (
-            channels.y[indices],
-            channels.S[np.ix_(indices, indices)],
-            np.max(channels.has[indices]) > 0.0,
-        )
+        y = channels.y[indices]
+        S = channels.S[np.ix_(indices, indices)]
+        has_reading = np.max(channels.has[indices]) > 0.0
         d2, apart_d2 = squared_distance(S, y), squared_distance(2.0 * S, y - memory.y[indices])
         other_d2 = _nearest_distance(S, y, [channels.corrections[k] for k in group])
         history = GateHistory(record[0] + dt_s, *record[1:])

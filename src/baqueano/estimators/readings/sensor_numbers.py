@@ -30,9 +30,8 @@ from baqueano.symbolic import jacobian, value_at_path, with_value
 from baqueano.vehicles.state import Vehicle
 
 REST_MOTION = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-GENERAL_MOTION = np.array(
-    [0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4]
-)  # (η, ν, ν̇) at which no term of h vanishes
+# (η, ν, ν̇) at which no term of h vanishes
+GENERAL_MOTION = np.array([0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4])
 FORWARD_NU, TURNING_NU = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])  # ν
 PARAMETER_STEP = 0.1  # change of a parameter in (2)
 # uniform within its data sheet; without a wheel, the speed follows from a_y / ν_ψ

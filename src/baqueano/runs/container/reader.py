@@ -269,10 +269,8 @@ class _RunAssembly:
             warnings.append(_warning("run.not-closed", **figures, duration_s=run.duration_s))
         if self.contents.problems:
             unlisted_count = max(self.contents.damage_count - 3, 0)
-            problems, code = (
-                _join_causes(self.contents.problems[:3]),
-                "run.damaged-often" if unlisted_count else "run.damaged",
-            )
+            problems = _join_causes(self.contents.problems[:3])
+            code = "run.damaged-often" if unlisted_count else "run.damaged"
             warnings.append(_warning(code, **figures, places=problems, more=unlisted_count))
         return warnings
 

@@ -73,9 +73,8 @@ class Contents:
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     is_complete: bool = False  # the file was closed properly
-    problems: list[Diagnostic | str] = field(
-        default_factory=list
-    )  # damage, one line for each of the first places
+    # damage, one line for each of the first places
+    problems: list[Diagnostic | str] = field(default_factory=list)
     damage_count: int = 0  # number of damaged places
     kept_bytes: int = 0  # bytes of memory of the contents
 

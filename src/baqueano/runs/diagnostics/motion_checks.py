@@ -37,16 +37,11 @@ if TYPE_CHECKING:
     Imu = tuple[Entry, ...]  # a_x, a_y, ω
 
 Truth = Callable[[float], np.ndarray]
-SEARCH_S, MAX_SEARCH_S = (
-    0.25,
-    4.0,
-)  # range of the offset of two clocks; it doubles while the best lies at its end
+# range of the offset of two clocks; it doubles while the best is at its end
+SEARCH_S, MAX_SEARCH_S = 0.25, 4.0
 MIN_OFFSET_S = 0.02  # the least offset reported
-MIN_SPEED_STD, MIN_TURN_STD_RAD_S, MIN_ACCELERATION_STD_M_S2 = (
-    0.05,
-    0.1,
-    0.2,
-)  # least standard deviations for a comparison
+# least standard deviations for a comparison
+MIN_SPEED_STD, MIN_TURN_STD_RAD_S, MIN_ACCELERATION_STD_M_S2 = 0.05, 0.1, 0.2
 MAX_SCALE, MAX_ACCEL_SCALE = 1.25, 2.5  # the least scales are the inverse values
 # of the largest command and acceleration, and of the largest speed; windows in which the speed rises
 BACKWARD_SHARE, NOISE_SHARE, MIN_RISING = 0.2, 0.05, 10

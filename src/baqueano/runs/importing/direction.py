@@ -69,10 +69,8 @@ def forward_readings(t_ns: np.ndarray, z: np.ndarray, u_ns: np.ndarray, u: np.nd
 
     u (N,) are the commands of the intervals that end at `u_ns`; positive is forward.
     """
-    fastest, least_u = (
-        float(np.nanmax(z, initial=0.0)),
-        MIN_COMMAND_SHARE * float(np.max(np.abs(u), initial=0.0)),
-    )
+    fastest = float(np.nanmax(z, initial=0.0))
+    least_u = MIN_COMMAND_SHARE * float(np.max(np.abs(u), initial=0.0))
     ends = np.minimum(np.searchsorted(u_ns, t_ns, side="left"), len(u) - 1)
     is_forward, is_known, slowest, begin = np.zeros(len(z), dtype=bool), True, np.inf, 0
     for i, (speed, end) in enumerate(zip(z.tolist(), ends.tolist(), strict=True)):

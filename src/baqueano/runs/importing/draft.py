@@ -325,10 +325,8 @@ def _command(column: str, span: tuple[float, float]) -> str:
     if largest <= 1.0:
         return f'{{ column = {_quoted(column)}, unit = "1" }}'
     if PULSE_RANGE_US[0] <= least and largest <= PULSE_RANGE_US[1]:
-        keys, remark = (
-            "scale = 0.002, offset = -3.0",
-            _("pulses of 1000 to 2000 µs, with 1500 in the middle?"),
-        )
+        keys = "scale = 0.002, offset = -3.0"
+        remark = _("pulses of 1000 to 2000 µs, with 1500 in the middle?")
     else:
         full_count = next((full for full in FULL_COMMANDS[1:] if largest <= full), largest)
         keys, remark = f"scale = {1.0 / full_count:.6g}", _("1 at {of:g}: is this full duty?", of=full_count)

@@ -25,9 +25,8 @@ from baqueano.runs.maps.units import UNITS
 from baqueano.runs.tables.table import LogTable
 from baqueano.signals import STANDARD_GRAVITY
 
-SIGNS = str.maketrans(
-    {"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent", "^": ""}
-)  # letters that a name keeps
+# letters that a name keeps
+SIGNS = str.maketrans({"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent", "^": ""})
 NEXT_AXIS = {"x": "y", "y": "z", "z": "x"}
 YAW_PATTERN = (  # also of a gyro with one axis
     r"(gyro?|giro?)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)"

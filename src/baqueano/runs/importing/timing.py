@@ -24,10 +24,8 @@ MIN_STEP_S, MAX_STEP_S = 5e-5, 10.0  # range of the median step of a vehicle's r
 MIN_DURATION_S = 2.0  # a shorter recording does not show a vehicle's motion
 MIN_USUAL_STEP_S, MAX_USUAL_STEP_S = 4e-4, 0.5  # shorter or longer ticks of a loop are unusual
 GAP_STEPS = 1.8  # times the median step
-USUAL_STEP_TOLERANCE, MAX_REPEAT_SHARE = (
-    0.2,
-    0.1,
-)  # of steps of a regular log; of repeated rows in a log of changes
+USUAL_STEP_TOLERANCE = 0.2  # of steps of a regular log
+MAX_REPEAT_SHARE = 0.1  # of repeated rows in a log of changes
 MIN_CLOCK_ROWS = 3  # rows after a step of the clock; fewer rows can be excluded without a loss
 OVERFLOW_NS = 2**32 * 1000  # period of a counter of microseconds with 32 bits: 71.6 min
 MAX_TIME_NS = 9e18  # the largest time that fits in 64 bits

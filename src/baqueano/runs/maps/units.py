@@ -89,9 +89,8 @@ def canonical(name: str) -> str:
     """Return the standard spelling of a unit: "deg/s" for "°/s", "dps" and "Deg/s"; an unknown name is unchanged."""
     name = name.strip()
     full_name = _ALIASES.get(name, name)
-    return (
-        full_name if full_name in UNITS or len(name) < 3 else _BY_LOWER.get(name.lower(), name)
-    )  # MV is not mV
+    # MV is not mV
+    return full_name if full_name in UNITS or len(name) < 3 else _BY_LOWER.get(name.lower(), name)
 
 
 def near_units(name: str) -> str:

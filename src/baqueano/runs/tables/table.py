@@ -250,10 +250,8 @@ def _columns(
         if len(row) == width + 1 and not row[-1].strip():
             row.pop()  # a separator ends each row, but not the header
         if len(row) != width:
-            uneven_count, first_uneven = (
-                uneven_count + 1,
-                first_uneven if uneven_count else (line_number, len(row)),
-            )
+            first_uneven = first_uneven if uneven_count else (line_number, len(row))
+            uneven_count += 1
             continue
         line_numbers.append(line_number)
         block.append(row)

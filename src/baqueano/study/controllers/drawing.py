@@ -45,10 +45,8 @@ def by_view(result: Controllers, kind: str = "errors") -> "Figure":
     "errors": median and 95 % quantile of the distance from the path. "ratios": ratio to the reference, with its 95 %
     interval.
     """
-    rows, names = (
-        result.rows(),
-        ("low", "ratio", "high") if kind == "ratios" else ("median_m", "median_m", "p95_m"),
-    )
+    rows = result.rows()
+    names = ("low", "ratio", "high") if kind == "ratios" else ("median_m", "median_m", "p95_m")
     at = np.arange(len(rows))[::-1]
     figure, axes = panels(
         len(result.drives), 1, (7.2, (0.28 * len(rows) + 0.7) * len(result.drives)), sharex=True

@@ -36,10 +36,8 @@ def drive_batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]
     robots = vehicles(seeds)
     files = identify_vehicles(robots, seeds, backend)
     usable = [k for k, vehicle_file in enumerate(files) if vehicle_file is not None]
-    names, vehicle_files = (
-        [seeds[k] for k in usable],
-        [vehicle_file for vehicle_file in files if vehicle_file is not None],
-    )
+    names = [seeds[k] for k in usable]
+    vehicle_files = [vehicle_file for vehicle_file in files if vehicle_file is not None]
     restarted_robots = switch_on_again(robots.subset(usable), names, vehicle_files)
     loops = [Loop(vehicle_file, False, backend) for vehicle_file in vehicle_files]
     return simulate_drives(loops, restarted_robots, names), [s for s in seeds if s not in names]
@@ -51,15 +49,11 @@ def simulate_drives(loops: list[Loop], robots: Robots, seeds: list[int]) -> list
     shapes = [list(SHAPES)[seed % len(SHAPES)] for seed in seeds]
     routes = [SHAPES[shape](SPEED_M_S) for shape in shapes]
     guides = [Repeat.along(route, 0) for route in routes]
-    progress, states = (
-        [g.init() for g in guides],
-        [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)],
-    )
+    progress = [g.init() for g in guides]
+    states = [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)]
     t_ns, rest_ticks = tick_times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
-    world, u = (
-        TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])),
-        np.zeros((n, 3)),
-    )
+    world = TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes]))
+    u = np.zeros((n, 3))
     sample_rows = [recorded_ticks(route, rest_ticks, len(t_ns), rate_hz) for route in routes]
     errors: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
     for k, t in enumerate(t_ns):

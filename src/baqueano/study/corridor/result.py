@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 
 INSTANTS_S = (10.0, 20.0, 40.0, 60.0)
 COVERAGE, MAX_WIDENING = (0.90, 0.98), 1.3
-RECORDING_COVERAGE = (
-    0.85,
-    1.0,
-)  # coverage; a recording has only a few windows, and its camera also has errors
+# coverage; a recording has only a few windows, and its camera also has errors
+RECORDING_COVERAGE = (0.85, 1.0)
 MIN_VEHICLES = 10  # vehicles of a row with a verdict
 CORRIDOR_PROBABILITY = 0.95
 CHI_SQUARE_LIMITS = {"position": CHI_SQUARE_95, "heading": QUANTILE_95**2}
@@ -47,15 +45,13 @@ class Instant(NamedTuple):
 class Corridors:
     """The corridors of all vehicles, by named instant."""
 
-    instants: dict[
-        str, tuple[Instant, ...]
-    ]  # "10 s", "lap 1" → the vehicles that are not lost at that instant
+    # "10 s", "lap 1" → the vehicles that are not lost at that instant
+    instants: dict[str, tuple[Instant, ...]]
     lost: dict[str, int]
     vehicles: int
     refused_robots: tuple[int, ...]  # seeds whose fit was refused: they did not drive
-    windows: dict[str, tuple[Instant, ...]] = field(
-        default_factory=dict
-    )  # "10 s, raw" → the windows of recordings
+    # "10 s, raw" → the windows of recordings
+    windows: dict[str, tuple[Instant, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def rows(self) -> list["TableRow"]:
@@ -159,9 +155,8 @@ def _coverage_row(
 ) -> "JsonObject":
     share_inside, n = float(np.mean(d2 <= bar)), len(d2)
     low, high = _wilson(share_inside, n)
-    narrow = _wilson(float(np.mean(d2 <= bar / max_coverage_ratio)), n)[
-        0
-    ]  # coverage of a region that is `most` times narrower
+    # coverage of a region that is `most` times narrower
+    narrow = _wilson(float(np.mean(d2 <= bar / max_coverage_ratio)), n)[0]
     ok = (
         None
         if n < MIN_VEHICLES

@@ -30,10 +30,8 @@ PAUSE_S = 600.0  # from the experiment to the drive
 
 def vehicles(seeds: Sequence[int]) -> Robots:
     """Return the vehicles during the experiment, with random gyro scales and unequal wheel radii."""
-    robots, draws = (
-        merge_robots([draw_robots(1, seed) for seed in seeds]),
-        [_random_generator(seed) for seed in seeds],
-    )
+    robots = merge_robots([draw_robots(1, seed) for seed in seeds])
+    draws = [_random_generator(seed) for seed in seeds]
     scale = np.array([1.0 + draw.uniform(-SCALE_TOLERANCE, SCALE_TOLERANCE) for draw in draws])
     side = np.array([draw.choice([-0.5, 0.5]) * WHEEL_DIFFERENCE for draw in draws])
     accel, cross = (

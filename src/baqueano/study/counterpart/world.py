@@ -12,9 +12,8 @@ from baqueano.symbolic import function
 
 # of Runge-Kutta: a third of the shortest time constant (tyres at rest)
 ROBOT_STEP_S, CAR_STEP_S = 5e-3, 1e-3
-MAX_COMPILED_VEHICLES = (
-    3  # vehicles; NumPy takes as long for one as for fifty, and more of them give a long code to compile
-)
+# vehicles; NumPy takes as long for one as for fifty, and more of them give a long code to compile
+MAX_COMPILED_VEHICLES = 3
 
 
 def world_of(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None) -> TruthWorld:

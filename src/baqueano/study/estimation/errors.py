@@ -63,11 +63,9 @@ def block_errors(
 ) -> dict[str, BlockSums]:
     """Return the squared errors of `ours` and `reference` at the ticks `t_ns` (N,) against the truth, summed
     by block."""
-    eta, speed, t_s = (
-        interpolate_poses(t_ns, truth.t_ns, truth.eta),
-        true_speed(t_ns, truth),
-        seconds(t_ns, t_ns[0]),
-    )
+    eta = interpolate_poses(t_ns, truth.t_ns, truth.eta)
+    speed = true_speed(t_ns, truth)
+    t_s = seconds(t_ns, t_ns[0])
     block_index = (t_s // BLOCK_S).astype(int)
     errors = {
         SPEED: _sums((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, block_index),

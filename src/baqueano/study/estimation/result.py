@@ -28,11 +28,7 @@ if TYPE_CHECKING:
 REFUSED = Verdict.REFUSED
 MAX_SINGLE_RATIO = 1.10
 MAX_POOLED_RATIO, SPEED_WITH_ODOMETER, GOAL_RATIO = 1.0, 0.7, 0.7
-NEES_RANGE, NIS_RANGE, MAX_AUTOCORRELATION = (
-    (0.4, 1.6),
-    (0.85, 1.15),
-    0.12,
-)  # the required ranges for a recording
+NEES_RANGE, NIS_RANGE, MAX_AUTOCORRELATION = (0.4, 1.6), (0.85, 1.15), 0.12  # required of a recording
 REFERENCE_NAMES = {
     True: N_("the model from the commands alone"),
     False: N_("plain integration with the same calibration"),

@@ -234,8 +234,6 @@ def _file(driven: Driven, seed: int) -> Any:
     """Return the subject's file with an odometer; a car with slipping tyres has its full steering range."""
     if "odometer" not in driven.vehicle_file.sensors._fields:
         return parse(driven.vehicle_file.text + ODOMETER, driven.vehicle_file.name)
-    return (
-        driven.vehicle_file.with_values(FULL_LOCK)
-        if unmodelled_effect(seed)[0] == "slip"
-        else driven.vehicle_file
-    )
+    if unmodelled_effect(seed)[0] == "slip":
+        return driven.vehicle_file.with_values(FULL_LOCK)
+    return driven.vehicle_file

@@ -346,7 +346,6 @@ def faults(
     return Faults(outcomes, fit_count, min(fit_count, sum(map(len, batches[: len(batches_done)]))))
 
 
-UNCOMPARED_PARAMETERS = {
-    ("late sensors", "model.drivetrain.delay_s")
-}  # a run shows only the sum of both, and a note reports it
+# a run shows only the sum of both, and a note reports it
+UNCOMPARED_PARAMETERS = {("late sensors", "model.drivetrain.delay_s")}
 NOT_FOR_CARS = ("motors swapped", "motor inverted", "caster flips", "centre of mass", "tilted floor")

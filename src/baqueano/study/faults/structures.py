@@ -24,9 +24,8 @@ class FaultPlan(NamedTuple):
     vehicle: Robots | Cars
     effective: np.ndarray  # (N, m)
     vehicle_file: VehicleFile
-    excluded_parameters: tuple[
-        str, ...
-    ] = ()  # parameters that are fixed, so that the fit cannot find the effect
+    # parameters that are fixed, so that the fit cannot find the effect
+    excluded_parameters: tuple[str, ...] = ()
     second_vehicle: Robots | Cars | None = None  # another vehicle with the same commands
     change: Callable[[Run, Run], Run] | None = None  # changes the run, with the run of the second vehicle
 

@@ -252,10 +252,8 @@ def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
     return pickle.loads(path.read_bytes())
 
 
-MISSING_TERM_CODES = (
-    "residual.missing",
-    "residual.missing-free",
-)  # reasons that name the parameter which they would change
+# reasons that name the parameter which they would change
+MISSING_TERM_CODES = ("residual.missing", "residual.missing-free")
 
 
 def _outcome_z(o: TrialOutcome) -> np.ndarray:

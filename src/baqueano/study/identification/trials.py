@@ -54,11 +54,8 @@ CASES = ROBOT_CASES + CAR_CASES
 DRIVE_S, REST_S = 60.0, 2.0
 FLOOR_NOISE = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
 JITTER_S = 1e-3
-CASES_WITH_BOUND = (
-    "clean",
-    "rough",
-    "wrong start",
-)  # the cases that are compared with the bound of clean readings
+# the cases that are compared with the bound of clean readings
+CASES_WITH_BOUND = ("clean", "rough", "wrong start")
 LOW_PASS_HZ = 44.0
 BOUND_STEP_S = 5e-3  # of Runge-Kutta: the bound equals that of 1 ms steps within 1e-4
 PWM_COUNTS = 255
@@ -121,11 +118,9 @@ def draw_robot(seed: int) -> Robots:
 def draw_car(seed: int, case: str) -> Cars:
     """Return the car of that seed; with stiff tyres unless the case is "understeer"."""
     q = draw_cars(1, seed)
-    return (
-        q
-        if case == "understeer"
-        else q.with_parameters(tyre_n_rad=np.full((1, 2), 40.0), grip_n=np.full((1, 2), 10.0))
-    )
+    if case == "understeer":
+        return q
+    return q.with_parameters(tyre_n_rad=np.full((1, 2), 40.0), grip_n=np.full((1, 2), 10.0))
 
 
 def initial_file(robot: Robots) -> VehicleFile:

@@ -99,10 +99,8 @@ class LapStudy:
         return [self._row(case) for case in dict.fromkeys(whole.case for whole in self.full_drives)]
 
     def _row(self, case: LapCase) -> "TableRow":
-        wholes, laps_of_case = (
-            [w for w in self.full_drives if w.case == case],
-            [d for d in self.drives if d.case == case],
-        )
+        wholes = [w for w in self.full_drives if w.case == case]
+        laps_of_case = [d for d in self.drives if d.case == case]
         first, last, later = (
             [d for d in laps_of_case if chosen(d.lap)]
             for chosen in (

@@ -119,11 +119,9 @@ class CaseStudy:
     def verdict(self) -> Verdict:
         """Return the verdict of the first fit, or WARN if it is USABLE and an error exceeds 4.5 standard errors."""
         verdict = self.fits[0].verdict
-        return (
-            Verdict.WARN
-            if verdict == Verdict.USABLE and np.abs(self.normalised_errors).max() > 4.5
-            else verdict
-        )
+        if verdict == Verdict.USABLE and np.abs(self.normalised_errors).max() > 4.5:
+            return Verdict.WARN
+        return verdict
 
     def table(self) -> str:
         """Return a text table with the errors of the paper and of the first fit, in per cent of the truth."""

@@ -43,10 +43,8 @@ NEUTRAL_VALUES = {
 }
 MIN_EXPLAINED = {"a": 0.94, "b": 0.98}  # part of the variance of the other run's speed, by the run of the fit
 GYRO_SCALE, GYRO_SCALE_TOLERANCE = 0.966, 0.003  # true rotation per measured rotation of the gyro
-CLOCK_S, CLOCK_TOLERANCE_S = (
-    {"a": 0.045, "b": 0.040},
-    0.010,
-)  # to be added to the truth's timestamps, by correlation
+# added to the truth's timestamps, by correlation
+CLOCK_S, CLOCK_TOLERANCE_S = {"a": 0.045, "b": 0.040}, 0.010
 DRY_TERMS = {"dry friction", "dead zone", "dead zone forward", "dead zone backward"}
 BATTERY_TERM = "battery voltage"
 CAR = "cpm_mucar"

@@ -107,18 +107,14 @@ def starting_duty(run: "Run") -> float:
     """Return the duty [of 255] at which a wheel begins to turn, halfway between two steps.
     It is the mean over wheels and directions.
     """
-    duty, speed = (
-        FULL_DUTY * run.applied_commands[:, 0],
-        run.sensors["wheels"].z[-len(run.applied_commands) :],
-    )
+    duty = FULL_DUTY * run.applied_commands[:, 0]
+    speed = run.sensors["wheels"].z[-len(run.applied_commands) :]
     thresholds = []
     for wheel in speed.T:
         for direction in (1.0, -1.0):
             is_of_direction = direction * duty > 0.0
-            duty_magnitude, is_turning = (
-                direction * duty[is_of_direction],
-                direction * wheel[is_of_direction] > MIN_TURNING_M_S,
-            )
+            duty_magnitude = direction * duty[is_of_direction]
+            is_turning = direction * wheel[is_of_direction] > MIN_TURNING_M_S
             thresholds.append(0.5 * (duty_magnitude[~is_turning].max() + duty_magnitude[is_turning].min()))
     return float(np.mean(thresholds))
 

@@ -40,10 +40,8 @@ class TagReaders:
         faults: PassingFaults,
     ) -> None:  # fmt: skip
         self._points, self._noise_m = points_m, noise_m
-        self._near, self._reports = (
-            _PassageDetector(points_m, radius_m, xy),
-            _Reports((len(xy), 2), seeds, faults),
-        )
+        self._near = _PassageDetector(points_m, radius_m, xy)
+        self._reports = _Reports((len(xy), 2), seeds, faults)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported positions (n, 2) [m] at `t_s`; NaN without a report."""
@@ -69,10 +67,8 @@ class Gate:
         faults: PassingFaults,
     ) -> None:  # fmt: skip
         self._poses, self._noise = poses, noise
-        self._near, self._reports = (
-            _PassageDetector(poses[:1, :2], radius_m, xy),
-            _Reports((len(xy), 3), seeds, faults),
-        )
+        self._near = _PassageDetector(poses[:1, :2], radius_m, xy)
+        self._reports = _Reports((len(xy), 3), seeds, faults)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported poses (n, 3) [m, m, rad] at `t_s`; NaN without a report."""
@@ -124,10 +120,8 @@ class FloorLines:
     def _distances_from_lines(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the distances (n, m) [m] of vehicles at `xy` (n, 2), beyond the lines and to the left of
         their points."""
-        offset, (c, s) = (
-            xy[:, None, :] - self._poses[:, :2],
-            (np.cos(self._poses[:, 2]), np.sin(self._poses[:, 2])),
-        )
+        offset = xy[:, None, :] - self._poses[:, :2]
+        c, s = np.cos(self._poses[:, 2]), np.sin(self._poses[:, 2])
         return offset[..., 0] * c + offset[..., 1] * s, offset[..., 1] * c - offset[..., 0] * s
 
 

@@ -73,11 +73,9 @@ class Transmission(Group):
 
     def slip(self, inner: np.ndarray) -> np.ndarray:
         """Return the slip s (n,) [m/s], the mean of the wheels."""
-        return (
-            np.mean(np.split(inner, WHEEL_STATES, axis=1)[2], axis=1)
-            if inner.shape[1]
-            else np.zeros(len(inner))
-        )
+        if inner.shape[1]:
+            return np.mean(np.split(inner, WHEEL_STATES, axis=1)[2], axis=1)
+        return np.zeros(len(inner))
 
     @cached_property
     def _has_slip(self) -> np.ndarray:

@@ -94,10 +94,8 @@ class Robots(Group):
             if not self.transmission.is_ideal:
                 target, force, out[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
             longitudinal, lateral = force * cos_toe, force * sin_toe
-            resistance, g = (
-                self._friction(x[:, 3:6]) + self._unequal_radii_friction(x[:, 3:6]),
-                self.gravity(psi),
-            )
+            resistance = self._friction(x[:, 3:6]) + self._unequal_radii_friction(x[:, 3:6])
+            g = self.gravity(psi)
             X = longitudinal[:, 0] + longitudinal[:, 1] - resistance[:, 0] - self.cornering * vx * np.abs(w)
             Y = lateral[:, 0] + lateral[:, 1] - resistance[:, 1]
             N = longitudinal[:, 1] * right - longitudinal[:, 0] * left - resistance[:, 2]
@@ -153,10 +151,8 @@ class Robots(Group):
         duty = np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
         sagging = 1.0 - self.sag * 0.5 * (np.abs(duty[:, 0]) + np.abs(duty[:, 1]))
         duty = (self.supply * sagging)[:, None] * duty
-        zone, max_force_n = (
-            np.where(duty > 0.0, self.forward, self.backward),
-            self.gain / self.wheel * self.stall_n[:, None],
-        )
+        zone = np.where(duty > 0.0, self.forward, self.backward)
+        max_force_n = self.gain / self.wheel * self.stall_n[:, None]
         sign, magnitude = np.sign(duty), np.abs(duty)
         if not self._has_breakaway:
             steady = max_force_n * (sign * np.maximum(magnitude - zone, 0.0))

@@ -114,11 +114,9 @@ def as_plain_array(x: Value) -> Value:
 
 def as_fillable(x: Value) -> Value:
     """Return an array of floats as a TracedArray, which can receive scalars; any other value unchanged."""
-    return (
-        x.astype(object).view(TracedArray)
-        if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim
-        else x
-    )
+    if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim:
+        return x.astype(object).view(TracedArray)
+    return x
 
 
 def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:

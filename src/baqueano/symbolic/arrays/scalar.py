@@ -119,18 +119,12 @@ class Scalar:
     __lt__, __gt__ = _binary("lt"), _binary("lt", is_swapped=True)
     __le__, __ge__ = _binary("le"), _binary("le", is_swapped=True)
     __eq__, __ne__ = _binary("eq"), _binary("ne")  # pyright: ignore[reportAssignmentType]
-    __and__, __rand__ = (
-        _infix_method(partial(truth, "and")),
-        _infix_method(partial(truth, "and"), is_swapped=True),
-    )
-    __or__, __ror__ = (
-        _infix_method(partial(truth, "or")),
-        _infix_method(partial(truth, "or"), is_swapped=True),
-    )
-    __xor__, __rxor__ = (
-        _infix_method(partial(truth, "ne")),
-        _infix_method(partial(truth, "ne"), is_swapped=True),
-    )
+    __and__ = _infix_method(partial(truth, "and"))
+    __rand__ = _infix_method(partial(truth, "and"), is_swapped=True)
+    __or__ = _infix_method(partial(truth, "or"))
+    __ror__ = _infix_method(partial(truth, "or"), is_swapped=True)
+    __xor__ = _infix_method(partial(truth, "ne"))
+    __rxor__ = _infix_method(partial(truth, "ne"), is_swapped=True)
     __neg__, __abs__ = _unary("neg"), _unary("abs")
 
     def __invert__(self) -> Value:

@@ -286,14 +286,10 @@ def _load_inputs(shared_flags: Sequence[bool]) -> list[str]:
     width = {True: sum(shared_flags), False: len(shared_flags) - sum(shared_flags)}
     for k, is_shared in enumerate(shared_flags):
         if is_shared:
-            source, shared_count = (
-                f"splat_{LANE_COUNT}(shared[tick * {width[True]} + {shared_count}])",
-                shared_count + 1,
-            )
+            source = f"splat_{LANE_COUNT}(shared[tick * {width[True]} + {shared_count}])"
+            shared_count += 1
         else:
-            source, own_count = (
-                f"gather_{LANE_COUNT}(own + tick * {width[False]} + {own_count}, at_own)",
-                own_count + 1,
-            )
+            source = f"gather_{LANE_COUNT}(own + tick * {width[False]} + {own_count}, at_own)"
+            own_count += 1
         lines.append(f"const v_{LANE_COUNT} u{k} = {source};")
     return lines

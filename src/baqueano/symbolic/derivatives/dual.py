@@ -50,11 +50,9 @@ class Dual(Scalar):
         return super().__add__(other)
 
     def __radd__(self, other: Value) -> Value:
-        return (
-            Dual(other + self.value, self.row, self.level)
-            if type(other) is float
-            else super().__radd__(other)
-        )
+        if type(other) is float:
+            return Dual(other + self.value, self.row, self.level)
+        return super().__radd__(other)
 
     def __sub__(self, other: Value) -> Value:
         if type(other) is float:

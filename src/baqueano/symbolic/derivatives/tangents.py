@@ -102,12 +102,10 @@ class _Rows:
         eliminate: bool,
         blocks: int,
     ) -> None:
-        self.lanes, self.changing_nodes, self.eliminate, self.blocks = (
-            lanes,
-            changing_nodes,
-            eliminate,
-            blocks,
-        )
+        self.lanes = lanes
+        self.changing_nodes = changing_nodes
+        self.eliminate = eliminate
+        self.blocks = blocks
         self.sources = {row for combination in base.values() for row in combination}
         self.combinations = dict(base)
         self.made: dict[Node, TangentRow] = {}

@@ -47,10 +47,8 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
 
     constant = {x: begin[x] for x in symbols if next_of[x] is x and (from_start or not keep_all)}
     roots = graph.substitute([*trace.outputs, *next_of.values()], constant)
-    outputs, next_values = (
-        roots[: len(trace.outputs)],
-        dict(zip(symbols, roots[len(trace.outputs) :], strict=True)),
-    )
+    outputs = roots[: len(trace.outputs)]
+    next_values = dict(zip(symbols, roots[len(trace.outputs) :], strict=True))
     moving_entries = [x for x in symbols if x not in constant]
     used_entries = (
         set(moving_entries) if keep_all else _used_entries(outputs, next_values, set(moving_entries))

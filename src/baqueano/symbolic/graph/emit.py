@@ -18,9 +18,8 @@ from baqueano.symbolic.graph.program import Program
 
 Term: TypeAlias = Value  # Node | Row: hashable by identity, with .op and .args
 
-MIN_BRANCH_OPERATIONS = (
-    40.0  # smallest number of operations of both arms for which a branch replaces a select
-)
+# smallest number of operations of both arms for which a branch replaces a select
+MIN_BRANCH_OPERATIONS = 40.0
 MAX_BRANCH_DEPTH = 6  # largest number of nested branches
 CHOICE_OPERATORS = ("where", "choose")  # args (condition, a, b)
 LEAF_OPERATORS = ("const", "symbol", "unit", "drift")

@@ -32,10 +32,8 @@ _CONDITION_TEXTS = {
     "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
     "isnan": "({0} != {0})",
 }  # fmt: skip
-_BOUND_TEXTS = {
-    "min": "({0} if {0} < {1} else {1})",
-    "max": "({0} if {0} > {1} else {1})",
-}  # {0} is a known number other than NaN
+# {0} is a known number other than NaN
+_BOUND_TEXTS = {"min": "({0} if {0} < {1} else {1})", "max": "({0} if {0} > {1} else {1})"}
 _TRUTH_OPERATORS = ("and", "or", "not")
 _REPEATED_OPERATORS = ("min", "max", "isnan")  # these operators repeat their arguments in the code
 CAREFUL_FORMATS = Formats("careful", _COMMON_TEXTS | _CONDITION_TEXTS)
