@@ -34,6 +34,7 @@ from baqueano.study.counterpart import (
     run_of_vehicle,
 )
 from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
+from baqueano.study.truth import merge
 from baqueano.vehicle_file import load
 
 SECONDS, SMALLEST_S = 60.0, 10.0
@@ -101,7 +102,7 @@ def of_robots(seeds: range, duration_s: float) -> list[Made]:
 def _drive_cars(
     vehicles: list[Any], files: list[Any], us: list[np.ndarray], seeds: range
 ) -> list[tuple[Run, Any]]:
-    group, t_ns = vehicles[0].merge(vehicles[1:]), tick_times(len(us[0]), files[0].rate_hz)
+    group, t_ns = merge(vehicles), tick_times(len(us[0]), files[0].rate_hz)
     motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns)
     return [
         (run_of_vehicle(motion, k, u, file, f"seed {seed}", seed), file)

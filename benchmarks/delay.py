@@ -19,8 +19,8 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart.robots import robot_file, robot_values
-from baqueano.study.truth import TruthWorld, draw_robots
-from baqueano.study.truth_drives import Loop, merge_robots
+from baqueano.study.truth import TruthWorld, draw_robots, merge
+from baqueano.study.truth_drives import Loop
 
 ROUTE = sinuous_circle(0.6, 0.06, 5, 0.2)
 FIRST, ROBOTS = 900, 4
@@ -97,7 +97,7 @@ def main():
         )
         for robot, seed in zip(each, seeds, strict=True)
     ]
-    loops, robots = [Loop(file, True, "auto") for file in files], merge_robots(each)
+    loops, robots = [Loop(file, True, "auto") for file in files], merge(each)
     own = float(np.median(robots.delay_s))
     print(
         f"{args.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst"

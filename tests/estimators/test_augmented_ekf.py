@@ -12,8 +12,7 @@ from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.study.truth import TruthWorld, draw_robots
-from baqueano.study.truth_drives import merge_robots
+from baqueano.study.truth import TruthWorld, draw_robots, merge
 from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
@@ -221,7 +220,7 @@ def test_heading_errors_match_their_covariance_on_the_independent_truth():
     """The 40 robots differ from the file; their gyro scale is known to 3 % and their bias to 0.002 rad/s. If the
     claim is true, the mean of 40 NEES lies between 0.58 and 1.52 in 99 of 100 such studies."""
     seeds, ticks, rng = range(40), 1000, np.random.default_rng(7)
-    robots = merge_robots([draw_robots(1, seed) for seed in seeds])
+    robots = merge([draw_robots(1, seed) for seed in seeds])
     scale, bias = 1.0 + 0.03 * rng.standard_normal(len(seeds)), 0.002 * rng.standard_normal(len(seeds))
     u = np.zeros((ticks, 3))
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)

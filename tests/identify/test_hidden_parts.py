@@ -7,6 +7,7 @@ from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, robot_values, run_of_vehicle
 from baqueano.study.identification.trials import draw_robot, quantised_commands
+from baqueano.study.truth import merge
 
 DELAY_PATH, LAG_PATH = "model.drivetrain.delay_s", "model.drivetrain.lag_s"
 FREE = [f"+{DELAY_PATH}"]
@@ -29,7 +30,9 @@ def logs():
     )
     sent_u = quantised_commands(requested)
     each = np.stack([sent_u] * 3, axis=1)
-    motion = drive_group(plain.merge([behind, chip]), each, [SEED] * 3, tick_times(len(sent_u), file.rate_hz))
+    motion = drive_group(
+        merge([plain, behind, chip]), each, [SEED] * 3, tick_times(len(sent_u), file.rate_hz)
+    )
     kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}
     runs = {name: run_of_vehicle(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs

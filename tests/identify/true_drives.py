@@ -24,7 +24,7 @@ from baqueano.study.counterpart import (
 )
 from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_car, draw_robot, quantised_commands
-from baqueano.study.truth import Robots, draw_robots
+from baqueano.study.truth import Robots, draw_robots, merge
 from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -61,7 +61,7 @@ def group_runs(
     step_s: float = ROBOT_STEP_S,
 ) -> list[Run]:
     """Return a run of each vehicle; the vehicles are simulated as one group."""
-    group, t_ns = vehicles[0].merge(list(vehicles[1:])), tick_times(len(us[0]), file.rate_hz)
+    group, t_ns = merge(vehicles), tick_times(len(us[0]), file.rate_hz)
     motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns, step_s)
     return [
         run_of_vehicle(motion, k, u, file, f"run {seed}", seed)

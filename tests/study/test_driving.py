@@ -8,8 +8,8 @@ from baqueano.guides.shapes import circle, line
 from baqueano.identify import identify
 from baqueano.study import driving
 from baqueano.study.driving import Driving, LapErrors
-from baqueano.study.truth import draw_robots
-from baqueano.study.truth_drives import Loop, merge_robots, simulate_drives
+from baqueano.study.truth import draw_robots, merge
+from baqueano.study.truth_drives import Loop, simulate_drives
 
 
 @pytest.mark.long
@@ -37,7 +37,7 @@ def test_a_lap_beyond_a_limit_is_reported_with_its_figure():
 @pytest.fixture(scope="module")
 def fitted_robots():
     """Return two robots of the independent truth, and their fitted vehicle files."""
-    robots = merge_robots([draw_robots(1, seed) for seed in (40, 42)])
+    robots = merge([draw_robots(1, seed) for seed in (40, 42)])
     runs = driving.simulate_experiments(robots, range(40, 42))
     return robots, [identify(run, driving.initial_file(), driving.FREE).vehicle_file for run in runs]
 

@@ -215,7 +215,7 @@ def test_results_before_ctrl_c_are_returned():
 
 
 def test_ctrl_c_before_the_first_seed_is_raised_again(monkeypatch):
-    monkeypatch.setattr(result, "run_in_processes", lambda *args: [])
+    monkeypatch.setattr(result, "run_in_batches", lambda *args: [])
     with pytest.raises(KeyboardInterrupt):
         identification(3)
 

@@ -37,9 +37,9 @@ from baqueano.signals import seconds
 from baqueano.simulate.closed_loop import check_compilable
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.demo import GUESSED_VALUES
-from baqueano.study.truth import Robots, TruthWorld, draw_robots
-from baqueano.study.truth_drives import Loop, merge_robots, simulate_drives
-from baqueano.sweep.workers import run_in_processes
+from baqueano.study.truth import Robots, TruthWorld, draw_robots, merge
+from baqueano.study.truth_drives import Loop, simulate_drives
+from baqueano.sweep.workers import run_in_batches
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -234,11 +234,8 @@ def driving(
     `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
     check_compilable(backend, controller=initial_file().controller(controller))  # before the first drive
-    jobs = [
-        range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
-    ]
     work = partial(drive_batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
-    results = run_in_processes(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
+    results = run_in_batches(work, range(first, first + seeds), ROBOTS_AT_ONCE, processes, advance)
     drives = tuple(sorted(d for _, laps, _ in results for d in laps))
     refusals = tuple(sorted(k for _, _, seeds_refused in results for k in seeds_refused))
     return Driving(drives, sum(count for count, _, _ in results), refusals)
@@ -252,7 +249,7 @@ def drive_batch(
     controller: str | None = None,
 ) -> tuple[int, list[LapErrors], list[int]]:
     """Return the number of robots, their laps, and the seeds whose fit was refused."""
-    robots = merge_robots([draw_robots(1, seed) for seed in seeds])
+    robots = merge([draw_robots(1, seed) for seed in seeds])
     fits = [identify(run, initial_file(), FREE) for run in simulate_experiments(robots, seeds)]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in usable]

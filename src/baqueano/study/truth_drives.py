@@ -63,7 +63,7 @@ def simulate_drives(
     t_ns = tick_times(int(duration_s * rate_hz), rate_hz)
     state, references = guide.init(), []
     for t in t_ns:
-        state, reference = guide.step(state, _belief_at_rest(int(t)))
+        state, reference = guide.step(state, estimate_at(int(t)))
         references.append(reference)
     world, u = TruthWorld(robots, seeds, np.tile(guide.eta[0], (n, 1))), np.zeros((n, 3))
     states = [robot_loop.start(guide.eta[0]) for robot_loop in loops]
@@ -79,10 +79,6 @@ def simulate_drives(
     return SimulatedDrives(t_ns, references, truth, commands, [supervisor for _, _, supervisor in states])
 
 
-def _belief_at_rest(t_ns: int = 0) -> Estimate:
+def estimate_at(t_ns: int) -> Estimate:
+    """Return an estimate for a guide that needs only its time."""
     return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
-
-
-def merge_robots(robots: list[Robots]) -> Robots:
-    """Return separately drawn robots as one group."""
-    return robots[0].merge(robots[1:])

@@ -60,6 +60,19 @@ def run_in_processes(
     return results
 
 
+def run_in_batches(
+    work: Callable[[range], JobResult],
+    seeds: range,
+    size: int,
+    processes: int = 1,
+    advance: Callable[[int], None] | None = None,
+) -> list[JobResult]:
+    """Return `work` of each batch of `size` seeds, as `run_in_processes`; `advance` is called with `size`."""
+    report = advance or (lambda n: None)
+    batches = [seeds[k : k + size] for k in range(0, len(seeds), size)]
+    return run_in_processes(work, batches, processes, lambda n: report(n * size))
+
+
 def _end_with_parent() -> None:
     """End this worker process when its parent ends, because it would otherwise wait for jobs forever."""
     parent = parent_process()

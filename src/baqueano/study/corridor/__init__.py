@@ -7,12 +7,13 @@ The module vehicles.py lists their differences from the files.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from baqueano.messages.language import translate as _
 from baqueano.study.corridor.drives import CorridorDrive, drive_batch
 from baqueano.study.corridor.recorded import recording_instants
 from baqueano.study.corridor.result import INSTANTS_S, Corridors, Instant, corridors_of
-from baqueano.sweep.workers import run_in_processes
+from baqueano.sweep.workers import run_in_batches
 
 VEHICLES_AT_ONCE = 10  # vehicles that are simulated together
 
@@ -27,13 +28,8 @@ def corridor(
     """Return the corridors of vehicles `first` … `first + vehicles − 1`. `advance` is called with the number of
     vehicles that have just finished.
     """
-    jobs = [
-        (range(k, min(k + VEHICLES_AT_ONCE, first + vehicles)), backend)
-        for k in range(first, first + vehicles, VEHICLES_AT_ONCE)
-    ]
-    results = run_in_processes(
-        drive_batch, jobs, processes, lambda jobs_done: advance(jobs_done * VEHICLES_AT_ONCE)
-    )
+    work, seeds = partial(drive_batch, backend=backend), range(first, first + vehicles)
+    results = run_in_batches(work, seeds, VEHICLES_AT_ONCE, processes, advance)
     drives = sorted((d for batch_drives, _ in results for d in batch_drives), key=lambda d: d.seed)
     return evaluate_corridors(drives, sorted(seed for _, refusals in results for seed in refusals))
 

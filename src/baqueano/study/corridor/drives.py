@@ -7,12 +7,12 @@ import numpy as np
 from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
-from baqueano.signals import Estimate, Slot, Tick
+from baqueano.signals import Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import identify_vehicles, switch_on_again, vehicles
 from baqueano.study.driving import SHAPES
 from baqueano.study.truth import Robots, TruthWorld
-from baqueano.study.truth_drives import Loop
+from baqueano.study.truth_drives import Loop, estimate_at
 
 SPEED_M_S = 0.2
 REST_S, DRIVE_S = 2.0, 62.0
@@ -30,9 +30,8 @@ class CorridorDrive(NamedTuple):
     cov: np.ndarray  # (K, 3, 3) of the estimate
 
 
-def drive_batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
-    """Return the drives of the seeds of `job`, and the seeds whose fit was refused."""
-    seeds, backend = job
+def drive_batch(seeds: range, backend: str) -> tuple[list[CorridorDrive], list[int]]:
+    """Return the drives of the seeds, and the seeds whose fit was refused."""
     robots = vehicles(seeds)
     files = identify_vehicles(robots, seeds, backend)
     usable = [k for k, vehicle_file in enumerate(files) if vehicle_file is not None]
@@ -81,8 +80,3 @@ def recorded_ticks(route: Route, rest_ticks: int, tick_count: int, rate_hz: floa
     laps = np.arange(1, tick_count) * float(route.t_s[-1]) * rate_hz
     ends = rest_ticks + np.rint(laps[laps < tick_count - rest_ticks]).astype(int)
     return {*range(rest_ticks, tick_count, round(RECORD_INTERVAL_S * rate_hz)), *ends.tolist()}
-
-
-def estimate_at(t_ns: int) -> Estimate:
-    """Return an estimate for a guide that needs only its time."""
-    return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))

@@ -17,8 +17,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.study.driving import FREE, initial_file, simulate_experiments
-from baqueano.study.truth import Robots, draw_robots
-from baqueano.study.truth_drives import merge_robots
+from baqueano.study.truth import Robots, draw_robots, merge
 from baqueano.vehicle_file import VehicleFile
 
 SCALE_TOLERANCE, CROSS_AXIS = 0.03, 0.02  # of the scales and cross-axis sensitivities of an MPU-6050
@@ -30,7 +29,7 @@ PAUSE_S = 600.0  # from the experiment to the drive
 
 def vehicles(seeds: Sequence[int]) -> Robots:
     """Return the vehicles during the experiment, with random gyro scales and unequal wheel radii."""
-    robots = merge_robots([draw_robots(1, seed) for seed in seeds])
+    robots = merge([draw_robots(1, seed) for seed in seeds])
     draws = [_random_generator(seed) for seed in seeds]
     scale = np.array([1.0 + draw.uniform(-SCALE_TOLERANCE, SCALE_TOLERANCE) for draw in draws])
     side = np.array([draw.choice([-0.5, 0.5]) * WHEEL_DIFFERENCE for draw in draws])

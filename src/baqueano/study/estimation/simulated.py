@@ -28,7 +28,7 @@ from baqueano.study.estimation.evaluation import EstimateEvaluation, evaluate
 from baqueano.study.estimation.subjects import SENSOR_SETS, Subject
 from baqueano.study.faults.subject import VEHICLES, subject
 from baqueano.study.faults.subject import FaultSubject as Driven
-from baqueano.study.truth import Cars, Robots
+from baqueano.study.truth import Cars, Robots, merge
 from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import parse
 
@@ -213,10 +213,8 @@ def subjects_of(job: EstimationJob) -> list[Subject]:
         ]
         files.append(own_subject.vehicle_file)
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + TEST_SEED_OFFSET)]
-    group = vehicles[0].merge(vehicles[1:])
-    drive = drive_group(
-        group, np.stack(signals, axis=1), seeds, tick_times(len(signals[0]), files[0].rate_hz)
-    )
+    t_ns = tick_times(len(signals[0]), files[0].rate_hz)
+    drive = drive_group(merge(vehicles), np.stack(signals, axis=1), seeds, t_ns)
     free, out = subject(job.vehicle, job.seeds[0]).free, []
     for k, (seed, vehicle_file) in enumerate(zip(job.seeds, files, strict=True)):
         first, second = (

@@ -18,7 +18,7 @@ from baqueano.study.identification.bound import (
     perturbed_copies,
     with_free_values,
 )
-from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
+from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots, merge
 from baqueano.vehicle_file import VehicleFile, load
 
 SPREAD = 0.3
@@ -82,7 +82,7 @@ def signal_outcome(
     (signal, plan), vehicle_file = job, load(name)
     each = [vehicles.subset([k]) for k in range(plan.u.shape[1])]
     around: list[Any] = [perturbed_copies(q.with_parameters(floor=0.0 * q.floor)) for q in each]
-    group, vehicle_count = around[0].merge(around[1:]), len(around[0].mass_kg)
+    group, vehicle_count = merge(around), len(around[0].mass_kg)
     quiet = np.split(
         ideal_readings(group, np.repeat(plan.u, vehicle_count, axis=1), vehicle_file.rate_hz),
         len(each),

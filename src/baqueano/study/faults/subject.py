@@ -19,7 +19,7 @@ from baqueano.study.counterpart import (
     run_of_vehicle,
 )  # fmt: skip
 from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
-from baqueano.study.truth import Cars, Robots
+from baqueano.study.truth import Cars, Robots, merge
 from baqueano.vehicle_file import VehicleFile
 
 VEHICLES = ("robot", "car")
@@ -54,9 +54,8 @@ class FaultSubject(NamedTuple):
         self, vehicles: Sequence[Robots | Cars], effective: Sequence[np.ndarray], logged: Sequence[np.ndarray]
     ) -> list[Run]:
         """Return the runs of the vehicles, simulated together, each with its `effective` commands."""
-        group = vehicles[0].merge(list(vehicles[1:]))  # type: ignore[arg-type]
         t_ns = tick_times(len(effective[0]), self.vehicle_file.rate_hz)
-        drive = drive_group(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
+        drive = drive_group(merge(vehicles), np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
         return [
             run_of_vehicle(drive, k, u, self.vehicle_file, f"seed {self.seed}", self.seed)
             for k, u in enumerate(logged)

@@ -25,7 +25,7 @@ from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, fit_job
 from baqueano.study.wrong_estimates import wrong_mask
-from baqueano.sweep.workers import run_in_processes
+from baqueano.sweep.workers import run_in_batches
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -222,17 +222,10 @@ def identification(
     With more than one process, Python starts anew in each, as `multiprocessing` does: call this function only under
     `if __name__ == "__main__":`.
     """
-    ends = range(first, first + seeds, BATCH)
-    jobs = [
-        TrialJob(tuple(range(k, min(k + BATCH, first + seeds))), tuple(cases), backend, duration_s)
-        for k in ends
-    ]
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
-    report = advance or (lambda n: None)
-    batches_done = run_in_processes(
-        partial(_stored_outcomes, keep=keep), jobs, processes, lambda n: report(n * BATCH)
-    )
+    work = partial(_batch_outcomes, cases=tuple(cases), backend=backend, duration_s=duration_s, keep=keep)
+    batches_done = run_in_batches(work, range(first, first + seeds), BATCH, processes, advance)
     if not batches_done:
         raise KeyboardInterrupt
     outcomes = sorted(
@@ -241,12 +234,15 @@ def identification(
     return Identification(tuple(outcomes), seeds)
 
 
-def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
-    """Return the outcomes of a job, read from `keep` if they are stored there."""
+def _batch_outcomes(
+    seeds: range, cases: tuple[str, ...], backend: str, duration_s: float, keep: Path | None
+) -> list[TrialOutcome]:
+    """Return the outcomes of the seeds, read from `keep` if they are stored there."""
+    job = TrialJob(tuple(seeds), cases, backend, duration_s)
     if keep is None:
         return fit_job(job)
-    cases = "-".join(str(CASES.index(case)) for case in job.cases)
-    path = keep / f"{job.seeds[0]}to{job.seeds[-1]}_cases{cases}_{job.duration_s:g}s.pickle"
+    numbers = "-".join(str(CASES.index(case)) for case in cases)
+    path = keep / f"{seeds[0]}to{seeds[-1]}_cases{numbers}_{duration_s:g}s.pickle"
     if not path.exists():
         replace_file(path, pickle.dumps(fit_job(job)))
     return pickle.loads(path.read_bytes())

@@ -14,7 +14,7 @@ by the kinematic car with understeer, from IMU and odometer. The cases:
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from baqueano.study.counterpart import (
 from baqueano.study.counterpart.cars import SPEED, speed_at
 from baqueano.study.demo import GUESSED_VALUES
 from baqueano.study.identification.bound import cramer_rao_bound, perturbed_copies
-from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
+from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots, merge
 from baqueano.vehicle_file import VehicleFile
 
 ROBOT_CASES = (
@@ -144,16 +144,16 @@ def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
         bounds = _bounds(robots, us, t_ns)
     if "clean" in cases or "wrong start" in cases:
         drives = dict.fromkeys(
-            ("clean", "wrong start"), drive_group(_group(robots), _columns(us), job.seeds, t_ns)
+            ("clean", "wrong start"), drive_group(merge(robots), _columns(us), job.seeds, t_ns)
         )
     if any("floor" in case for case in cases):
         rough = [q.with_parameters(floor=np.array([FLOOR_NOISE])) for q in robots]
         drives |= dict.fromkeys(
-            ("floor", "floor, innovations"), drive_group(_group(rough), _columns(us), job.seeds, t_ns)
+            ("floor", "floor, innovations"), drive_group(merge(rough), _columns(us), job.seeds, t_ns)
         )
     if "low-passed" in cases:
         filtered_robots = [_low_pass(q) for q in robots]
-        drives["low-passed"] = drive_group(_group(filtered_robots), _columns(us), job.seeds, t_ns)
+        drives["low-passed"] = drive_group(merge(filtered_robots), _columns(us), job.seeds, t_ns)
     if "rough" in cases:
         drives["rough"] = _drive_irregularly(robots, us, job.seeds, t_ns)
     outcomes: list[TrialOutcome] = []
@@ -189,7 +189,7 @@ def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> lis
     """Return the Cramér-Rao bounds of each robot, by parameter."""
     around = [perturbed_copies(q) for q in robots]
     u = np.repeat(_columns(us), len(around[0].mass_kg), axis=1)
-    noiseless = readings_without_noise(_group(around), u, t_ns, BOUND_STEP_S)
+    noiseless = readings_without_noise(merge(around), u, t_ns, BOUND_STEP_S)
     readings_by_robot = np.split(noiseless, len(robots), axis=1)
     return [cramer_rao_bound(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
 
@@ -202,7 +202,7 @@ def _drive_irregularly(
         np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     )
     irregular = t_ns + np.round(1e9 * jitter_s).astype(np.int64)
-    return drive_group(_group([_with_coarse_readings(q) for q in robots]), _columns(us), seeds, irregular)
+    return drive_group(merge([_with_coarse_readings(q) for q in robots]), _columns(us), seeds, irregular)
 
 
 def _with_coarse_readings(q: Robots) -> Robots:
@@ -242,7 +242,7 @@ def _car_outcomes(job: TrialJob, case: str) -> list[TrialOutcome]:
     cars = [draw_car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
     us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERING_AMPLITUDE[case]) for seed in job.seeds]
-    drive = drive_group(_group(cars), _columns(us), job.seeds, tick_times(len(us[0]), files[0].rate_hz))
+    drive = drive_group(merge(cars), _columns(us), job.seeds, tick_times(len(us[0]), files[0].rate_hz))
     outcomes = []
     for k, seed in enumerate(job.seeds):
         run = run_of_vehicle(drive, k, us[k], files[k], f"car {seed}", seed)
@@ -321,10 +321,6 @@ def _car_steps(seed: int, rate_hz: float, duration_s: float, lock: float) -> np.
     u = np.stack(columns, axis=1)
     u[: round(REST_S * rate_hz)] = 0.0
     return u
-
-
-def _group(vehicles: Sequence[Any]) -> Any:
-    return vehicles[0].merge(list(vehicles[1:]))
 
 
 def _columns(us: Sequence[np.ndarray]) -> np.ndarray:

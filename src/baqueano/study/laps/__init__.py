@@ -31,7 +31,7 @@ from baqueano.study.laps.result import (
 )
 from baqueano.study.laps.team import GYROS, SPEED_M_S, identify_teams
 from baqueano.study.truth import PassingFaults
-from baqueano.sweep.workers import run_in_processes
+from baqueano.sweep.workers import run_in_batches
 from baqueano.vehicle_file import VehicleFile
 
 ROUTES = ("rectangle", "eight", "sinuous")
@@ -49,11 +49,8 @@ def laps_over_fixes(
     """Return `count` laps of robots `first` … `first + seeds − 1`. `advance` is called with the number of robots that
     have just finished.
     """
-    jobs = [
-        range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
-    ]
     work = partial(run_cases, count=count, backend=backend, cases=all_cases() if cases is None else cases)
-    results = run_in_processes(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
+    results = run_in_batches(work, range(first, first + seeds), ROBOTS_AT_ONCE, processes, advance)
     drives = tuple(lap for _, batch_drives, _, _ in results for lap in batch_drives)
     wholes = tuple(whole for _, _, batch_wholes, _ in results for whole in batch_wholes)
     refusals = {seed for *_, refused_seeds in results for seed in refused_seeds}

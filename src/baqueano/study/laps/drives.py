@@ -25,8 +25,8 @@ from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.laps.fixes import FIXES, with_fix
-from baqueano.study.truth import PassingFaults, Reader, Robots, TruthWorld
-from baqueano.study.truth_drives import Loop
+from baqueano.study.truth import PassingFaults, Reader, Robots, TruthWorld, merge
+from baqueano.study.truth_drives import Loop, estimate_at
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 
@@ -116,7 +116,7 @@ def simulate_laps(
     guide, walls = Repeat.along(route, 0), room_around(route, parts[0].team.vehicle_files[0])
     centre, touches = route.eta[0, :2] - np.array(walls.start[:2]), np.zeros(len(drivers), dtype=bool)
     progress, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)
-    u, estimates = np.zeros((len(drivers), 3)), [_estimate_at(0)] * len(drivers)
+    u, estimates = np.zeros((len(drivers), 3)), [estimate_at(0)] * len(drivers)
     samples, rows = [], []
     t_ns = tick_times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
     for k, t in enumerate(t_ns.tolist()):
@@ -127,7 +127,7 @@ def simulate_laps(
         if log:
             rows.append((u, z, row_marks))
         if not rests:
-            progress, reference = guide.step(progress, _estimate_at(t))
+            progress, reference = guide.step(progress, estimate_at(t))
         previous_u, u = u, np.zeros_like(u)
         is_sample = not rests and k % SAMPLE_TICKS == 0
         for i, driver in enumerate(drivers):
@@ -166,7 +166,7 @@ def _drivers(route: Route, parts: Sequence[TeamWithFix], backend: str) -> list[_
 def _truth(route: Route, parts: Sequence[TeamWithFix], backend: str) -> tuple[TruthWorld, list[Reader]]:
     """Return the world of all robots, and the readers of each part of the robots."""
     teams = [part.team for part in parts]
-    robots = teams[0].robots.merge([team.robots for team in teams[1:]])
+    robots = merge([team.robots for team in teams])
     seeds = [seed for team in teams for seed in team.seeds]
     start, compiler = np.tile(route.eta[0], (len(seeds), 1)), partial(function, backend=backend)
     readers = [
@@ -203,33 +203,21 @@ def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.n
     return np.column_stack([pose_error[:, :2], wrap(pose_error[:, 2])]), claims
 
 
-def _estimate_at(t_ns: int) -> Estimate:
-    return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
-
-
 def _runs(part: TeamWithFix, t_ns: np.ndarray, rows: list[Tree], first: int) -> tuple[Run, ...]:
     """Return the logs of a part; its first robot has the index `first` in `rows`."""
     metadata, runs_of_part = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
-    sizes = FIXES[part.fix].sizes
+    ticks, sizes = t_ns[: len(rows)], FIXES[part.fix].sizes
     for i, (vehicle_file, seed) in enumerate(
         zip(part.team.vehicle_files, part.team.seeds, strict=True), first
     ):
         u, imu, marks = (np.array([row[column][i] for row in rows]) for column in range(3))
-        sensors, offset, ticks = {}, 0, t_ns[: len(rows)]
-        sensors["imu"] = Channel(ticks, ticks, imu)
+        sensors, offset = {"imu": Channel(ticks, ticks, imu)}, 0
         for name, size in sizes.items():
             z, offset = marks[:, offset : offset + size], offset + size
             has = ~np.isnan(z[:, 0])
             sensors[name] = Channel(ticks[has], ticks[has], z[has])
-        runs_of_part.append(
-            Run(
-                f"laps {seed}",
-                None,
-                ticks,
-                u,
-                sensors=sensors,
-                vehicle_text=vehicle_file.text,
-                metadata=metadata,
-            )
+        run = Run(
+            f"laps {seed}", None, ticks, u, sensors=sensors, vehicle_text=vehicle_file.text, metadata=metadata
         )
+        runs_of_part.append(run)
     return tuple(runs_of_part)

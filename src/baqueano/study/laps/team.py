@@ -24,14 +24,14 @@ from baqueano.messages.language import mark as N_
 from baqueano.runs import Run
 from baqueano.runs.logs import Event
 from baqueano.runs.run import Channel
-from baqueano.signals import NANOSECONDS, Estimate, Reference, Slot, Tick
+from baqueano.signals import NANOSECONDS, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switch_on_again, vehicles
 from baqueano.study.driving import FREE, SHAPES, initial_file, simulate_experiments
 from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, simulate_laps
 from baqueano.study.laps.fixes import with_fix
 from baqueano.study.truth import PassingFaults, Robots, TruthWorld
-from baqueano.study.truth_drives import Loop
+from baqueano.study.truth_drives import Loop, estimate_at
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 
@@ -160,9 +160,7 @@ def simulate_taught_laps(
         now, t_s = world.truth, t / NANOSECONDS
         reference = Reference(t, route.eta[0], np.zeros(3), 0.0)
         if t_s >= begin_s:
-            progress, reference = guide.step(
-                progress, Estimate(t, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
-            )
+            progress, reference = guide.step(progress, estimate_at(t))
         perceived_eta = now.eta + errors * np.clip((t_s - begin_s) / (end_s - begin_s), 0.0, 1.0)
         for i, loop in enumerate(loops):
             slot = Slot(1.0, np.concatenate([perceived_eta[i], now.nu[i]]))

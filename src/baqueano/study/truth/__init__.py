@@ -7,7 +7,7 @@ command takes effect.
 
 from baqueano.study.truth.bicycle import Cars, draw_cars
 from baqueano.study.truth.floor import FloorLines, Gate, PassingFaults, Reader, TagReaders
-from baqueano.study.truth.group import Group, TruthGroup
+from baqueano.study.truth.group import Group, TruthGroup, merge
 from baqueano.study.truth.imu import Imus
 from baqueano.study.truth.transmission import Transmission
 from baqueano.study.truth.two_wheels import Robots, draw_robots

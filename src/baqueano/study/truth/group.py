@@ -1,9 +1,12 @@
 """Parameters of n vehicles that are simulated together, and their motion at an instant."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
+
+GroupType = TypeVar("GroupType", bound="Group")
 
 
 class TruthGroup(NamedTuple):
@@ -28,15 +31,14 @@ class Group:
             self, **{k: v.subset(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
         )
 
-    def merge(self, others: "list[Self]") -> Self:
-        """Return the vehicles of this group and of the `others` as one group."""
-        arrays = {}
-        for name, value in self._all():
-            columns = [getattr(group, name) for group in others]
-            arrays[name] = (
-                value.merge(columns) if isinstance(value, Group) else np.concatenate([value, *columns])
-            )
-        return replace(self, **arrays)
-
     def _all(self) -> list[tuple[str, Any]]:
         return [(field.name, getattr(self, field.name)) for field in fields(self)]
+
+
+def merge(groups: Sequence[GroupType]) -> GroupType:
+    """Return the vehicles of all groups as one group."""
+    arrays = {}
+    for name, value in groups[0]._all():
+        columns = [getattr(group, name) for group in groups]
+        arrays[name] = merge(columns) if isinstance(value, Group) else np.concatenate(columns)
+    return replace(groups[0], **arrays)
