@@ -14,13 +14,16 @@ value is NaN.
 """
 
 import tomllib
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.compare.errors import rms
 from baqueano.signals import NANOSECONDS, seconds
 from baqueano.vehicles.drivetrain import MIXINGS, mix
+
+if TYPE_CHECKING:
+    from baqueano.runs.logs import ReferenceLog
 
 START_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
 MEAN_WINDOW_S = 1.0  # of the mean in (2)
@@ -80,6 +83,12 @@ def is_driving(t_ns: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S
     last = (not_falling[-1] + 1 if not_falling.size else 0) if has_braked else len(magnitude)
     has_started = np.maximum.accumulate(magnitude) >= REST_SHARE * np.max(magnitude, initial=0.0)
     return (seconds(t_ns, t_ns[:1]) >= after_s) & has_started & (np.arange(len(magnitude)) <= last)
+
+
+def until_done(t_ns: np.ndarray, ref: "ReferenceLog") -> np.ndarray:
+    """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
+    done_ns = ref.t_ns[ref.done > 0.0]
+    return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
 
 
 def minus_moving_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S) -> np.ndarray:

@@ -171,7 +171,7 @@ def _path_distances(log: Any, run: Run) -> PathDistances:
         return UNKNOWN_DISTANCES
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop, without a reference path
         return UNKNOWN_DISTANCES
-    rows = _until_done(log.t_ns, ref)
+    rows = evenness.until_done(log.t_ns, ref)
     return _distance_statistics(
         errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2])
     )
@@ -182,7 +182,7 @@ def _speed_errors(log: Any, run: Run) -> "SpeedErrors":
     ref = run.guide_reference
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN_SPEED_ERRORS
-    k = _until_done(log.t_ns, ref)
+    k = evenness.until_done(log.t_ns, ref)
     reference_speed = interpolate_rows(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
     return evenness.speed_errors(log.t_ns[k], log.nu[k, 0], reference_speed)
 
@@ -196,17 +196,11 @@ def _command_figures(run: Run) -> dict[str, float]:
     t_ns, u = run.t_ns, run.applied_commands if run.sent_commands is None else run.sent_commands
     drives = slice(None)
     if ref is not None and len(ref.t_ns):
-        k = _until_done(t_ns, ref)
+        k = evenness.until_done(t_ns, ref)
         t_ns, u = t_ns[k], u[k]
         drives = evenness.is_driving(t_ns, interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0], 0.0)
     changes = evenness.sign_changes(t_ns[drives], u[drives, 0]) if u.size else float("nan")
     return {"sign_changes_per_s": changes, "saturated_fraction": evenness.share_at_limit(u, limits)}
-
-
-def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
-    """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
-    done_ns = ref.t_ns[ref.done > 0.0]
-    return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
 
 
 def _distances_between_runs(run: Run, first: Run) -> PathDistances:

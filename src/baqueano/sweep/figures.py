@@ -108,8 +108,7 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
         return {}, {}
-    done_ns = ref.t_ns[ref.done > 0.0]
-    k = log.t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
+    k = evenness.until_done(log.t_ns, ref)
     t_ns, eta, speed = log.t_ns[k], log.eta[k], log.nu[k, 0]
     cross_track = errors.cross_track(t_ns, eta[:, :2], ref.t_ns, ref.eta[:, :2])
     speed_reference = interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]

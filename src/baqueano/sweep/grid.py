@@ -4,8 +4,9 @@ All drives are checked before the first one begins.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -225,22 +226,11 @@ def _cells(
         choices[role] = list(labelled_blocks.items())
     varied_roles = [role for role in LOOP_ROLES if len(choices[role]) > 1] or ["controller"]
     cells = []
-    for estimator in choices["estimator"]:
-        for controller in choices["controller"]:
-            for guide in choices["guide"]:
-                names = NamedBlocks(estimator[0], controller[0], guide[0])
-                label = " · ".join(getattr(names, role) for role in varied_roles)
-                blocks = SweepBlocks(estimator[1], controller[1], guide[1])
-                cells.append((SweepCell(label, *names), blocks))
+    for combination in product(*choices.values()):
+        names, blocks = zip(*combination, strict=True)
+        label = " · ".join(name for role, name in zip(LOOP_ROLES, names, strict=True) if role in varied_roles)
+        cells.append((SweepCell(label, *names), SweepBlocks(*blocks)))
     return cells
-
-
-class NamedBlocks(NamedTuple):
-    """The names of the blocks of a cell."""
-
-    estimator: str
-    controller: str
-    guide: str
 
 
 def _name(block: object) -> str:
