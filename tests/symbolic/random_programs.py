@@ -138,7 +138,7 @@ class CaseOfKernel:
         self.kernel = self.make_kernel(program)
 
     def given(self) -> tuple:
-        return self.n, self.theta, self.start, self.inputs
+        return self.theta, self.start, self.inputs
 
     def run(self) -> tuple[np.ndarray, np.ndarray]:
         outputs, final = np.empty((self.n, len(self.program.outputs))), np.empty(len(self.program.carry))

@@ -214,7 +214,7 @@ def test_a_branch_gives_correct_values_for_true_and_false_conditions():
     assert "if (" in kernel.source
     inputs = np.array([[0.3, 0.4, flag] for flag in (0.0, 1.0, 2.0, np.nan, -0.0)])
     outputs = np.empty((5, 1))
-    kernel.run(5, np.array([0.7]), np.empty(0), inputs, outputs, np.empty(0))
+    kernel.run(np.array([0.7]), np.empty(0), inputs, outputs, np.empty(0))
     a, b = 0.3, 0.4
     for _ in range(20):
         a, b = np.sin(a + 0.7), np.cos(b * 0.7)

@@ -119,9 +119,9 @@ def test_several_vehicles_in_one_call_equal_separate_runs(cases, count, shared_i
     own = draw.normal(size=(count, case.n, int((~mask).sum())))
     outputs, final = np.empty((count, case.n, len(case.program.outputs))), np.empty((count, len(case.start)))
     common = np.ascontiguousarray(case.inputs[:, mask])
-    case.kernel.batch(count, case.n, theta, start, common, own, shared_inputs, outputs, final)
+    case.kernel.batch(theta, start, common, own, shared_inputs, outputs, final)
     only_final = np.empty_like(final)
-    case.kernel.batch(count, case.n, theta, start, common, own, shared_inputs, None, only_final)
+    case.kernel.batch(theta, start, common, own, shared_inputs, None, only_final)
     close(only_final, final)
     for member in range(count):
         inputs = case.inputs.copy()
@@ -146,7 +146,7 @@ def test_distributing_vehicles_over_processors_does_not_change_results(cases, mo
             ],
         )
         final = np.empty((43, len(case.start)))
-        case.kernel.batch(43, case.n, theta, start, case.inputs, none, (True,) * 3, None, final)
+        case.kernel.batch(theta, start, case.inputs, none, (True,) * 3, None, final)
         results.append(final)
     assert np.array_equal(*results)
 
@@ -163,7 +163,7 @@ def test_a_bound_kernel_reads_its_arrays_at_every_call(cases):
     case = cases[5]
     outputs, final = np.empty((case.n, len(case.program.outputs))), np.empty(len(case.program.carry))
     theta = case.theta.copy()
-    call = case.kernel.bind(case.n, theta, case.start, case.inputs, outputs, final)
+    call = case.kernel.bind(theta, case.start, case.inputs, outputs, final)
     for shift in (0.0, 0.5):
         theta[:] = case.theta + shift
         call()
@@ -242,9 +242,7 @@ def test_table_lookup_equals_numpy(size):
     np.testing.assert_allclose(slopes[off, 0, 0], (slope * points)[off], rtol=1e-9, atol=1e-9)
     final, batch_outputs = np.empty((1, 0)), np.empty((1, 200, 1))
     nothing = np.empty((1, 200, 0))
-    case.kernel.batch(
-        1, 200, case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), batch_outputs, final
-    )
+    case.kernel.batch(case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), batch_outputs, final)
     close(batch_outputs[0], outputs)
 
 

@@ -248,7 +248,7 @@ def test_forward_derivatives_of_random_expressions_equal_casadi(seed):
     outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in symbols_used})
     program = program._replace(outputs=tuple(outputs))
     y, slopes = np.empty((1, len(outputs))), np.empty((1, len(outputs), 3))
-    PythonKernel(program).sensitivities(1, theta, np.zeros(0), inputs, y, slopes)
+    PythonKernel(program).sensitivities(theta, np.zeros(0), inputs, y, slopes)
     expected, slopes_of_casadi = in_casadi(program, theta, np.zeros(0), inputs)
     np.testing.assert_allclose(y, in_numpy(program, theta, np.zeros(0), inputs)[0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(y, expected, rtol=1e-11, atol=1e-11)

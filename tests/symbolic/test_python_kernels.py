@@ -63,8 +63,8 @@ def test_several_runs_in_one_call_equal_separate_runs(seed):
     shared_inputs, own = case.inputs[:, [0, 2]], draw.normal(size=(size, case.n, 1))
     outputs = np.empty((size, case.n, len(program.outputs)))
     final, final_copy = np.empty((size, len(program.carry))), np.empty((size, len(program.carry)))
-    case.kernel.batch(size, case.n, theta, start, shared_inputs, own, is_shared, outputs, final)
-    case.kernel.batch(size, case.n, theta, start, shared_inputs, own, is_shared, None, final_copy)
+    case.kernel.batch(theta, start, shared_inputs, own, is_shared, outputs, final)
+    case.kernel.batch(theta, start, shared_inputs, own, is_shared, None, final_copy)
     close(final_copy, final)
     for k in range(size):
         case.theta, case.start = theta[k], start[k]
@@ -94,7 +94,7 @@ def test_a_kernel_continues_correctly_after_a_division_by_zero():
     )  # fmt: skip
     kernel, final = make_kernel(program), np.zeros(0)
     inputs, outputs = np.array([[2.0], [0.0], [-1.0]]), np.empty((3, 7))
-    kernel.run(3, final, final, inputs, outputs, final)
+    kernel.run(final, final, inputs, outputs, final)
     assert kernel.careful
     close(outputs[0], [0.5, 2**0.5, np.log(2.0), 2.0, np.inf, np.sin(0.5), 0.5])
     close(outputs[1], [np.inf, 0.0, -np.inf, 0.0, np.inf, np.nan, 2.0])
@@ -106,7 +106,7 @@ def test_an_inactive_branch_is_not_computed():
     x = graph.symbol("x")
     program = one_tick(apply("where", x != 0.0, 1.0 / x, 0.0), inputs=(x,))
     kernel, outputs = make_kernel(program), np.empty((1, 1))
-    kernel.run(1, np.zeros(0), np.zeros(0), np.zeros((1, 1)), outputs, np.zeros(0))
+    kernel.run(np.zeros(0), np.zeros(0), np.zeros((1, 1)), outputs, np.zeros(0))
     assert not kernel.careful
     assert outputs[0, 0] == 0.0
 
@@ -117,7 +117,7 @@ def test_minimum_and_maximum_propagate_nan_like_numpy():
     program = one_tick(apply("min", x, y), apply("max", x, y), inputs=(x, y))
     rows = np.array([[1.0, np.nan], [np.nan, 1.0], [1.0, 2.0], [2.0, 1.0]])
     outputs = np.empty((4, 2))
-    make_kernel(program).run(4, np.zeros(0), np.zeros(0), rows, outputs, np.zeros(0))
+    make_kernel(program).run(np.zeros(0), np.zeros(0), rows, outputs, np.zeros(0))
     close(outputs, np.column_stack([np.minimum(*rows.T), np.maximum(*rows.T)]))
 
 
@@ -128,9 +128,8 @@ def test_a_chain_of_500_terms_can_be_compiled():
     for k in range(500):
         y = apply("sin", y * 1.1 + float(k))
     outputs = np.empty((1, 1))
-    make_kernel(one_tick(y, inputs=(x,))).run(
-        1, np.zeros(0), np.zeros(0), np.ones((1, 1)), outputs, np.zeros(0)
-    )
+    none = np.zeros(0)
+    make_kernel(one_tick(y, inputs=(x,))).run(none, none, np.ones((1, 1)), outputs, none)
     assert np.isfinite(outputs).all()
 
 
@@ -141,15 +140,7 @@ def test_booleans_are_added_as_integers_in_a_batch():
     outputs = np.empty((2, 1, 2))
     own = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
     make_kernel(program).batch(
-        2,
-        1,
-        np.zeros((2, 0)),
-        np.zeros((2, 0)),
-        np.zeros((1, 0)),
-        own,
-        (False, False),
-        outputs,
-        np.zeros((2, 0)),
+        np.zeros((2, 0)), np.zeros((2, 0)), np.zeros((1, 0)), own, (False, False), outputs, np.zeros((2, 0))
     )
     close(outputs[:, 0], [[2.0, -1.0], [1.0, 0.0]])
 
@@ -164,10 +155,10 @@ def test_table_lookup_equals_numpy(points):
     inputs = np.concatenate([draw.normal(size=50), table[0], [-9.0, 9.0, np.nan]])[:, None]
     outputs, final = np.empty((len(inputs), 1)), np.zeros(0)
     kernel = make_kernel(one_tick(y, inputs=(x,)))
-    kernel.run(len(inputs), final, final, inputs, outputs, final)
+    kernel.run(final, final, inputs, outputs, final)
     close(outputs[:, 0], np.interp(inputs[:, 0], *table))
     own = np.empty((len(inputs), 1, 1))
-    kernel.batch(len(inputs), 1, np.zeros((len(inputs), 0)), np.zeros((len(inputs), 0)), np.zeros((1, 0)),
+    kernel.batch(np.zeros((len(inputs), 0)), np.zeros((len(inputs), 0)), np.zeros((1, 0)),
                  inputs[:, None], (False,), own, np.zeros((len(inputs), 0)))  # fmt: skip
     close(own[:, 0, 0], outputs[:, 0])
 
@@ -193,12 +184,12 @@ def test_a_bound_call_equals_a_run_of_one_tick(seed):
     outputs = np.empty((1, len(tick.outputs)))
     none = np.zeros(0)
     kernel = make_kernel(tick)
-    call = kernel.bind(1, none, none, inputs, outputs, none)
+    call = kernel.bind(none, none, inputs, outputs, none)
     for _ in range(5):
         inputs[:] = draw.normal(size=inputs.shape)
         assert not call()
         expected = np.empty_like(outputs)
-        kernel.run(1, none, none, inputs, expected, none)
+        kernel.run(none, none, inputs, expected, none)
         close(outputs, expected)
 
 
@@ -207,7 +198,7 @@ def test_a_bound_call_works_after_a_division_by_zero():
     x = graph.symbol("x")
     program = one_tick(1.0 / x, apply("where", x < 0.5, 2.0, 1.0 / x), inputs=(x,))
     inputs, outputs, none = np.array([[0.0]]), np.empty((1, 2)), np.zeros(0)
-    call = make_kernel(program).bind(1, none, none, inputs, outputs, none)
+    call = make_kernel(program).bind(none, none, inputs, outputs, none)
     call()
     assert outputs.tolist() == [[np.inf, 2.0]]
     inputs[0, 0] = 2.0

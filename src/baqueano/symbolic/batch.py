@@ -103,12 +103,12 @@ class BatchSums:
         if self.split is not None and self.tick_runner is not None:
             terms = np.empty((batch.ticks, len(self.split.per_tick.outputs)))
             arrays = np.zeros(0), start[0], shared_inputs, terms, np.empty(len(self.split.per_tick.carry))
-            self.tick_runner.call("run", batch.ticks, *arrays)
+            self.tick_runner.call("run", *arrays)
             shared_inputs = np.concatenate([shared_inputs, terms], axis=1)
             is_shared += (True,) * terms.shape[1]
         final = np.empty((batch.size, len(self.program.carry)))
         inputs = shared_inputs, own_inputs, is_shared
-        self.runner.call("batch", batch.size, batch.ticks, batch.theta, start, *inputs, None, final)
+        self.runner.call("batch", batch.theta, start, *inputs, None, final)
         m, d = len(self.assembly.program.outputs), self.derivative_count
         sums = final[:, final.shape[1] - m * (1 + d) :]
         return sums[:, :m], np.moveaxis(sums[:, m:].reshape(batch.size, d, m), 1, 2)

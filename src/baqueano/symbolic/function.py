@@ -118,7 +118,7 @@ class Function:
         row, result = np.zeros((1, compiled_parts.inputs)), np.zeros((1, compiled_parts.outputs))
 
         def bind(runner: Runner) -> Callable[[], object]:
-            return runner.call("bind", 1, no_parameters, no_parameters, row, result, no_parameters)
+            return runner.call("bind", no_parameters, no_parameters, row, result, no_parameters)
 
         general = cache(lambda: bind(compiled_parts.general()))
         run = bind(compiled_parts.with_zero_states)

@@ -254,7 +254,7 @@ class TracedScan(Scan):
         (assembly, runner), start = self._prepare(True, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         final = np.empty(len(assembly.program.carry))
-        runner.call("run", len(rows), theta, start, rows, outputs, final)
+        runner.call("run", theta, start, rows, outputs, final)
         return tree_of(self.trace.carry_shape, assembly.whole_carry(final, start)), tree_of(
             self.trace.output_shape, outputs
         )
@@ -265,7 +265,7 @@ class TracedScan(Scan):
         (assembly, runner), start = self._prepare(False, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
-        runner.call("sensitivities", len(rows), theta, start, rows, outputs, jacobians)
+        runner.call("sensitivities", theta, start, rows, outputs, jacobians)
         return outputs, jacobians
 
     def bind_sensitivities(self, inputs: Tree) -> Callable[[np.ndarray, np.ndarray], Tree]:
@@ -275,7 +275,7 @@ class TracedScan(Scan):
         theta, start = np.empty(self.parameters or 0), np.empty(len(assembly.first))
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
-        run = runner.call("bind", len(rows), theta, start, rows, outputs, jacobians, "sensitivities")
+        run = runner.call("bind", theta, start, rows, outputs, jacobians, "sensitivities")
 
         def call(theta_now: np.ndarray, carry: np.ndarray) -> Tree:
             theta[...], start[...] = theta_now, carry[assembly.first]
@@ -297,7 +297,7 @@ class TracedScan(Scan):
         self._need_theta()
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
         (_, runner), start = self._prepare(False, carry)
-        sums = runner.call("normal_equations", len(rows), theta, start, rows, huber)
+        sums = runner.call("normal_equations", theta, start, rows, huber)
         return NormalEquations(*sums)
 
     def batch(
@@ -311,7 +311,7 @@ class TracedScan(Scan):
         start = np.broadcast_to(start, (count, start.shape[-1]))
         all_outputs = np.empty((count, n, len(program.outputs))) if with_outputs else None
         final = np.empty((count, len(program.carry)))
-        runner.call("batch", count, n, batch.theta, start, *batch.inputs, all_outputs, final)
+        runner.call("batch", batch.theta, start, *batch.inputs, all_outputs, final)
         last = tree_of(self.trace.carry_shape, assembly.whole_carry(final, start))
         return last, None if all_outputs is None else tree_of(self.trace.output_shape, all_outputs)
 
@@ -334,7 +334,7 @@ class TracedScan(Scan):
         (assembly, runner), start = self._prepare(False, carry)
         if len(assembly.program.outputs) != 1:
             raise Invalid(fault("engine.cost", numbers=len(assembly.program.outputs)))
-        return runner.call("total", len(rows), theta, start, rows, with_gradient)
+        return runner.call("total", theta, start, rows, with_gradient)
 
     def _trace_once(self, symmetric: set[str]) -> Tree:
         shapes = self.carry_shape, self.input_shape

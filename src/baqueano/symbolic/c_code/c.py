@@ -12,7 +12,7 @@ from baqueano.symbolic.c_code import c_bodies, compile
 from baqueano.symbolic.c_code.c_text import header
 from baqueano.symbolic.graph.carried import with_carried_functions
 from baqueano.symbolic.graph.emit import with_reciprocals
-from baqueano.symbolic.graph.program import Program
+from baqueano.symbolic.graph.program import Array, Program
 
 POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
@@ -44,34 +44,20 @@ class CKernel:
             self._text("values")
         return "\n".join(self.texts.values())
 
-    def run(
-        self,
-        n: int,
-        theta: np.ndarray,
-        start: np.ndarray,
-        inputs: np.ndarray,
-        outputs: np.ndarray,
-        final: np.ndarray,
-    ) -> None:
-        """Run N ticks: fill outputs (N, m), and final (c,), the carry after the last tick."""
-        self._function("values")(n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
+    def run(self, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
+        """Run all ticks: fill outputs (N, m), and final (c,), the carry after the last tick."""
+        addresses = _addresses(theta, start, inputs)
+        self._function("values")(len(inputs), *addresses, 0.0, *_addresses(outputs, final), None)
 
     def bind(
-        self,
-        n: int,
-        theta: np.ndarray,
-        start: np.ndarray,
-        inputs: np.ndarray,
-        outputs: np.ndarray,
-        filled: np.ndarray,
-        method: str = "run",
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, filled: Array, method: str = "run"
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays, whose addresses are read once.
 
         The call holds the interpreter's lock, because a tick takes only microseconds and must not wait for the lock.
         """
         arrays = theta, start, inputs, outputs, filled
-        addresses = np.array([n, *_addresses(*arrays)], dtype=np.int64)
+        addresses = np.array([len(inputs), *_addresses(*arrays)], dtype=np.int64)
         name = "values" if method == "run" else method
         self._function(name, is_hasty=True)  # for one tick, the call costs more than the arithmetic
         entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries[name, True]))
@@ -80,49 +66,42 @@ class CKernel:
         return call
 
     def sensitivities(
-        self,
-        n: int,
-        theta: np.ndarray,
-        start: np.ndarray,
-        inputs: np.ndarray,
-        outputs: np.ndarray,
-        d_outputs: np.ndarray,
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
     ) -> None:
         """Fill outputs (N, m), and d_outputs (N, m, p) with their derivatives with respect to theta."""
         addresses = _addresses(theta, start, inputs)
         function = self._function("sensitivities", is_hasty=True)  # -O3 takes twice as long for long programs
-        function(n, *addresses, 0.0, *_addresses(outputs, d_outputs), None)
+        function(len(inputs), *addresses, 0.0, *_addresses(outputs, d_outputs), None)
 
     def total(
-        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, with_gradient: bool
-    ) -> tuple[float, np.ndarray | None]:
+        self, theta: Array, start: Array, inputs: Array, with_gradient: bool
+    ) -> tuple[float, Array | None]:
         """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `with_gradient`."""
         cost, gradient_sum = np.zeros(1), np.zeros(len(theta))
         function = self._function("gradient" if with_gradient else "cost")
-        function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, gradient_sum), None)
+        function(len(inputs), *_addresses(theta, start, inputs), 0.0, *_addresses(cost, gradient_sum), None)
         return float(cost[0]), gradient_sum if with_gradient else None
 
     def normal_equations(
-        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, huber: float | None
-    ) -> tuple[float, np.ndarray, np.ndarray]:
+        self, theta: Array, start: Array, inputs: Array, huber: float | None
+    ) -> tuple[float, Array, Array]:
         """Return Σ ρ of the outputs as residuals, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
         cost, gradient, upper = np.zeros(1), np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
         huber_limit = np.inf if huber is None else huber
         addresses = _addresses(theta, start, inputs)
-        self._function("normal_equations")(n, *addresses, huber_limit, *_addresses(cost, gradient, upper))
+        function = self._function("normal_equations")
+        function(len(inputs), *addresses, huber_limit, *_addresses(cost, gradient, upper))
         return float(cost[0]), gradient, np.where(self.below, upper.T, upper)
 
     def batch(
         self,
-        count: int,
-        n: int,
-        theta: np.ndarray,
-        start: np.ndarray,
-        shared: np.ndarray,
-        own_inputs: np.ndarray,
+        theta: Array,
+        start: Array,
+        shared: Array,
+        own_inputs: Array,
         is_shared: Sequence[bool],
-        outputs: np.ndarray | None,
-        final: np.ndarray,
+        outputs: Array | None,
+        final: Array,
     ) -> None:
         """Run L vehicles: theta (L, p), start (L, s). Fill final (L, c), and outputs (L, N, m) if it is not None.
 
@@ -135,9 +114,9 @@ class CKernel:
         def run(vehicles: slice) -> None:
             to = None if outputs is None else outputs[vehicles].ctypes.data
             addresses = _addresses(theta[vehicles], start[vehicles], shared, own_inputs[vehicles])
-            function(n, len(final[vehicles]), *addresses, to, *_addresses(final[vehicles]))
+            function(len(shared), len(final[vehicles]), *addresses, to, *_addresses(final[vehicles]))
 
-        slices = _thread_slices(count, n)
+        slices = _thread_slices(len(final), len(shared))
         if len(slices) == 1:
             run(slices[0])
         else:
@@ -188,7 +167,7 @@ class CKernel:
         return function
 
 
-def _addresses(*arrays: np.ndarray) -> list[int]:
+def _addresses(*arrays: Array) -> list[int]:
     return [array.__array_interface__["data"][0] for array in arrays]  # faster than ctypes.data
 
 

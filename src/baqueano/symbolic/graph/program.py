@@ -41,8 +41,8 @@ class NormalEquations(NamedTuple):
 class Kernel(Protocol):
     """Protocol of the runnable form of a program, made by a back end.
 
-    Arrays are float64 and C-contiguous: theta (p,), start (s,), inputs (n, q). The caller owns the arrays that are
-    filled: outputs (n, m), d_outputs (n, m, p), final (c,).
+    Arrays are float64 and C-contiguous: theta (p,), start (s,), inputs (n, q) of n ticks. The caller owns the arrays
+    that are filled: outputs (n, m), d_outputs (n, m, p), final (c,).
     """
 
     @property
@@ -50,19 +50,12 @@ class Kernel(Protocol):
         """Return the generated code."""
         ...
 
-    def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
-        """Run n ticks: fill outputs, and final, the carry after the last tick."""
+    def run(self, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
+        """Run all ticks: fill outputs, and final, the carry after the last tick."""
         ...
 
     def bind(
-        self,
-        n: int,
-        theta: Array,
-        start: Array,
-        inputs: Array,
-        outputs: Array,
-        filled: Array,
-        method: str = "run",
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, filled: Array, method: str = "run"
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays, for repeated calls.
 
@@ -71,33 +64,25 @@ class Kernel(Protocol):
         ...
 
     def sensitivities(
-        self,
-        n: int,
-        theta: Array,
-        start: Array,
-        inputs: Array,
-        outputs: Array,
-        d_outputs: Array,
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
     ) -> None:
         """Fill outputs, and d_outputs with their derivatives with respect to theta."""
         ...
 
     def total(
-        self, n: int, theta: Array, start: Array, inputs: Array, with_gradient: bool
+        self, theta: Array, start: Array, inputs: Array, with_gradient: bool
     ) -> tuple[float, Array | None]:
         """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `with_gradient`."""
         ...
 
     def normal_equations(
-        self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
+        self, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
         """Return the cost, the gradient (p,) and the hessian (p, p) of the outputs as residuals."""
         ...
 
     def batch(
         self,
-        count: int,
-        n: int,
         theta: Array,
         start: Array,
         shared: Array,

@@ -70,29 +70,22 @@ class PythonKernel:
         """Return the code of `run`."""
         return kernel_text(self.program, FLOAT_FORMATS, [self.program.outputs])
 
-    def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
-        """Run n ticks: fill outputs, and final, the carry after the last tick."""
+    def run(self, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
+        """Run all ticks: fill outputs, and final, the carry after the last tick."""
         _, rows, last = self._call((), [self.program.outputs], theta, start, inputs)
         outputs[:] = np.array([y for (y,) in rows], dtype=float).reshape(outputs.shape)
         final[:] = last
 
     def bind(
-        self,
-        n: int,
-        theta: Array,
-        start: Array,
-        inputs: Array,
-        outputs: Array,
-        filled: Array,
-        method: str = "run",
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, filled: Array, method: str = "run"
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays."""
-        if n != 1 or self.program.carry or self.program.theta or self.program.start:
-            return partial(getattr(self, method), n, theta, start, inputs, outputs, filled)
+        if len(inputs) != 1 or self.program.carry or self.program.theta or self.program.start:
+            return partial(getattr(self, method), theta, start, inputs, outputs, filled)
         return self._tick(inputs[0], outputs[0])
 
     def sensitivities(
-        self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
     ) -> None:
         """Fill outputs, and d_outputs with their derivatives with respect to theta."""
         program = self.program
@@ -107,29 +100,27 @@ class PythonKernel:
             outputs[k], d_outputs[k], tangents = y, row[:m], row[m:]
 
     def total(
-        self, n: int, theta: Array, start: Array, inputs: Array, with_gradient: bool
+        self, theta: Array, start: Array, inputs: Array, with_gradient: bool
     ) -> tuple[float, Array | None]:
         """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `with_gradient`."""
-        outputs, jacobians = np.empty((n, 1)), np.empty((n, 1, len(theta)))
+        outputs, jacobians = np.empty((len(inputs), 1)), np.empty((len(inputs), 1, len(theta)))
         if with_gradient:
-            self.sensitivities(n, theta, start, inputs, outputs, jacobians)
+            self.sensitivities(theta, start, inputs, outputs, jacobians)
             return float(outputs.sum()), jacobians.sum((0, 1))
-        self.run(n, theta, start, inputs, outputs, np.empty(len(self.program.carry)))
+        self.run(theta, start, inputs, outputs, np.empty(len(self.program.carry)))
         return float(outputs.sum()), None
 
     def normal_equations(
-        self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
+        self, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
         """Return the cost, the gradient (p,) and the hessian (p, p) of the outputs as residuals."""
-        outputs = np.empty((n, len(self.program.outputs)))
+        outputs = np.empty((len(inputs), len(self.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
-        self.sensitivities(n, theta, start, inputs, outputs, jacobians)
+        self.sensitivities(theta, start, inputs, outputs, jacobians)
         return normal_equations(outputs, jacobians, huber)
 
     def batch(
         self,
-        count: int,
-        n: int,
         theta: Array,
         start: Array,
         shared: Array,
@@ -140,7 +131,7 @@ class PythonKernel:
     ) -> None:
         """Run all members in parallel, tick by tick; arguments as in program.Kernel."""
         order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
-        ticks = ([[*shared[k], *own_inputs[:, k].T][i] for i in order] for k in range(n))
+        ticks = ([[*shared[k], *own_inputs[:, k].T][i] for i in order] for k in range(len(shared)))
         groups = [] if outputs is None else [self.program.outputs]
         kernel = self._function(ARRAY_FORMATS, _BATCH_OPERATORS, (), groups)
         with np.errstate(all="ignore"):
