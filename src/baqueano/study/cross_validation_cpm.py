@@ -28,13 +28,14 @@ from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs.importing import import_run
+from baqueano.study.recorded.simulated import outputs_under
 from baqueano.study.recordings import CPM_MAPS, check_cpm_present
-from baqueano.symbolic import scan
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow, Tree
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs import Run
+    from baqueano.signals import Motion
 
 SHORT_NAMES = {"cpm_run_a": "a", "cpm_run_b": "b"}
 SENSORS_USED = ("odometer", "imu[2]")
@@ -315,12 +316,10 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     past = np.tile(record.u[0], (len(start.drivetrain.past_commands), 1))
     start = start._replace(drivetrain=start.drivetrain._replace(past_commands=past))
 
-    def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
-        state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
-        return state, np.array([odometer.h(motion)[0], imu.h(motion)[2]])
+    def speed_and_rate(motion: "Motion") -> np.ndarray:
+        return np.array([odometer.h(motion)[0], imu.h(motion)[2]])
 
-    rows = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
-    model = np.asarray(scan(step, start, np.zeros(1 + vehicle.commands), backend=backend).run(rows)[1])
+    model = outputs_under(vehicle, start, record.dt_s, record.u, speed_and_rate, backend)
     readings = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
     measured_values = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
     return RunPrediction(record.t_s, measured_values, model)

@@ -16,10 +16,9 @@ import numpy as np
 
 from baqueano.identify.data.record import record_of
 from baqueano.signals import seconds
-from baqueano.symbolic import scan
+from baqueano.study.recorded.simulated import outputs_under
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
@@ -33,13 +32,7 @@ def open_loop(
     begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
     if np.any(start[3:] != 0.0):  # a moving vehicle has had a command before
         begin = begin._replace(drivetrain=vehicle.drivetrain.steady_state(record.u[0]))
-
-    def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
-        state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
-        return state, motion.nu
-
-    lines = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
-    nu = np.asarray(scan(step, begin, np.zeros(1 + vehicle.commands), backend=backend).run(lines)[1])
+    nu = outputs_under(vehicle, begin, record.dt_s, record.u, lambda motion: motion.nu, backend)
     return nu[np.searchsorted(record.t_s, run.t_s - 1e-9)]
 
 

@@ -9,9 +9,28 @@ from baqueano.signals import seconds
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
+    from baqueano.signals import Motion
     from baqueano.vehicle_file import VehicleFile
+    from baqueano.vehicles.state import Vehicle
+
+    Output = Callable[[Motion], np.ndarray]
+
+
+def outputs_under(
+    vehicle: "Vehicle", start: "Tree", dt_s: np.ndarray, u: np.ndarray, output: "Output", backend: str
+) -> np.ndarray:
+    """Return `output` (N, m) of the motion from the state `start`, under commands u (N, n) that last dt_s (N,)."""
+
+    def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
+        state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
+        return state, output(motion)
+
+    kernel = scan(step, start, np.zeros(1 + vehicle.commands), backend=backend)
+    return np.asarray(kernel.run(np.column_stack([dt_s, u]))[1])
 
 
 def measured_and_simulated(
@@ -20,14 +39,8 @@ def measured_and_simulated(
     """Return the measurements (K, m) of a sensor, and the readings of the model at the same times, from rest."""
     block, vehicle = getattr(vehicle_file.sensors, sensor), vehicle_file.vehicle
     record = record_of(run, {sensor: block})
-
-    def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
-        state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
-        return state, block.h(motion)
-
-    lines = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
-    kernel = scan(step, vehicle.init(), np.zeros(1 + vehicle.commands), backend=backend)
-    simulated_values, sensor_log = np.asarray(kernel.run(lines)[1]), record.sensors[sensor]
+    simulated_values = outputs_under(vehicle, vehicle.init(), record.dt_s, record.u, block.h, backend)
+    sensor_log = record.sensors[sensor]
     present = sensor_log.has.all(axis=1)
     return sensor_log.z[present], simulated_values[present]
 
@@ -42,12 +55,5 @@ def final_poses(
     ends = np.concatenate([run.t_ns[is_inside], truth.t_ns[-1:]])
     u = run.applied_commands[np.searchsorted(run.t_ns, ends)]
     dt_s = np.diff(seconds(ends, truth.t_ns[0]), prepend=0.0)
-
-    def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
-        state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
-        return state, motion.eta
-
-    lines = np.ascontiguousarray(np.concatenate([dt_s[:, None], u], axis=1))
     start = vehicle.init(eta=truth.eta[0])
-    kernel = scan(step, start, np.zeros(1 + vehicle.commands), backend=backend)
-    return truth.eta[-1], np.asarray(kernel.run(lines)[1])[-1]
+    return truth.eta[-1], outputs_under(vehicle, start, dt_s, u, lambda motion: motion.eta, backend)[-1]
