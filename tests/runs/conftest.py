@@ -1,5 +1,7 @@
 """A small run with all kinds of data, and small files to import."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,12 @@ def _make_run(N=200, n=3, seed=0, start_ns=1_700_000_000_123_456_789):
         metadata={"seed": "7", "kind": "experiment", "ñandú": "sí"},
         sent_commands=-draw(size=(N, n)),
     )
+
+
+def record_of(tick, **parts):
+    """Return the record of a tick of the loop, which lacks all parts that are not given."""
+    none = dict.fromkeys(("requested_command", "sent_command", "estimate", "reference"))
+    return SimpleNamespace(tick=tick, **none | parts)
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ import sys
 import textwrap
 import time
 import zlib
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,13 +23,14 @@ from baqueano.runs.container import writer
 from baqueano.runs.container.run_file import RunFile
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from tests.codes import refused
+from tests.runs.conftest import record_of
 
 WRITING = """
     import sys, time
     from types import SimpleNamespace
     import numpy as np
     from baqueano.runs import RunWriter
-    from baqueano.signals import Estimate, Slot, Tick, sensor_slots
+    from baqueano.signals import Slot, Tick, sensor_slots
 
     slots = sensor_slots(("imu",))
     with RunWriter(sys.argv[1], "name = 'x'", {"seed": "1"}) as writer:
@@ -243,9 +243,7 @@ def test_runs_rewritten_by_other_programs_are_read(run, tmp_path, compression):
 
 def record_one(run_writer, t_ns):
     tick = Tick(t_ns, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
-    run_writer.record(
-        SimpleNamespace(tick=tick, requested_command=None, sent_command=None, estimate=None, reference=None)
-    )
+    run_writer.record(record_of(tick))
 
 
 def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
@@ -298,11 +296,7 @@ def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monk
         for k in range(50):
             tick = Tick(k, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
             estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6))
-            run_writer.record(
-                SimpleNamespace(
-                    tick=tick, requested_command=None, sent_command=None, estimate=estimate, reference=None
-                )
-            )
+            run_writer.record(record_of(tick, estimate=estimate))
     run = read_run(path)
     assert len(run.t_ns) == 50
     assert len(run.sensors["a"].t_ns) == 50

@@ -1,7 +1,6 @@
 """A run that was written and read back is the same run, bit by bit; its ticks are those that the loop received."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from baqueano.runs import Channel, EstimateLog, Event, Run, RunWriter, read_run,
 from baqueano.runs.container.writer import versions
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots
 from tests.codes import refused
+from tests.runs.conftest import record_of
 
 doubles = st.floats(width=64, allow_nan=True, allow_infinity=True, allow_subnormal=True)
 
@@ -107,13 +107,8 @@ def records(run, sensors):
         reference = Reference(t_ns, r.eta[k], r.nu[k], r.done[k])
         requested = Command(t_ns, run.requested_commands[k])
         sent_command = Command(t_ns, run.sent_commands[k])
-        yield SimpleNamespace(
-            tick=tick,
-            requested_command=requested,
-            sent_command=sent_command,
-            estimate=estimate,
-            reference=reference,
-        )
+        commands = {"requested_command": requested, "sent_command": sent_command}
+        yield record_of(tick, **commands, estimate=estimate, reference=reference)
 
 
 def test_a_run_recorded_by_ticks_equals_a_run_written_at_once(run, tmp_path):
@@ -152,14 +147,11 @@ def silent_tick(t_ns, u=(0.0, 0.0)):
 
 def test_ticks_without_controller_or_estimate_are_recorded(tmp_path):
     path = tmp_path / "x.mcap"
-    nothing = SimpleNamespace(requested_command=None, sent_command=None, estimate=None, reference=None)
     with RunWriter(path) as writer:
         for t_ns in (0, 10):
-            writer.record(SimpleNamespace(tick=silent_tick(t_ns), **vars(nothing)))
+            writer.record(record_of(silent_tick(t_ns)))
         command = Command(20, np.array([0.1, 0.2]))
-        writer.record(
-            SimpleNamespace(**vars(nothing) | {"tick": silent_tick(20), "requested_command": command})
-        )
+        writer.record(record_of(silent_tick(20), requested_command=command))
     run = read_run(path)
     assert run.sensors["imu"].z.shape == (0, 3)
     assert np.isnan(run.requested_commands[:2]).all()
@@ -172,15 +164,7 @@ def test_data_of_a_wrong_shape_do_not_stop_the_recording(tmp_path):
     with RunWriter(path) as writer:
         for t_ns in range(0, 50, 10):
             bad = Estimate(t_ns, np.zeros(2), np.zeros(3), np.eye(6))
-            writer.record(
-                SimpleNamespace(
-                    tick=silent_tick(t_ns),
-                    requested_command=None,
-                    sent_command=None,
-                    estimate=bad,
-                    reference=None,
-                )
-            )
+            writer.record(record_of(silent_tick(t_ns), estimate=bad))
     run = read_run(path)
     assert len(run.t_ns) == 5
     assert run.estimate is None or len(run.estimate.t_ns) == 0
@@ -192,15 +176,7 @@ def test_missing_early_innovations_are_filled_with_nan(tmp_path):
     with RunWriter(path) as writer:
         for t_ns, extra in ((0, ()), (10, (np.ones(3), np.eye(3)))):
             estimate = Estimate(t_ns, np.zeros(3), np.zeros(3), np.eye(6), *extra)
-            writer.record(
-                SimpleNamespace(
-                    tick=silent_tick(t_ns),
-                    requested_command=None,
-                    sent_command=None,
-                    estimate=estimate,
-                    reference=None,
-                )
-            )
+            writer.record(record_of(silent_tick(t_ns), estimate=estimate))
     innovation = read_run(path).estimate.innovation
     assert np.isnan(innovation[0]).all()
     assert innovation[1].tolist() == [1.0, 1.0, 1.0]
@@ -208,13 +184,10 @@ def test_missing_early_innovations_are_filled_with_nan(tmp_path):
 
 def test_an_exception_is_logged_in_the_run_and_raised_again(tmp_path):
     path = tmp_path / "x.mcap"
-    tick = SimpleNamespace(
-        tick=silent_tick(5), requested_command=None, sent_command=None, estimate=None, reference=None
-    )
 
     def drive():
         with RunWriter(path) as writer:
-            writer.record(tick)
+            writer.record(record_of(silent_tick(5)))
             raise ZeroDivisionError("a block's")
 
     with pytest.raises(ZeroDivisionError):
