@@ -144,7 +144,8 @@ def linearise(
     state = begin(system)
     flat = _NumberRow(state)
     direction = flat.row(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.row(state)
-    state = state._replace(world=state.world._replace(vehicle=_moving_state(state.world.vehicle, speed_m_s)))
+    moving = state.world.vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
+    state = state._replace(world=state.world._replace(vehicle=moving))
     state, _ = _drive_system(system, state, tick_times(round(SETTLE_S * rate_hz), rate_hz))
 
     def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
@@ -232,10 +233,6 @@ def _straight_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_
     return System(
         vehicle_file.vehicle, truth_sensor(), KnownState(), guide, controller, vehicle_file.supervisor()
     )
-
-
-def _moving_state(vehicle: Tree, speed_m_s: float) -> Tree:
-    return vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
 
 
 def _crossing_frequency(loop: LinearSystem, ends: np.ndarray, function: Callable[[complex], float]) -> float:

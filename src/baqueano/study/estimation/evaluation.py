@@ -11,7 +11,6 @@ from baqueano.drive import replay, stop_reason_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import text
-from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolation import true_speed
 from baqueano.study.estimation.errors import BlockSums, EstimatedPath, block_errors
@@ -48,7 +47,7 @@ def evaluate(
     reference = EstimatedPath(dead_reckoning(vehicle_file, run, nu, start), nu[:, 0])
     judgements = []
     for kind in kinds or (vehicle_file.data["estimator"].get("kind", DEFAULT_KINDS["estimator"]),):
-        replay_run = _replay(run, vehicle_file, kind, backend)
+        replay_run = replay(run, vehicle_file, estimator=kind, backend=backend)
         log = replay_run.estimate
         assert log is not None
         rows = np.searchsorted(log.t_ns, run.t_ns)
@@ -80,7 +79,3 @@ def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[
     )
     noise = measure_noise(fit, subject.fit_run, backend=backend)
     return fit, noise.updated_file(fit.vehicle_file, subject.fit_run.name)
-
-
-def _replay(run: Run, vehicle_file: VehicleFile, kind: str, backend: str) -> Run:
-    return replay(run, vehicle_file, estimator=kind, backend=backend)

@@ -147,10 +147,9 @@ class LapStudy:
                 _("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused_robots)))
             )
         for row in self.rows():
-            reasons_found += [
-                _("{where}: {what}", where=_case_name(row), what=problem)
-                for problem in _missed_bounds(row, self.laps)
-            ]
+            case = ", ".join(_(row[name]) for name in LapCase._fields)
+            problems = _missed_bounds(row, self.laps)
+            reasons_found += [_("{where}: {what}", where=case, what=problem) for problem in problems]
         return tuple(reasons_found)
 
     @property
@@ -234,10 +233,6 @@ def _missed_bounds(row: "TableRow", laps: int) -> list[str]:
     if row["stopped"]:
         problems.append(_("{stopped} drives were stopped", stopped=row["stopped"]))
     return problems
-
-
-def _case_name(row: "TableRow") -> str:
-    return ", ".join(_(row[name]) for name in LapCase._fields)
 
 
 def _quantile(values: list[float], q: float) -> float:

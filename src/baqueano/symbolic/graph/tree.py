@@ -71,7 +71,8 @@ def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "
     items = _items(tree)
     if items is None:
         return ConstantLeaf(path, tree)
-    mark = "{}.{}" if _has_names(tree) else "{}[{!r}]"
+    has_names = dataclasses.is_dataclass(tree) or hasattr(tree, "_fields")
+    mark = "{}.{}" if has_names else "{}[{!r}]"
     children = [shape_of(x, mark.format(path, key), kind_of) for key, x in items]
     return Branch(path, type(tree), tuple(key for key, _ in items), tuple(children))
 
@@ -221,10 +222,6 @@ def _items(tree: Tree) -> list[tuple[Tree, Tree]] | None:
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
         return [(field.name, getattr(tree, field.name)) for field in dataclasses.fields(tree)]
     return None
-
-
-def _has_names(tree: Tree) -> bool:
-    return dataclasses.is_dataclass(tree) or hasattr(tree, "_fields")
 
 
 def _are_equal(a: Tree, b: Tree) -> bool:
