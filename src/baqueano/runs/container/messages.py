@@ -155,9 +155,9 @@ class MessageLayout:
         return read | {field: np.zeros((len(sizes), 0)) for field in self._empty}
 
 
-def command_layout(size: int, frame: str = "base_link") -> MessageLayout:
+def command_layout(size: int) -> MessageLayout:
     """Return the layout of baqueano_msgs/msg/Command; its messages are packed by pack(t_ns, size, *u)."""
-    return MessageLayout(frame, (MessageField("u", "sequence", size),))
+    return MessageLayout("base_link", (MessageField("u", "sequence", size),))
 
 
 def measurement_layout(size: int, frame: str) -> MessageLayout:
@@ -185,7 +185,7 @@ def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
     return np.column_stack([fields["accel"][:, 0], fields["accel"][:, 1], fields["omega"][:, 2]])
 
 
-def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map") -> MessageLayout:
+def estimate_layout(size: int | None, with_cov: bool = True) -> MessageLayout:
     """Return the layout of baqueano_msgs/msg/Estimate with innovations of `size` entries; without innovations if `size`
     is None.
     """
@@ -195,27 +195,18 @@ def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map")
         MessageField("innovation", "sequence", m),
         MessageField("innovation_cov", "sequence", m * m if with_cov else 0),
     )
-    return MessageLayout(frame, (*head, MessageField("innovation_size", "uint32"), *tail))
+    return MessageLayout("map", (*head, MessageField("innovation_size", "uint32"), *tail))
 
 
-def reference_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of baqueano_msgs/msg/Reference; its messages are packed by pack(t_ns, *eta, *nu, done)."""
-    return MessageLayout(
-        frame,
-        (MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("done", "array", 1)),
-    )
+def _arrays_in_map(**counts: int) -> MessageLayout:
+    return MessageLayout("map", tuple(MessageField(name, "array", count) for name, count in counts.items()))
 
 
-def motion_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of baqueano_msgs/msg/Motion; its messages are packed by pack(t_ns, *eta, *nu, *nu_dot)."""
-    return MessageLayout(frame, tuple(MessageField(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
-
-
-def pose_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of geometry_msgs/msg/PoseStamped, for viewers; packed by pack(t_ns, *pose_values(eta))."""
-    return MessageLayout(
-        frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4))
-    )
+REFERENCE = _arrays_in_map(eta=3, nu=3, done=1)  # baqueano_msgs/msg/Reference
+MOTION = _arrays_in_map(eta=3, nu=3, nu_dot=3)  # baqueano_msgs/msg/Motion
+POSE = _arrays_in_map(
+    position=3, orientation=4
+)  # geometry_msgs/msg/PoseStamped, of `pose_values`, for viewers
 
 
 def pose_values(eta: list[float]) -> tuple[float, ...]:

@@ -223,14 +223,14 @@ class _RunAssembly:
         return _concatenate([_estimate_columns(m, with_cov, *segment) for segment in segments], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
-        rows = self.read_fixed("/reference", messages.reference_layout())
+        rows = self.read_fixed("/reference", messages.REFERENCE)
         if rows is None:
             return None
         t_ns, f = rows
         return _concatenate([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
 
     def truth(self) -> TruthLog | None:
-        rows = self.read_fixed("/truth", messages.motion_layout())
+        rows = self.read_fixed("/truth", messages.MOTION)
         if rows is None:
             return None
         t_ns, f = rows

@@ -146,12 +146,12 @@ class RunFile:
 
 
 FIXED_TOPICS = {
-    "/reference": ("baqueano_msgs/msg/Reference", messages.reference_layout().pack),
-    "/truth": ("baqueano_msgs/msg/Motion", messages.motion_layout().pack),
+    "/reference": ("baqueano_msgs/msg/Reference", messages.REFERENCE.pack),
+    "/truth": ("baqueano_msgs/msg/Motion", messages.MOTION.pack),
     "/events": ("rcl_interfaces/msg/Log", messages.pack_log),
-    "/estimate/pose": ("geometry_msgs/msg/PoseStamped", messages.pose_layout().pack),
-    "/reference/pose": ("geometry_msgs/msg/PoseStamped", messages.pose_layout().pack),
-    "/truth/pose": ("geometry_msgs/msg/PoseStamped", messages.pose_layout().pack),
+    "/estimate/pose": ("geometry_msgs/msg/PoseStamped", messages.POSE.pack),
+    "/reference/pose": ("geometry_msgs/msg/PoseStamped", messages.POSE.pack),
+    "/truth/pose": ("geometry_msgs/msg/PoseStamped", messages.POSE.pack),
 }
 
 

@@ -11,7 +11,7 @@ the rotation of the wheels, with noise of 0.02 m/s. "Not worse" means a ratio of
 written, and its vehicle is not evaluated.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -108,11 +108,7 @@ def unmodelled_effect(seed: int) -> tuple[str, str]:
 
 
 def simulate_outcomes(
-    seeds: int,
-    kinds: Sequence[str],
-    backend: str,
-    processes: int,
-    advance: Callable[[int], None] | None = None,
+    seeds: int, kinds: Sequence[str], backend: str, processes: int
 ) -> list[SimulatedOutcome]:
     """Return the evaluations of vehicles with seeds 0 … `seeds` − 1."""
     jobs = []
@@ -122,9 +118,7 @@ def simulate_outcomes(
             EstimationJob(vehicle, tuple(seeds_of_vehicle[k : k + BATCH_SIZE]), tuple(kinds), backend)
             for k in range(0, len(seeds_of_vehicle), BATCH_SIZE)
         ]
-    return [
-        outcome for batch in run_in_processes(evaluate_job, jobs, processes, advance) for outcome in batch
-    ]
+    return [outcome for batch in run_in_processes(evaluate_job, jobs, processes) for outcome in batch]
 
 
 def evaluate_job(job: EstimationJob) -> list[SimulatedOutcome]:

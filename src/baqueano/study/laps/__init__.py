@@ -57,15 +57,13 @@ def laps_over_fixes(
     return LapStudy(drives, wholes, sum(done for done, *_ in results), count, tuple(sorted(refusals)))
 
 
-def all_cases(
-    routes: Sequence[str] = ROUTES, fixes: Sequence[str] = tuple(FIXES), gyros: Sequence[str] = GYROS
-) -> list[LapCase]:
+def all_cases() -> list[LapCase]:
     """Return the cases of the study. A robot with an uncalibrated gyro drives only without a fix and over two tags."""
     return [
         LapCase(route, fix, gyro, read)
-        for gyro in gyros
-        for route in routes
-        for fix in fixes
+        for gyro in GYROS
+        for route in ROUTES
+        for fix in FIXES
         for read in READ_FAULTS
         if (gyro != "uncalibrated" or (fix in ("none", "tags") and read == "no reading lost"))
         and (fix != "none" or read == "no reading lost")
