@@ -23,6 +23,7 @@ from baqueano.drive import replay, stop_reason_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise.covariances import Noise, measure_noise
+from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
@@ -242,7 +243,7 @@ class CrossValidation:
         rows = ([_(row["figure"]), *(str(row[head]) for head in heads)] for row in self.figures())
         lines += ["", *text_table(f"<{'>' * len(heads)}", ["", *heads], *rows), "", *map(_, CAVEATS)]
         lines += [f"- {note}" for note in self.notes]
-        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('in both directions')}"])
+        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _("in both directions"))])
 
 
 _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (

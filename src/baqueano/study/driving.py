@@ -27,6 +27,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
+from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -140,11 +141,9 @@ class Driving:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each limit that is exceeded."""
-        out = (
-            [_("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused_robots)))]
-            if self.refused_robots
-            else []
-        )
+        robots, out = ", ".join(map(str, self.refused_robots)), []
+        if self.refused_robots:
+            out.append(_("the fits of robots {robots} were refused", robots=robots))
         for row in self.rows():
             case_text = _(
                 "{case}, {shape} at {requested_m_s:g} m/s",
@@ -205,9 +204,7 @@ class Driving:
             ),
             *text_table("<<>>>>>>", head, *rows),
         ]
-        return "\n".join(
-            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all limits are met')}"]
-        )
+        return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons, _("all limits are met"))])
 
 
 FIGURES = ("speed_error", "unevenness", "at_limit", "sign_changes", "across_m", "stopped")

@@ -18,6 +18,7 @@ import numpy as np
 from baqueano.compare.corridor import MAX_HEADING_STD_RAD, QUANTILE_95
 from baqueano.diagnostics import Verdict
 from baqueano.estimators.covariance import CHI_SQUARE_95
+from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
@@ -118,13 +119,8 @@ class Corridors:
                     refused=len(self.refused_robots),
                 )
             )
-        return "\n".join(
-            [
-                *lines,
-                *self.notes,
-                f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all requirements are met')}",
-            ]
-        )
+        met = _("all requirements are met")
+        return "\n".join([*lines, *self.notes, verdict_line(self.verdict, self.reasons, met)])
 
 
 def squared_distance(instant: Instant, quantity: str) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
+from baqueano.design.information import mean_error
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -102,11 +103,11 @@ class SignalErrors(NamedTuple):
 
 def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[ExperimentRow]:
     """Return a row for each signal on the vehicles of one file and room."""
-    base = _geometric_mean(draws[BASELINE].errors)
+    base = mean_error(draws[BASELINE].errors)
     rows = []
     for signal, drive in draws.items():
         rival_errors = np.min([d.errors for s, d in draws.items() if s != signal], axis=0)
-        error = _geometric_mean(drive.errors)
+        error = mean_error(drive.errors)
         rows.append(
             ExperimentRow(
                 vehicle, size, signal, error, base / error, int(np.sum(drive.errors > rival_errors)), len(drive.errors),
@@ -120,7 +121,3 @@ def merge(parts: list[SignalErrors]) -> SignalErrors:
     """Return the results of a signal on the vehicles of all parts."""
     errors, margins = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     return SignalErrors(errors, margins, max(part.seconds for part in parts))
-
-
-def _geometric_mean(x: np.ndarray) -> float:
-    return float(np.exp(np.mean(np.log(x))))

@@ -19,6 +19,7 @@ import numpy as np
 
 from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import Verdict
+from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
@@ -78,9 +79,9 @@ class Identification:
         """Return the outcomes of a case."""
         return [o for o in self.outcomes if o.case == case]
 
-    def normalised_errors(self, case: str = "clean") -> np.ndarray:
-        """Return all errors (K,) of a case, each divided by its standard error."""
-        return np.concatenate([np.zeros(0), *(_outcome_z(o) for o in self.outcomes_of(case))])
+    def normalised_errors(self) -> np.ndarray:
+        """Return all errors (K,) of the case "clean", each divided by its standard error."""
+        return np.concatenate([np.zeros(0), *(_outcome_z(o) for o in self.outcomes_of("clean"))])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each case and parameter, and a pooled row for each case."""
@@ -124,7 +125,7 @@ class Identification:
                 "with the verdict USABLE."
             ),
         ]
-        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or message}"])
+        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, message)])
 
 
 def _rows(case: str, outcomes: list[TrialOutcome]) -> list["TableRow"]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.diagnostics import Verdict
+from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
@@ -188,9 +189,7 @@ class LapStudy:
             _("estimate, cm"), _("within"), "NEES", _("stopped, in lap"),
         ]  # fmt: skip
         lines += text_table("<<<<>>>>>>>", head, *cells)
-        return "\n".join(
-            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bounds are met')}"]
-        )
+        return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons, _("all bounds are met"))])
 
 
 def _missed_bounds(row: "TableRow", laps: int) -> list[str]:
