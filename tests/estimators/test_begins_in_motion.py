@@ -1,21 +1,21 @@
 """A recording that begins in motion: the motors had a command before, so the speed is constant from the first tick."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf, DeadReckoning, Ekf, Unscented
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.vehicles import Drivetrain, Friction, Planar
+from baqueano.vehicles import Drivetrain
+from tests.light_robot import SMALL
 
 Sensors = sensor_slots(("imu",))
 SENSORS = Sensors(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
 U = np.array([0.6, 0.0, 0.2])
-VEHICLE = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
+VEHICLE = replace(
+    SMALL,
     drivetrain=Drivetrain(
         mixing="two_wheels", delay_s=0.03, delay_slots=3, lag_s=0.03, dead_zone_forward=np.array([0.1])
     ),

@@ -5,7 +5,6 @@ at rest.
 import numpy as np
 import pytest
 
-from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.estimators import Complementary
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer
@@ -13,15 +12,9 @@ from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
-from baqueano.vehicles import Friction, Planar
+from tests.light_robot import SMALL
 
 DT = 0.01
-SMALL = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
-)
 IMU = Imu(gyro_noise_std=0.005, accel_noise_std=np.array([0.1, 0.1]), gyro_scale=1.03, gyro_bias=0.02)
 ODOMETER = Odometer(scale=1.02, noise_std=0.02)
 
@@ -153,14 +146,6 @@ def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_trut
         through(block, u, {"imu": z[i], "odometer": readings[i][:, None]})[1].nu[:, 0] for i in range(n)
     ]
     assert np.sqrt(np.mean((np.array(speeds) - v) ** 2)) < 0.5 * 0.05
-
-
-@pytest.mark.parametrize("name", ["small", "car"])
-def test_the_complementary_filter_passes_the_block_check_and_compiles(name):
-    file = load(name)
-    block = file.estimator(kind="complementary")
-    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
-    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []
 
 
 def test_the_bias_stays_while_the_gyro_is_silent():

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.estimators import Complementary, DeadReckoning
 from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, map_from_body, wrap
@@ -19,17 +18,12 @@ from baqueano.signals import Slot, Tick, sensor_slots, silent
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
-from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+from baqueano.vehicles import Car, Drivetrain, Kinematic
 from tests.codes import refused
+from tests.light_robot import SMALL
 
 DT = 0.01
 FALSE_ALARM = 1e-4
-SMALL = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
-)
 WHEELED = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 3.0]))  # nothing slips sideways
 IMU = Imu(gyro_noise_std=0.005, accel_noise_std=np.array([0.1, 0.1]), gyro_scale=1.03, gyro_bias=0.02)
 WHEELS = Wheels(track_m=0.12, noise_std=0.02, radius_scale=np.array([1.02, 0.97]))
@@ -316,14 +310,6 @@ def test_position_uncertainty_after_a_pause_covers_the_possible_distance():
     _, estimate = reckon.step(belief, Tick(60_010_000_000, np.array([0.24, 0.0, 0.0]), slots))
     assert estimate.eta[0] < 0.5
     assert np.sqrt(estimate.cov[0, 0]) > 0.3 * 55.0
-
-
-@pytest.mark.parametrize("name", ["small", "car"])
-def test_dead_reckoning_passes_the_block_check_and_compiles(name):
-    file = load(name)
-    block = file.estimator(kind="dead_reckoning")
-    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
-    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []
 
 
 @pytest.mark.parametrize(

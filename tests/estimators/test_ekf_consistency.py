@@ -15,16 +15,11 @@ from baqueano.geometry import wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Motion, Slot, Tick, sensor_slots
 from baqueano.symbolic import scan
-from baqueano.vehicles import Friction, Kinematic, Planar
+from baqueano.vehicles import Kinematic
+from tests.light_robot import DRAGGED as SMALL
 
 RUNS, TICKS, FALSE_ALARM = 40, 300, 1e-3
 Sensors = sensor_slots(("imu",))
-SMALL = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001])),
-)
 FLAT = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 3.0]))
 SENSORS = Sensors(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
 R = np.diag([2e-4, 1e-4, 1e-3, 0.02, 0.01, 0.1]) ** 2

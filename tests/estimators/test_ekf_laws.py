@@ -2,6 +2,7 @@
 frames do not change the result.
 """
 
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -14,13 +15,11 @@ from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block
-from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar, constant_effort
+from baqueano.vehicles import Drivetrain, Kinematic, constant_effort
 from tests.codes import refused
+from tests.light_robot import DRAGGED as SMALL
 
 Sensors = sensor_slots(("imu",))
-FRICTION = Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001]))
-T = np.diag([1.5, 0.0, 0.03])
-SMALL = Planar(mass_kg=0.61, inertia_kg_m2=0.0015, actuator_matrix=T, friction=FRICTION)
 IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
 R = np.diag([1e-4, 1e-4, 1e-3, 0.05, 0.05, 0.5]) ** 2
 
@@ -198,10 +197,8 @@ def test_unexplained_acceleration_decays_with_its_time_constant():
 
 
 def test_the_estimator_models_the_drivetrain_delay_of_the_vehicle():
-    late = Planar(
-        mass_kg=0.61, inertia_kg_m2=0.0015, actuator_matrix=T, friction=FRICTION,
-        drivetrain=Drivetrain(delay_s=0.03, delay_slots=3, limit=np.array([0.5, 0.5, 0.5])),
-    )  # fmt: skip
+    drivetrain = Drivetrain(delay_s=0.03, delay_slots=3, limit=np.array([0.5, 0.5, 0.5]))
+    late = replace(SMALL, drivetrain=drivetrain)
     filter_ = Ekf(late, Sensors(IMU), R)
     belief, efforts = filter_.init(), []
     for k in range(1, 7):

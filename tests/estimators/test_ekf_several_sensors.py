@@ -5,15 +5,9 @@ import numpy as np
 from baqueano.estimators import Ekf
 from baqueano.sensors import Imu, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.vehicles import Friction, Planar
+from tests.light_robot import SMALL
 
 Sensors = sensor_slots(("imu", "pose", "wheels"))
-SMALL = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
-)
 SENSORS = Sensors(
     Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005),
     Pose(noise_std=np.array([0.01, 0.01, 0.02])),

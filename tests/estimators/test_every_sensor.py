@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.compare.errors import wrap
 from baqueano.runs.filter_ticks import ticks_of
 from baqueano.simulate import simulate
@@ -73,3 +74,12 @@ def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estima
 def test_a_position_sensor_reduces_the_position_uncertainty(kind):
     with_it, without = (through(kind, "augmented_ekf", use)[1].cov[-1] for use in (("imu", kind), ("imu",)))
     assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(without[:2, :2])
+
+
+@pytest.mark.parametrize("name", ["small", "car"])
+@pytest.mark.parametrize("kind", ["complementary", "dead_reckoning", "unscented"])
+def test_an_estimator_passes_the_block_check_and_compiles(kind, name):
+    file = load(name)
+    block = file.estimator(kind=kind)
+    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
+    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []

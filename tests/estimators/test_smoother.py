@@ -20,7 +20,7 @@ from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Estimate, Motion, Slot, Tick, sensor_slots
 from baqueano.vehicle_file import load
-from baqueano.vehicles import Friction, Planar
+from tests.light_robot import SMALL
 
 N = 6
 A = np.eye(N) + 0.1 * np.eye(N, k=3)
@@ -157,12 +157,6 @@ def test_states_with_zero_variance_retain_zero_variance():
     np.testing.assert_allclose(cov, P, atol=1e-6)
 
 
-SMALL = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
-)
 BOTH = sensor_slots(("imu", "pose"))
 SENSORS = BOTH(
     Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.01),

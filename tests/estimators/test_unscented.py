@@ -8,7 +8,6 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from scipy.stats import chi2
 
-from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.estimators import Ekf, Unscented
 from baqueano.estimators.covariance import cholesky_root
 from baqueano.estimators.kalman import Gaussian
@@ -19,16 +18,10 @@ from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
 from baqueano.study.counterpart import robot_file
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block, scan
-from baqueano.vehicle_file import load
-from baqueano.vehicles import Friction, Kinematic, Planar, constant_effort
+from baqueano.vehicles import Kinematic, constant_effort
 from tests.codes import refused
+from tests.light_robot import DRAGGED as SMALL
 
-SMALL = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001])),
-)
 IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
 Sensors = sensor_slots(("imu",))
 R = np.diag([1e-4, 1e-4, 1e-3, 0.05, 0.05, 0.5]) ** 2
@@ -186,14 +179,6 @@ def test_a_pose_innovation_is_wrapped_across_pi():
     _, estimate = block.step(belief, Tick(10_000_000, np.zeros(3), slot))
     assert abs(estimate.innovation[2] - 0.04) < 1e-3
     assert abs(wrap(estimate.eta[2] - np.pi)) < 0.02
-
-
-@pytest.mark.parametrize("name", ["small", "car"])
-def test_the_unscented_filter_passes_the_block_check_and_compiles(name):
-    file = load(name)
-    block = file.estimator(kind="unscented")
-    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
-    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []
 
 
 @pytest.mark.parametrize(
