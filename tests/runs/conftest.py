@@ -1,10 +1,12 @@
 """A small run with all kinds of data, and small files to import."""
 
+import shlex
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from baqueano.cli import main
 from baqueano.errors import FileError
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog, import_run
 from tests.codes import includes
@@ -45,6 +47,13 @@ def _make_run(N=200, n=3, seed=0, start_ns=1_700_000_000_123_456_789):
         metadata={"seed": "7", "kind": "experiment", "ñandú": "sí"},
         sent_commands=-draw(size=(N, n)),
     )
+
+
+def run_line(line):
+    """Run the command line of a page, which must succeed."""
+    with pytest.raises(SystemExit) as exit_info:
+        main(shlex.split(line)[1:])
+    assert exit_info.value.code in (0, None)
 
 
 def record_of(tick, **parts):

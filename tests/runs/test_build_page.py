@@ -4,30 +4,22 @@ in the source.
 
 import csv
 import re
-import shlex
 import tomllib
 from pathlib import Path
 
 import numpy as np
-import pytest
 import tomlkit
 
-from baqueano.cli import main
 from baqueano.cli.robot.settings import NAMES
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.head import Hardware
+from tests.runs.conftest import run_line
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/build.md").read_text(encoding="utf-8")
 TABLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 LINES = re.findall(r"^baqueano runs .*$", PAGE, re.MULTILINE)
-
-
-def run_line(line):
-    with pytest.raises(SystemExit) as exit_info:
-        main(shlex.split(line)[1:])
-    assert exit_info.value.code in (0, None)
 
 
 def with_keys(lines):

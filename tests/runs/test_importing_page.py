@@ -1,17 +1,16 @@
 """The map, the vehicle file and the commands of docs/importing.md work on a recording made as described."""
 
 import re
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from baqueano.cli import main
 from baqueano.compare import compare
 from baqueano.runs import read_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.vehicle_file import load
+from tests.runs.conftest import run_line
 
 PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")
 TRIALS, ROWS, DT_S = 6, 400, 0.02
@@ -25,12 +24,6 @@ TRUE = {
 
 def of_page(kind, which=0):
     return re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[which]
-
-
-def run_line(line):
-    with pytest.raises(SystemExit) as exit_info:
-        main(shlex.split(line)[1:])
-    assert exit_info.value.code in (0, None)
 
 
 def trials(vehicle):

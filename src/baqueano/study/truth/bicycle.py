@@ -64,10 +64,6 @@ class Cars(Group):
         """Return the rolling speed (n,) of the rear wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
-    def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return dx/dt (n, k) under the commands in effect (n, 2).  (1)-(5)"""
-        return self.rate_under(u)(x)
-
     def rate_under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 2).  (1)-(5)"""
         m, (a, b) = self.mass_kg, self.axle_m.T

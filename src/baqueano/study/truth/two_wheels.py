@@ -75,10 +75,6 @@ class Robots(Group):
         """Return the mean rolling speed (n,) of the wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
-    def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return dx/dt (n, k) under the commands in effect (n, 3).  (1)-(5)"""
-        return self.rate_under(u)(x)
-
     def rate_under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 3).  (1)-(5)"""
         m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
