@@ -32,17 +32,10 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     asymmetry = np.abs(P - P.T)
     if np.max(asymmetry) > 1e-9 * scale:
         i, j = np.unravel_index(np.argmax(np.triu(asymmetry)), P.shape)
-        raise Invalid(
-            fault(
-                "cov.not-symmetric",
-                name=name,
-                i=i,
-                j=j,
-                one=P[i, j],
-                other=P[j, i],
-                offer=_nearest_valid_text(P),
-            )
+        reason = fault(
+            "cov.not-symmetric", name=name, i=i, j=j, one=P[i, j], other=P[j, i], offer=_nearest_valid_text(P)
         )
+        raise Invalid(reason)
     smallest = np.linalg.eigvalsh(P)[0]
     if smallest < -1e-12 * scale:
         i, j = _worst_pair(P)

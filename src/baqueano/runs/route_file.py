@@ -142,14 +142,10 @@ def _read_route(path: Path) -> Route:
     is_not_later = np.diff(t_s) <= 0.0
     if is_not_later.any() or t_s[0] != 0.0:
         line = table.lines[np.argmax(is_not_later) + 1] if is_not_later.any() else table.lines[0]
-        raise FileError(
-            fault(
-                "route.times",
-                path=path,
-                line=line,
-                value=t_s[np.argmax(is_not_later) + int(is_not_later.any())],
-            )
+        reason = fault(
+            "route.times", path=path, line=line, value=t_s[np.argmax(is_not_later) + int(is_not_later.any())]
         )
+        raise FileError(reason)
     return Route(t_s, values[:, :3], values[:, 3:], _is_closed(path))
 
 

@@ -75,15 +75,10 @@ def row_times(
     earliest = int(t_ns[is_known].min()) if is_known.any() else 0
     if earliest < 0:
         zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
-        raise FileError(
-            fault(
-                "import.before-zero",
-                table=table.label,
-                t_s=earliest / NANOSECONDS,
-                map=map_name,
-                start_ns=zero,
-            )
+        reason = fault(
+            "import.before-zero", table=table.label, t_s=earliest / NANOSECONDS, map=map_name, start_ns=zero
         )
+        raise FileError(reason)
     if is_known.any() and t_ns[is_known].max() >= 2**31 * NANOSECONDS:
         raise FileError(
             fault(

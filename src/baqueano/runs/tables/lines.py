@@ -100,13 +100,10 @@ class Lines:
             even_zeros, odd_zeros
         ):
             return "utf-8-sig"  # a line with zero bytes is reported later
-        raise FileError(
-            fault(
-                "table.utf-16",
-                file=self.label,
-                encoding="utf-16-le" if odd_zeros > even_zeros else "utf-16-be",
-            )
+        reason = fault(
+            "table.utf-16", file=self.label, encoding="utf-16-le" if odd_zeros > even_zeros else "utf-16-be"
         )
+        raise FileError(reason)
 
     def _check(self, line: str) -> None:
         if "\0" in line:

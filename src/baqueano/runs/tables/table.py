@@ -69,16 +69,10 @@ class LogTable(NamedTuple):
             ]
             code = "table.column-mistyped" if close_names else "table.no-column"
             cells = [self._first_cells(name) for name in close_names]
-            raise FileError(
-                fault(
-                    code,
-                    file=self.label,
-                    column=column,
-                    similar=map(repr, close_names),
-                    cells=cells,
-                    valid=names,
-                )
+            reason = fault(
+                code, file=self.label, column=column, similar=map(repr, close_names), cells=cells, valid=names
             )
+            raise FileError(reason)
         if self.columns[column] is None:
             raise FileError(fault("table.column-twice", file=self.label, column=column))
         return self.columns[column]

@@ -96,14 +96,10 @@ class Controllers(Result):
             out.append(note("study.not-a-third", Severity.WARNING, subject=best_row["controller"], **figures))
         for row in rows:
             if row["at_bound"]:
-                out.append(
-                    note(
-                        "study.gain-at-bound",
-                        Severity.WARNING,
-                        subject=row["controller"],
-                        gains=row["at_bound"],
-                    )
+                message = note(
+                    "study.gain-at-bound", Severity.WARNING, subject=row["controller"], gains=row["at_bound"]
                 )
+                out.append(message)
             if stops := sum(row[f"{view}_stopped"] for view in ("pose", "truth")):
                 out.append(note("study.stopped", Severity.WARNING, subject=row["controller"], stopped=stops))
         if self.refused_robots:
