@@ -30,7 +30,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
-from baqueano.study.recorded.bars import criterion_row
+from baqueano.study.recorded.bars import at_least, at_most, criterion_row, reported
 from baqueano.study.recordings import RecordingStudy, check_cpm_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
@@ -127,22 +127,11 @@ def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str
         {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
     )
     error = [float(predict_run(model, run, backend).rmse[0]) for model in (fitted_car, car)]
-    ratio = error[0] / error[1]
+    bar = MAX_SPEED_ERROR_RATIO * error[1]
+    ratio = _("speed error, divided by the error of the odometer's fit")
     return [
-        criterion_row(
-            label,
-            _("speed error, divided by the error of the odometer's fit"),
-            ratio,
-            f"≤ {number(MAX_SPEED_ERROR_RATIO):g}",
-            ratio <= MAX_SPEED_ERROR_RATIO,
-        ),
-        criterion_row(
-            label,
-            _("speed error [m/s rms]"),
-            error[0],
-            f"≤ {number(MAX_SPEED_ERROR_RATIO * error[1]):.3f}",
-            ratio <= MAX_SPEED_ERROR_RATIO,
-        ),
+        at_most(label, ratio, error[0] / error[1], MAX_SPEED_ERROR_RATIO),
+        criterion_row(label, _("speed error [m/s rms]"), error[0], f"≤ {number(bar):.3f}", error[0] <= bar),
     ]
 
 
@@ -162,27 +151,11 @@ def fitted_drive(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
 def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]:
     """Return the rows on the coverage and the width of the intervals, from arrays (cases, 5)."""
     coverage = float(np.mean(is_covered))
-    table_rows = [
-        criterion_row(
-            "cpm",
-            _("intervals that contain the odometer's fit"),
-            coverage,
-            f"≥ {number(MIN_COVERAGE):g}",
-            coverage >= MIN_COVERAGE,
-        )
-    ]
+    table_rows = [at_least("cpm", _("intervals that contain the odometer's fit"), coverage, MIN_COVERAGE)]
     for k, name in enumerate(QUANTITY_NAMES):
         if np.isfinite(MAX_WIDTHS[k]):
-            widest = float(np.max(width[:, k]))
-            table_rows.append(
-                criterion_row(
-                    "cpm",
-                    _("widest of {name}, ± parts", name=_(name)),
-                    widest,
-                    f"≤ {number(MAX_WIDTHS[k]):g}",
-                    widest <= MAX_WIDTHS[k],
-                )
-            )
+            widest, quantity = float(np.max(width[:, k])), _("widest of {name}, ± parts", name=_(name))
+            table_rows.append(at_most("cpm", quantity, widest, MAX_WIDTHS[k]))
     return table_rows
 
 
@@ -191,10 +164,6 @@ def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.always_unobservable)
     is_outside = bool(fit.envelope.range_warnings(runs["a"]))  # a fit of run b
     return [
-        criterion_row(
-            "cpm", _("the gyro's scale is reported as not identifiable"), is_reported, _("yes"), is_reported
-        ),
-        criterion_row(
-            "cpm b → a", _("the run that leaves the envelope is flagged"), is_outside, _("yes"), is_outside
-        ),
+        reported("cpm", _("the gyro's scale is reported as not identifiable"), is_reported),
+        reported("cpm b → a", _("the run that leaves the envelope is flagged"), is_outside),
     ]

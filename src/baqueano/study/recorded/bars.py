@@ -2,6 +2,9 @@
 
 from typing import TYPE_CHECKING
 
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
@@ -9,3 +12,24 @@ if TYPE_CHECKING:
 def criterion_row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":
     """Return a row of a table of recordings: a value, its criterion, and True if it is met."""
     return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}
+
+
+def at_least(recording: str, quantity: str, value: float, bar: float) -> "JsonObject":
+    """Return the row of a value that must be at least `bar`."""
+    return criterion_row(recording, quantity, value, f"≥ {number(bar):g}", value >= bar)
+
+
+def at_most(recording: str, quantity: str, value: float, bar: float, unit: str = "") -> "JsonObject":
+    """Return the row of a value that must be at most `bar`, which is shown with its `unit`."""
+    return criterion_row(recording, quantity, value, f"≤ {number(bar):g}{unit}", value <= bar)
+
+
+def within(recording: str, quantity: str, value: float, expected: float, tolerance: float) -> "JsonObject":
+    """Return the row of a value that must differ from `expected` by at most `tolerance`."""
+    bar = f"{number(expected):g} ± {number(tolerance):g}"
+    return criterion_row(recording, quantity, value, bar, abs(value - expected) <= tolerance)
+
+
+def reported(recording: str, message: str, is_reported: bool) -> "JsonObject":
+    """Return the row of a message that must be reported."""
+    return criterion_row(recording, message, is_reported, _("yes"), is_reported)

@@ -16,14 +16,13 @@ from baqueano.calibration.against_truth import calibrate
 from baqueano.calibration.result import Calibration
 from baqueano.identify import FitOptions
 from baqueano.messages import text
-from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.selection.choice import Choice, Decision
 from baqueano.selection.choose import choose
-from baqueano.study.recorded.bars import criterion_row
+from baqueano.study.recorded.bars import at_least, criterion_row, within
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load
 
@@ -84,52 +83,25 @@ def with_raw_clock(name: str) -> "Run":
 def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) -> list["TableRow"]:
     """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
-    share, bar = figures["odometer[0]"].explained_fraction, MIN_EXPLAINED[name]
+    share = figures["odometer[0]"].explained_fraction
     dry = DRY_TERMS.intersection(choice.selected_terms)
     battery = next(judgement for judgement in choice.term_results if judgement.term.name == BATTERY_TERM)
+    explained = _("{name} → {other}: speed explained", name=name, other=other_name)
+    terms, names = _("{name}: terms added", name=name), ", ".join(map(_, choice.selected_terms))
+    battery_term, is_added = f"{name}: {_(BATTERY_TERM)}", battery.verdict == Decision.TAKEN
     return [
-        criterion_row(
-            CAR,
-            _("{name} → {other}: speed explained", name=name, other=other_name),
-            share,
-            f"≥ {number(bar):g}",
-            share >= bar,
-        ),
-        criterion_row(
-            CAR,
-            _("{name}: terms added", name=name),
-            ", ".join(map(_, choice.selected_terms)),
-            _("dry friction or dead zone"),
-            bool(dry),
-        ),
-        criterion_row(
-            CAR,
-            f"{name}: {_(BATTERY_TERM)}",
-            text(battery.message),
-            _("not added"),
-            battery.verdict != Decision.TAKEN,
-        ),
+        at_least(CAR, explained, share, MIN_EXPLAINED[name]),
+        criterion_row(CAR, terms, names, _("dry friction or dead zone"), bool(dry)),
+        criterion_row(CAR, battery_term, text(battery.message), _("not added"), not is_added),
     ]
 
 
 def calibration_rows(calibration: Calibration, name: str) -> list["TableRow"]:
     """Return the rows on gyro scale and camera clock; a file's gyro_scale is measured rotation per true rotation."""
     turn, offset = 1.0 / calibration.value("sensors.imu.gyro_scale"), calibration.value("clock.truth")
-    is_scale_close = abs(turn - GYRO_SCALE) <= GYRO_SCALE_TOLERANCE
-    is_clock_close = abs(offset - CLOCK_S[name]) <= CLOCK_TOLERANCE_S
+    scale = _("{name}: truth / gyro (1 / gyro_scale)", name=name)
+    clock = _("{name}: clock of the truth [s]", name=name)
     return [
-        criterion_row(
-            CAR,
-            _("{name}: truth / gyro (1 / gyro_scale)", name=name),
-            turn,
-            f"{number(GYRO_SCALE):g} ± {number(GYRO_SCALE_TOLERANCE):g}",
-            is_scale_close,
-        ),
-        criterion_row(
-            CAR,
-            _("{name}: clock of the truth [s]", name=name),
-            offset,
-            f"{number(CLOCK_S[name]):g} ± {number(CLOCK_TOLERANCE_S):g}",
-            is_clock_close,
-        ),
+        within(CAR, scale, turn, GYRO_SCALE, GYRO_SCALE_TOLERANCE),
+        within(CAR, clock, offset, CLOCK_S[name], CLOCK_TOLERANCE_S),
     ]

@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import criterion_row
+from baqueano.study.recorded.bars import at_most, criterion_row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -64,20 +64,10 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         fit, error = fit_and_validate(runs, backend)
         zone = float(fit.vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
         name = f"dart, {_(floor)}"
-        out.append(
-            criterion_row(
-                name, _("held-out speed error [m/s rms]"), error, f"≤ {number(RMSE_M_S):g}", error <= RMSE_M_S
-            )
-        )
-        out.append(
-            criterion_row(
-                name,
-                _("dead zone"),
-                zone,
-                f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}",
-                MIN_DEAD_ZONE <= round(zone, 2) <= MAX_DEAD_ZONE,
-            )
-        )
+        bar = f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}"
+        is_within = MIN_DEAD_ZONE <= round(zone, 2) <= MAX_DEAD_ZONE
+        out.append(at_most(name, _("held-out speed error [m/s rms]"), error, RMSE_M_S))
+        out.append(criterion_row(name, _("dead zone"), zone, bar, is_within))
     return out
 
 

@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import criterion_row
+from baqueano.study.recorded.bars import at_least, criterion_row, within
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -56,30 +56,12 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     z, simulated_values = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
     share = 1.0 - float(np.sum((z - simulated_values) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
     near = abs(band - threshold) <= DEAD_BAND_TOLERANCE * threshold
-    is_near = abs(faster - ASYMMETRY) <= ASYMMETRY_TOLERANCE
-    name = "micromouse"
+    name, bar = "micromouse", f"{number(threshold):.1f} ± {100 * DEAD_BAND_TOLERANCE:.0f} %"
+    percent = 100.0 * np.array([faster, ASYMMETRY, ASYMMETRY_TOLERANCE])
     return [
-        criterion_row(
-            name,
-            _("dead band [of 255]"),
-            band,
-            f"{number(threshold):.1f} ± {100 * DEAD_BAND_TOLERANCE:.0f} %",
-            near,
-        ),
-        criterion_row(
-            name,
-            _("right wheel faster by [%]"),
-            100.0 * faster,
-            f"{100 * ASYMMETRY:.0f} ± {100 * ASYMMETRY_TOLERANCE:.0f}",
-            is_near,
-        ),
-        criterion_row(
-            name,
-            _("held-out speeds explained"),
-            share,
-            f"≥ {number(MIN_EXPLAINED):g}",
-            share >= MIN_EXPLAINED,
-        ),
+        criterion_row(name, _("dead band [of 255]"), band, bar, near),
+        within(name, _("right wheel faster by [%]"), *percent.tolist()),
+        at_least(name, _("held-out speeds explained"), share, MIN_EXPLAINED),
     ]
 
 

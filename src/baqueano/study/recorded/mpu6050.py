@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
-from baqueano.study.recorded.bars import criterion_row
+from baqueano.study.recorded.bars import criterion_row, reported
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -43,20 +43,14 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
         pair = author[kind, AXES[c.entry]]
         for statistic, value, bar in ((N_("mean"), c.mean, pair[0]), (N_("deviation"), c.std, pair[1])):
-            out.append(
-                _row(
-                    f"{_(c.sensor)} {AXES[c.entry]}, {_(statistic)} [{unit}]",
-                    value / SI_FACTORS[c.sensor],
-                    bar,
-                    ROUNDING,
-                )
-            )
+            quantity = f"{_(c.sensor)} {AXES[c.entry]}, {_(statistic)} [{unit}]"
+            out.append(_row(quantity, value / SI_FACTORS[c.sensor], bar, ROUNDING))
     for c in (c for c in statistics.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
         out.append(_row(name, c.allan_1s / SI_FACTORS["gyro"], ALLAN_1S[c.entry], ALLAN_TOLERANCE))
     is_reported = any(finding.code == "at-rest.bursts" for finding in statistics.findings)
-    return [*out, criterion_row(MAP, _("burst stamps are reported"), is_reported, _("yes"), is_reported)]
+    return [*out, reported(MAP, _("burst stamps are reported"), is_reported)]
 
 
 def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":
