@@ -73,19 +73,19 @@ class SubcommandGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the typed subcommand. Raise UsageError, with the nearest name, for an unknown subcommand."""
-        if args and args[0] not in self.commands and not args[0].startswith("-"):
-            raise unknown_subcommand_error(args[0], list(self.commands), ctx)
+        names = self.list_commands(ctx)
+        if args and args[0] not in names and not args[0].startswith("-"):
+            raise unknown_subcommand_error(args[0], names, ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the subcommands, each with the complete first sentence of its help."""
         with formatter.section(_("Commands")):
-            formatter.write_dl(
-                [
-                    (name, verb.get_short_help_str(MAX_HELP_LETTERS))
-                    for name, verb in sorted(self.commands.items())
-                ]
-            )
+            formatter.write_dl([(name, self.first_sentence(name)) for name in self.list_commands(ctx)])
+
+    def first_sentence(self, name: str) -> str:
+        """Return the first sentence of a subcommand's help."""
+        return self.commands[name].get_short_help_str(MAX_HELP_LETTERS)
 
 
 def command_of(verb: str) -> click.Command:
@@ -130,7 +130,7 @@ def _metavar(option: click.Option) -> str | None:
     return language.translate(value_type.name.upper())
 
 
-class _LazySubcommandGroup(click.Group):
+class _LazySubcommandGroup(SubcommandGroup):
     """A group that imports a subcommand only when it is called, so that --help is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -139,16 +139,8 @@ class _LazySubcommandGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return command_of(cmd_name) if cmd_name in SUBCOMMANDS else None
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and args[0] not in SUBCOMMANDS and not args[0].startswith("-"):
-            raise unknown_subcommand_error(args[0], list(SUBCOMMANDS), ctx)
-        return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section(_("Commands")):
-            formatter.write_dl([(verb, _(help_text)) for verb, help_text in SUBCOMMANDS.items()])
+    def first_sentence(self, name: str) -> str:
+        return _(SUBCOMMANDS[name])
 
 
 @click.group(cls=_LazySubcommandGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
+Decorator = Callable[[Any], Any]  # of a command or of its function
 DEFAULT_FILE = Path("vehicle.toml")
 ROUTES = Path("routes")
 
@@ -30,6 +31,18 @@ seed = click.option(
     "--seed", type=numbers.count_or_none, default=0, show_default=True,
     help="Seed of the random numbers.",
 )  # fmt: skip
+
+
+def seeds(default: int, meaning: str) -> Decorator:
+    """Return the option for the number of seeds, which are counted from --seed."""
+    return click.option(
+        "--seeds", "seed_count", type=numbers.count, default=default, show_default=True, help=meaning
+    )
+
+
+seconds = click.option(
+    "--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Duration of a drive [s]."
+)
 rest = click.option(
     "--rest", "rest_s", type=numbers.time_s,
     help="Time at rest before the drive, to measure the bias of the gyro [s]; by default 2, or 0 without a gyro.",
@@ -61,6 +74,17 @@ shake = click.option(
         "option for more faults."
     ),
 )
+align = click.option(
+    "--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
+    help="Alignment of the estimated path with the true path.",
+)  # fmt: skip
+estimator = click.option(
+    "--estimator", metavar="FILE:CLASS", help="Estimator that replaces the estimator of the vehicle file."
+)
+keep = click.option(
+    "--keep", type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for finished drives: an interrupted command continues from it. Delete it after a change of the code.",
+)  # fmt: skip
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")
 
 
@@ -87,7 +111,7 @@ class GroupedCommand(click.Command):
                 formatter.write_dl([records[name] for name in names])
 
 
-def combine_options(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def combine_options(*options: Decorator) -> Decorator:
     """Return one decorator that adds several options, in the order in which --help shows them."""
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
 
@@ -110,6 +134,16 @@ vehicle = combine_options(
         help="Value that replaces a value of the vehicle file: --set model.mass_kg=0.7",
     ),
 )
+speed_and_size = combine_options(
+    click.option(
+        "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True,
+        help="Speed along a shape [m/s].",
+    ),
+    click.option(
+        "--size", "size_m", type=numbers.length, default=1.0, show_default=True,
+        help="Radius of a circle, or half the length of another shape [m].",
+    ),
+)  # fmt: skip
 robot = click.option(
     "--robot",
     default="simulated",

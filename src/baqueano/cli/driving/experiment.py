@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     type=numbers.count,
     help="With designed: number of rounds of drive, fit and new design.",
 )
-@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Duration [s].")
+@options.seconds
 @options.seed
 @options.shake
 @options.backend

@@ -72,9 +72,7 @@ from baqueano.diagnostics import note
     show_default=True,
     help="Time after which the drive of a stuck vehicle is ended [s].",
 )
-@click.option(
-    "--estimator", metavar="FILE:CLASS", help="Estimator that replaces the estimator of the vehicle file."
-)
+@options.estimator
 @click.option(
     "--controller", metavar="FILE:CLASS", help="Controller that replaces the controller of the vehicle file."
 )

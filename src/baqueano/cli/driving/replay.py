@@ -19,11 +19,8 @@ if TYPE_CHECKING:
 @click.command(help="Process RUN again with the same blocks, or with others, and compare.")
 @click.argument("run")
 @options.vehicle
-@click.option(
-    "--estimator", metavar="FILE:CLASS", help="Estimator that replaces the estimator of the vehicle file."
-)
-@click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
-              help="Alignment of the estimated path with the true path.")  # fmt: skip
+@options.estimator
+@options.align
 @click.option(
     "--smooth",
     is_flag=True,

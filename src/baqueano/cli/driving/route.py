@@ -104,17 +104,7 @@ def check(
 @command.command("draw", help=f"Store a shape as route NAME; SHAPE: {', '.join(SHAPES)}.")
 @click.argument("shape", metavar="SHAPE", type=click.Choice(SHAPES))
 @click.argument("name")
-@click.option(
-    "--size",
-    "size_m",
-    type=numbers.length,
-    default=1.0,
-    show_default=True,
-    help="Radius or half length of the shape [m].",
-)
-@click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Speed [m/s]."
-)
+@options.speed_and_size
 @options.as_json
 def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) -> None:
     store_route(shape_or_route(shape, speed_m_s, size_m), name, as_json)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from baqueano.cli import numbers, options
+from baqueano.cli import options
 from baqueano.cli.driving.manual_drive import (
     drive_by_hand,
     drive_from_page,
@@ -50,22 +50,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
 )  # fmt: skip
 @pad_option
 @hold_option
-@click.option(
-    "--speed",
-    "speed_m_s",
-    type=numbers.speed,
-    default=0.25,
-    show_default=True,
-    help="Speed along a shape [m/s].",
-)
-@click.option(
-    "--size",
-    "size_m",
-    type=numbers.length,
-    default=1.0,
-    show_default=True,
-    help="Radius of a circle, or half the length of another shape [m].",
-)
+@options.speed_and_size
 @click.option(
     "--closed",
     is_flag=True,

@@ -12,8 +12,7 @@ from baqueano.messages.printable import baqueano_command
 
 @click.command(help="Show errors and consistency of one or more RUNS: by number, name, path, or 'last'.")
 @click.argument("runs", nargs=-1, required=True)
-@click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
-              help="Alignment of the estimated path with the true path.")  # fmt: skip
+@options.align
 @click.option(
     "--skip", "skip_s", type=numbers.time_s, default=0.0, help=("Time to exclude at the start [s].")
 )

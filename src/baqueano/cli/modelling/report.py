@@ -12,8 +12,7 @@ from baqueano.diagnostics import note
 
 @click.command(help="Write one self-contained HTML page about RUN.")
 @click.argument("run", default="last")
-@click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
-              help="Alignment of the estimated path with the true path.")  # fmt: skip
+@options.align
 @options.runs_folder
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="Page to write; default: NAME.html.")
 @figure_options

@@ -18,7 +18,7 @@ from baqueano.diagnostics import note
     show_default=True,
     help=("Signal of the command: random-steps, multisine, prbs or ramps."),
 )
-@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Duration [s].")
+@options.seconds
 @click.option(
     "--vehicles",
     type=numbers.count,

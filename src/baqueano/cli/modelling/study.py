@@ -1,5 +1,6 @@
 """Define `baqueano study`: reproduce the case studies."""
 
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import click
@@ -8,10 +9,26 @@ from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_result, show_activity, show_progress, show_steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.errors import UsageError
 
 
 @click.group(cls=SubcommandGroup, help="Reproduce the paper's case studies; test with recordings.")
 def command() -> None: ...
+
+
+def _check_cases(cases: Iterable[str], known: Collection[str]) -> None:
+    """Raise UsageError for the first case that is unknown."""
+    for case in cases:
+        if case not in known:
+            raise UsageError(fault("cli.case-unknown", value=case, near=nearest(case, known)))
+
+
+def _check_complete(done: int, requested: int) -> None:
+    """Raise Interruption if Ctrl-C ended the study early."""
+    from baqueano.cli.errors import Interruption
+
+    if done < requested:
+        raise Interruption(fault("cli.study-interrupted", done=done, requested=requested))
 
 
 @command.command(
@@ -19,10 +36,7 @@ def command() -> None: ...
     help=("Reproduce case study I: the paper's table, its errors and ours, both models, both figures."),
 )
 @options.seed
-@click.option(
-    "--seeds", "seed_count", type=numbers.count, default=1, show_default=True,
-    help="Number of seeds to fit, counted from --seed.",
-)  # fmt: skip
+@options.seeds(1, "Number of seeds to fit, counted from --seed.")
 @options.backend
 @report_options
 @options.as_json
@@ -48,24 +62,14 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
     "the truth and the Cramér-Rao bound.",
 )
 @options.seed
-@click.option(
-    "--seeds", "seed_count", type=numbers.count, default=200, show_default=True,
-    help="Number of seeds, counted from --seed.",
-)  # fmt: skip
+@options.seeds(200, "Number of seeds, counted from --seed.")
 @click.option(
     "--case",
     "cases",
     multiple=True,
     help=("Case to study, such as clean or understeer. Repeat the option for more; default: all."),
 )
-@click.option(
-    "--keep",
-    type=click.Path(path_type=Path, file_okay=False),
-    help=(
-        "Folder for finished drives: an interrupted command continues from it. Delete it after "
-        "a change of the code."
-    ),
-)
+@options.keep
 @options.backend
 @report_options
 @options.as_json
@@ -73,25 +77,19 @@ def identification(
     seed: int, seed_count: int, cases: tuple[str, ...], keep: Path | None, backend: str, report: ReportFiles,
     as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.cli.errors import Interruption
-    from baqueano.errors import UsageError
     from baqueano.study.identification import identification
     from baqueano.study.identification.page import page_of_identification
     from baqueano.study.identification.trials import CASES
     from baqueano.sweep.workers import processor_count
 
-    if unknown_cases := [case for case in cases if case not in CASES]:
-        raise UsageError(
-            fault("cli.case-unknown", value=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
-        )
+    _check_cases(cases, CASES)
     with show_progress(note("cli.study-identification", seeds=seed_count), seed_count) as advance:
         result = identification(
             seed_count, seed, backend, processor_count(), advance, cases=cases or CASES, keep=keep
         )
     print_answer(result, as_json)
     report.write(lambda: page_of_identification(result), Path("study-identification.html"), reproducible=True)
-    if result.seeds < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.seeds, requested=seed_count))
+    _check_complete(result.seeds, seed_count)
 
 
 @command.command(
@@ -102,14 +100,10 @@ def identification(
     ),
 )
 @options.seed
-@click.option(
-    "--seeds", "seed_count", type=numbers.count, default=20, show_default=True,
-    help="Number of seeds of each fault, counted from --seed.",
-)  # fmt: skip
+@options.seeds(20, "Number of seeds of each fault, counted from --seed.")
 @options.backend
 @options.as_json
 def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interruption
     from baqueano.errors import AnswerNo
     from baqueano.study.faults import FAULTS, faults
     from baqueano.sweep.workers import processor_count
@@ -118,10 +112,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     with show_progress(note("cli.study-faults", count=count), count) as advance:
         result = faults(seed_count, seed, processes=processor_count(), backend=backend, advance=advance)
     print_answer(result, as_json)
-    if result.fit_count > result.ended_count:
-        raise Interruption(
-            fault("cli.study-interrupted", done=result.ended_count, requested=result.fit_count)
-        )
+    _check_complete(result.ended_count, result.fit_count)
     if result.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
 
@@ -131,10 +122,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     help="Drive identified robots of a second simulator on three routes, and measure the fluctuations of their speed.",
 )
 @options.seed
-@click.option(
-    "--seeds", "seed_count", type=numbers.count, default=100, show_default=True,
-    help="Number of robots, with seeds counted from --seed.",
-)  # fmt: skip
+@options.seeds(100, "Number of robots, with seeds counted from --seed.")
 @click.option(
     "--controller",
     metavar="KIND",
@@ -143,15 +131,13 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
 @options.backend
 @options.as_json
 def driving(seed: int, seed_count: int, controller: str | None, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interruption
     from baqueano.study.driving import driving
     from baqueano.sweep.workers import processor_count
 
     with show_progress(note("cli.study-driving", seeds=seed_count), seed_count) as advance:
         result = driving(seed_count, seed, processor_count(), backend, controller=controller, advance=advance)
     print_answer(result, as_json)
-    if result.driven < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.driven, requested=seed_count))
+    _check_complete(result.driven, seed_count)
 
 
 @command.command(
@@ -159,10 +145,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
     help="Compare all controllers on identified robots of a second simulator, with a known pose and with an estimate.",
 )
 @options.seed
-@click.option(
-    "--seeds", "seed_count", type=numbers.count, default=100, show_default=True,
-    help="Number of robots, with seeds counted from --seed.",
-)  # fmt: skip
+@options.seeds(100, "Number of robots, with seeds counted from --seed.")
 @click.option(
     "--with",
     "own_kinds",
@@ -173,15 +156,13 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
 @options.backend
 @options.as_json
 def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interruption
     from baqueano.study.controllers import controllers
     from baqueano.sweep.workers import processor_count
 
     with show_progress(note("cli.study-controllers", seeds=seed_count), seed_count) as advance:
         result = controllers(seed_count, seed, processor_count(), backend, own_kinds, advance=advance)
     print_answer(result, as_json)
-    if result.robots < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.robots, requested=seed_count))
+    _check_complete(result.robots, seed_count)
 
 
 @command.command(
@@ -192,10 +173,7 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
     ),
 )
 @options.seed
-@click.option(
-    "--seeds", "seed_count", type=numbers.count, default=20, show_default=True,
-    help="Number of robots, with seeds counted from --seed.",
-)  # fmt: skip
+@options.seeds(20, "Number of robots, with seeds counted from --seed.")
 @click.option(
     "--laps", type=numbers.count, default=50, show_default=True, help=("Number of laps of each shape.")
 )
@@ -211,17 +189,12 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
 def laps(
     seed: int, seed_count: int, laps: int, case_filters: tuple[str, ...], backend: str, as_json: bool
 ) -> None:
-    from baqueano.cli.errors import Interruption
-    from baqueano.errors import UsageError
     from baqueano.study.laps import all_cases, laps_over_fixes
     from baqueano.sweep.workers import processor_count
 
     words = [[word.strip() for word in name.split(",")] for name in case_filters]
     known_words = sorted({word for case in all_cases() for word in case})
-    if unknown_words := [word for filter_words in words for word in filter_words if word not in known_words]:
-        raise UsageError(
-            fault("cli.case-unknown", value=unknown_words[0], near=nearest(unknown_words[0], known_words))
-        )
+    _check_cases([word for filter_words in words for word in filter_words], known_words)
     cases = [
         case
         for case in all_cases()
@@ -230,8 +203,7 @@ def laps(
     with show_progress(note("cli.study-laps", seeds=seed_count, laps=laps), seed_count) as advance:
         result = laps_over_fixes(seed_count, seed, laps, processor_count(), backend, cases, advance)
     print_answer(result, as_json)
-    if result.robots < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=result.robots, requested=seed_count))
+    _check_complete(result.robots, seed_count)
 
 
 @command.command(
@@ -242,7 +214,6 @@ def laps(
 @report_options
 @options.as_json
 def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
-    from baqueano.cli.errors import Interruption
     from baqueano.study.cross_validation_cpm import cross_validate
     from baqueano.study.recordings import CPM_MAPS, files_of_maps, missing_paths, recordings
     from baqueano.study.recordings_page import page_of_recordings
@@ -251,6 +222,8 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
         result = recordings(backend, begin)
     print_answer(result, as_json)
     if result.is_interrupted:
+        from baqueano.cli.errors import Interruption
+
         raise Interruption(fault("cli.recordings-interrupted"))
     with show_steps() as begin:
         study = None if missing_paths(files_of_maps(CPM_MAPS)) else cross_validate(backend, begin)
@@ -264,9 +237,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     ),
 )
 @options.seed
-@click.option(
-    "--seconds", type=numbers.seconds, default=60.0, show_default=True, help=("Duration of a drive [s].")
-)
+@options.seconds
 @options.backend
 @options.as_json
 def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
@@ -280,22 +251,17 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 
 @command.command("first-drives", help="Make first drives of unknown vehicles in a small room.")
 @options.seed
-@click.option(
-    "--seeds", "seed_count", type=numbers.count, default=40, show_default=True,
-    help="Number of vehicles, with seeds counted from --seed.",
-)  # fmt: skip
+@options.seeds(40, "Number of vehicles, with seeds counted from --seed.")
 @options.backend
 @options.as_json
 def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interruption
     from baqueano.study.first_drives import first_drives
     from baqueano.sweep.workers import processor_count
 
     with show_progress(note("cli.study-first-drives", seeds=seed_count), seed_count) as advance:
         result = first_drives(seed_count, seed, processor_count(), backend, advance)
     print_answer(result, as_json)
-    if (count := sum(row.drives for row in result.wiring_rows)) < seed_count:
-        raise Interruption(fault("cli.study-interrupted", done=count, requested=seed_count))
+    _check_complete(sum(row.drives for row in result.wiring_rows), seed_count)
 
 
 @command.command(
@@ -339,14 +305,10 @@ def fit_imu_only(backend: str, as_json: bool) -> None:
 def estimation(
     kinds: tuple[str, ...], cases: tuple[str, ...], seed_count: int, backend: str, as_json: bool
 ) -> None:
-    from baqueano.errors import UsageError
     from baqueano.study.estimation import CASES, estimation
     from baqueano.sweep.workers import processor_count
 
-    if unknown_cases := [case for case in cases if case not in CASES]:
-        raise UsageError(
-            fault("cli.case-unknown", value=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
-        )
+    _check_cases(cases, CASES)
     with show_steps() as begin:
         result = estimation(seed_count, backend, begin, cases or CASES, kinds, processor_count())
     print_answer(result, as_json)
@@ -370,7 +332,6 @@ def estimation(
 @options.backend
 @options.as_json
 def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interruption
     from baqueano.study.corridor import corridor, with_recordings
     from baqueano.sweep.workers import processor_count
 
@@ -380,5 +341,4 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
         with show_steps() as begin:
             result = with_recordings(result, backend, begin)
     print_answer(result, as_json)
-    if (count := result.vehicles + len(result.refused_robots)) < vehicles:
-        raise Interruption(fault("cli.study-interrupted", done=count, requested=vehicles))
+    _check_complete(result.vehicles + len(result.refused_robots), vehicles)

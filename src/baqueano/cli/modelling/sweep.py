@@ -10,14 +10,6 @@ from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, show_progress
 from baqueano.diagnostics import fault, note
 
-keep = click.option(
-    "--keep",
-    type=click.Path(path_type=Path, file_okay=False),
-    help=(
-        "Folder for finished drives: an interrupted command continues from it. Delete it after "
-        "a change of the code."
-    ),
-)
 cluster = click.option(
     "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
 )
@@ -41,18 +33,7 @@ BLOCK_OPTIONS = [
     "--route", "routes", multiple=True, metavar="SHAPE|NAME",
     help="Route: a shape, or a stored route. Repeat the option for more.",
 )  # fmt: skip
-@click.option(
-    "--speed",
-    "speed_m_s",
-    type=numbers.speed,
-    default=0.25,
-    show_default=True,
-    help="Speed along a shape [m/s].",
-)
-@click.option(
-    "--size", "size_m", type=numbers.length, default=1.0, show_default=True,
-    help="Radius of a circle, or half the length of another shape [m].",
-)  # fmt: skip
+@options.speed_and_size
 @options.seed
 @click.option(
     "--seeds",
@@ -68,14 +49,13 @@ BLOCK_OPTIONS = [
     "--aside", "aside_m", type=numbers.Number("m", low=-100.0), default=0.0, show_default=True,
     help="Distance to the left of the route at the start of the drive [m].",
 )  # fmt: skip
-@click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
-              help="Alignment of the estimated path with the true path.")  # fmt: skip
+@options.align
 @click.option(
     "--reference",
     metavar="CELL",
     help="Combination of blocks with which the others are compared; default: the first.",
 )
-@keep
+@options.keep
 @cluster
 @options.backend
 @options.runs_folder

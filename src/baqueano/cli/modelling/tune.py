@@ -21,22 +21,7 @@ from baqueano.messages.printable import baqueano_command
     metavar="SHAPE|NAME",
     help="Route to tune for: a shape, or a stored route. Repeat the option for gains that suit several routes.",
 )
-@click.option(
-    "--speed",
-    "speed_m_s",
-    type=numbers.speed,
-    default=0.25,
-    show_default=True,
-    help="Speed along a shape [m/s].",
-)
-@click.option(
-    "--size",
-    "size_m",
-    type=numbers.length,
-    default=1.0,
-    show_default=True,
-    help="Radius of a circle, or half the length of an eight [m].",
-)
+@options.speed_and_size
 @click.option(
     "--controller",
     metavar="KIND|FILE:CLASS",
