@@ -14,6 +14,7 @@ its value:
 import dataclasses
 import inspect
 import re
+import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
@@ -210,7 +211,8 @@ def document(block: Kind) -> Kind:
     """Complete the section Parameters in the docstring of a block's class from the metadata of its fields.
 
     So the meaning of a field is written in one place. The section itself describes the fields without metadata; an
-    inherited field has the description of the base class.
+    inherited field has the description of the base class. Without Notes and References, the notes name the module
+    with the equations.
 
     Parameters
     ----------
@@ -251,6 +253,9 @@ def document(block: Kind) -> Kind:
     first = SECTION_HEAD.search(text)
     head, tail = (text[: first.start()], text[first.start() :]) if first else (text, "")
     rows = "\n".join(filter(None, descriptions))
+    has_equations = "(1)" in (sys.modules[block.__module__].__doc__ or "")
+    if has_equations and not any(name in ("Notes", "References") for name in SECTION_HEAD.findall(tail)):
+        tail = f"Notes\n-----\nEquations of the module `{block.__module__}`.\n\n{tail}"
     block.__doc__ = f"{head.rstrip()}\n\nParameters\n----------\n{rows}\n\n{tail}".rstrip()
     return block
 

@@ -65,10 +65,6 @@ class Complementary:
     readings : tuple of Reading
         The velocities that the sensors measure; computed from the sensors, not an argument.
 
-    Notes
-    -----
-    Equations (1)-(4) of the module.
-
     Examples
     --------
     >>> from baqueano.signals import Tick, silent

@@ -46,10 +46,6 @@ class DriveToState(NamedTuple):
 class DriveTo:
     """Guide that drives to the nearest of several goals.
 
-    Notes
-    -----
-    Equations (1)-(3) of the module.
-
     References
     ----------
     Dubins, American Journal of Mathematics, 1957.

@@ -36,10 +36,6 @@ class GuideAtPace:
     guide : Guide
         The inner guide, which receives the time t′.
 
-    Notes
-    -----
-    Equations (1) and (2) of the module.
-
     Examples
     --------
     >>> from baqueano.guides import Repeat

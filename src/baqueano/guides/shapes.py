@@ -353,10 +353,6 @@ class SinuousCircle:
     laps : int
         Number of laps; 0 repeats without end.
 
-    Notes
-    -----
-    Equation (1) of the module.
-
     Examples
     --------
     >>> from baqueano.signals import Estimate

@@ -27,15 +27,6 @@ MIN_DISTANCE_M = 1e-3  # keeps (1) differentiable directly under the beacon
 class Beacon(SampledSensor):
     """Sensor of z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. A position needs three beacons.
 
-    Parameters
-    ----------
-    delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
-
-    Notes
-    -----
-    Equation (1) of the module.
-
     Examples
     --------
     >>> beacon = Beacon(point_m=np.array([3.0, 4.0]))

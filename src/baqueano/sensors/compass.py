@@ -27,15 +27,6 @@ from baqueano.signals import Motion
 class Compass(SampledSensor):
     """Sensor of z = (ψ,) [rad], the heading in the map, wrapped.
 
-    Parameters
-    ----------
-    delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
-
-    Notes
-    -----
-    Equation (1) of the module.
-
     Examples
     --------
     >>> compass = Compass(heading_rad=0.1)

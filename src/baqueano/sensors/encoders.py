@@ -57,10 +57,6 @@ class Encoders:
     tick_rate_hz : float
         Rate of the loop; the readings cannot be more frequent.
 
-    Notes
-    -----
-    Equations (1)-(3) of the module.
-
     Examples
     --------
     >>> wheels = Encoders(track_m=0.12, count_m=0.5e-3)

@@ -64,6 +64,8 @@ class Imu:
     """
 
     reads: ClassVar[str] = "imu"
+    size: ClassVar[int] = 3
+    noise_size: ClassVar[int] = 6  # standard normals per tick: three of white noise, three of the bias walk
     usual_std: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.005)  # of a low-cost chip on a vehicle in motion
 
     measurement_model: str = "physical"
@@ -154,16 +156,6 @@ class Imu:
         check_sensor_fields(self)
         if self.low_pass_hz < INF:
             object.__setattr__(self, "has_low_pass", True)
-
-    @property
-    def size(self) -> int:
-        """Return m, the length of a measurement."""
-        return 3
-
-    @property
-    def noise_size(self) -> int:
-        """Return the number of standard normals that a tick needs: three of white noise, three of the bias walk."""
-        return 6
 
     @property
     def cov(self) -> np.ndarray:

@@ -35,10 +35,6 @@ class MarkState(NamedTuple):
 class Mark:
     """Sensor of z = (h,) [m], the distance beyond a line on the floor, when the vehicle crosses the line.
 
-    Notes
-    -----
-    Equation (1) of the module.
-
     Examples
     --------
     >>> line = Mark(point_m=np.array([1.0, 0.0]))
@@ -47,7 +43,8 @@ class Mark:
     """
 
     reads: ClassVar[str] = "mark"
-
+    size: ClassVar[int] = 1
+    noise_size: ClassVar[int] = 1  # standard normals per tick
     rate_hz: ClassVar[float] = INF  # the sensor measures whenever the line is crossed
     delay_s: ClassVar[float] = 0.0
 
@@ -65,16 +62,6 @@ class Mark:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-
-    @property
-    def size(self) -> int:
-        """Return m, the length of a measurement."""
-        return 1
-
-    @property
-    def noise_size(self) -> int:
-        """Return the number of standard normals that a tick needs."""
-        return 1
 
     @property
     def cov(self) -> np.ndarray:

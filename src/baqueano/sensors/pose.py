@@ -24,15 +24,6 @@ from baqueano.signals import Motion
 class Pose(SampledSensor):
     """Sensor of z = (x, y, ψ) [m, m, rad], the pose in the map.
 
-    Parameters
-    ----------
-    delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
-
-    Notes
-    -----
-    Equation (1) of the module.
-
     Examples
     --------
     >>> camera = Pose(lever_arm_m=np.array([0.1, 0.0]))

@@ -30,15 +30,6 @@ MIN_COS = 0.1  # keeps (1) finite for an estimated pose that faces away from the
 class Rangefinder(SampledSensor):
     """Sensor of z = (r,) [m], the distance along a beam to one wall: ultrasound, infrared, laser.
 
-    Parameters
-    ----------
-    delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
-
-    Notes
-    -----
-    Equation (1) of the module.
-
     Examples
     --------
     >>> sonar = Rangefinder(wall_point_m=np.array([2.0, 0.0]), wall_heading_rad=0.0)

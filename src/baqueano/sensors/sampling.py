@@ -79,6 +79,11 @@ class SampledSensor:
 
     The parameters include rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov. A sensor that is
     sometimes silent adds detects(motion); a sensor of angles adds difference(z, expected).
+
+    Parameters
+    ----------
+    delay_slots : int
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
     """
 
     __slots__ = ()

@@ -44,10 +44,6 @@ class Tags:
     measures_offset : bool
         True if the reader measures its offset from the tag.
 
-    Notes
-    -----
-    Equations (1)-(3) of the module.
-
     Examples
     --------
     >>> reader = Tags(points_m=np.array([[0.5, 0.0], [1.0, 0.5]]))

@@ -69,15 +69,6 @@ def slip_fade_parameter() -> Any:
 class Wheels(SampledSensor):
     """Sensor of z = (v_l, v_r) [m/s], the speeds at which the left and the right wheel roll.
 
-    Parameters
-    ----------
-    delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
-
-    Notes
-    -----
-    Equation (1) of the module.
-
     Examples
     --------
     >>> wheels = Wheels(track_m=0.12)
@@ -110,15 +101,6 @@ class Wheels(SampledSensor):
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometer(SampledSensor):
     """Sensor of z = (v,) [m/s], the forward speed.
-
-    Parameters
-    ----------
-    delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
-
-    Notes
-    -----
-    Equation (2) of the module.
 
     Examples
     --------
