@@ -89,10 +89,7 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
 
 def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnostic) -> tuple[Tree, Estimate]:
     belief, estimate = trial.step(context, belief, tick)
-    if not isinstance(estimate, Estimate):
-        expected_result = "(belief, Estimate(t_ns, eta, nu, cov))"
-        trial.add_fault("check.returns", "step", value=type(estimate).__name__, expected=expected_result)
-        raise CheckAborted
+    trial.expect_record(estimate, Estimate, "(belief, Estimate(t_ns, eta, nu, cov))")
     trial.check_stamp(estimate, tick.t_ns, "tick", context)
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), context)
     trial.expect("Estimate.nu", estimate.nu, (3,), context)
@@ -166,11 +163,7 @@ def _circle_commands(trial: Trial, n: int, offset: np.ndarray, turn: float) -> n
         )
         context = ON_CIRCLE if k < 79 or len(command_rows) < 80 else REPEATED_TICK
         state, command = trial.step(context, state, reference, estimate)
-        if not isinstance(command, Command):
-            trial.add_fault(
-                "check.returns", "step", value=type(command).__name__, expected="(state, Command(t_ns, u))"
-            )
-            raise CheckAborted
+        trial.expect_record(command, Command, "(state, Command(t_ns, u))")
         trial.check_stamp(command, t_ns, "estimate", context)
         command_rows.append(trial.expect("Command.u", command.u, (n,), context))
     return np.array(command_rows[:80])
@@ -222,10 +215,7 @@ def check_guide(block: object) -> list[Diagnostic]:
 
 
 def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Diagnostic) -> None:
-    if not isinstance(reference, Reference):
-        expected_result = "(state, Reference(t_ns, eta, nu, done))"
-        trial.add_fault("check.returns", "step", value=type(reference).__name__, expected=expected_result)
-        raise CheckAborted
+    trial.expect_record(reference, Reference, "(state, Reference(t_ns, eta, nu, done))")
     trial.check_stamp(reference, t_ns, "estimate", context)
     eta = trial.expect("Reference.eta", reference.eta, (3,), context)
     trial.expect("Reference.nu", reference.nu, (3,), context)
@@ -318,11 +308,7 @@ def _supervised_command(
     tick = Tick(t_ns, np.zeros(len(u)), slots_at(sensors, k))
     estimate = Estimate(t_ns, np.array([position, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
     state, command = trial.step(context, state, Command(t_ns, u), tick, estimate)
-    if not isinstance(command, Command):
-        trial.add_fault(
-            "check.returns", "step", value=type(command).__name__, expected="(state, Command(t_ns, u))"
-        )
-        raise CheckAborted
+    trial.expect_record(command, Command, "(state, Command(t_ns, u))")
     trial.check_stamp(command, t_ns, "command", context)
     return state, trial.expect("Command.u", command.u, (len(u),), context)
 

@@ -85,10 +85,7 @@ def _check_drive(trial: Trial, n: int) -> None:
 
 
 def _check_motion(trial: Trial, motion: Motion, context: Diagnostic) -> None:
-    if not isinstance(motion, Motion):
-        expected_result = "(state, Motion(eta, nu, nu_dot, gravity))"
-        trial.add_fault("check.returns", "step", value=type(motion).__name__, expected=expected_result)
-        raise CheckAborted
+    trial.expect_record(motion, Motion, "(state, Motion(eta, nu, nu_dot, gravity))")
     for name, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,)), ("gravity", (2,))):
         trial.expect(f"Motion.{name}", getattr(motion, name), shape, context)
     trial.check_wrapped("Motion.eta[2]", float(motion.eta[2]), context)
@@ -133,11 +130,7 @@ def _check_measurements(trial: Trial, block: Any) -> None:
     state, answers = trial.checked_call("init", AT_START), 0
     for k in range(TICK_COUNT):
         state, slot = trial.step(IN_CURVE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
-        if not isinstance(slot, Slot):
-            trial.add_fault(
-                "check.returns", "step", value=type(slot).__name__, expected="(state, Slot(has, z))"
-            )
-            raise CheckAborted
+        trial.expect_record(slot, Slot, "(state, Slot(has, z))")
         z = trial.expect("Slot.z", slot.z, sensor_h.shape, IN_CURVE)
         if slot.has not in (0.0, 1.0):
             trial.add_fault("check.has", "step", value=str(slot.has))

@@ -100,6 +100,12 @@ class Trial:
             raise CheckAborted
         return result
 
+    def expect_record(self, value: object, kind: type, expected: str) -> None:
+        """Raise CheckAborted if the output of a step does not belong to a class; `expected` is the correct result."""
+        if not isinstance(value, kind):
+            self.add_fault("check.returns", "step", value=type(value).__name__, expected=expected)
+            raise CheckAborted
+
     def expect(
         self,
         quantity: str,
