@@ -120,9 +120,8 @@ def description_lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
         ),
         "  "
         + _(
-            "{rate_hz} Hz, {mode}; ±{accel_range_g} g, ±{gyro_range_dps} °/s; forward, left, up: {axes}",
+            "{rate_hz} Hz; ±{accel_range_g} g, ±{gyro_range_dps} °/s; forward, left, up: {axes}",
             rate_hz=s.rate_hz,
-            mode=s.mode,
             accel_range_g=s.accel_range_g,
             gyro_range_dps=s.gyro_range_dps,
             axes=axes,

@@ -11,7 +11,7 @@
     bus held low               clocked free while the vehicle rests (`free_bus`)   held
     chip runs again                                                                started
 
-The class `Mpu6050` describes modes, timestamps and axes.
+The class `Mpu6050` describes timestamps and axes.
 """
 
 import struct
@@ -31,7 +31,7 @@ from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, ImuEvent, I
 from baqueano.robot.imu.watch import ImuWatch, Row
 from baqueano.worlds.robot import Sample
 
-SMPLRT_DIV, FIFO_EN, INT_PIN_CFG, INT_STATUS = 0x19, 0x23, 0x37, 0x3A
+SMPLRT_DIV, FIFO_EN, INT_PIN_CFG = 0x19, 0x23, 0x37
 USER_CTRL, PWR_MGMT_1, FIFO_COUNT, FIFO_R_W, WHO_AM_I = 0x6A, 0x6B, 0x72, 0x74, 0x75
 RESET, PLL_X, ALL_SENSORS, FIFO_ON, FIFO_RESET = 0x80, 0x01, 0xF8, 0x40, 0x04
 RESET_MS, START_MS, AGAIN_MS = 100, 60, 100
@@ -52,11 +52,8 @@ class Mpu6050:
     timeout of i2c.py, and returns after a transfer that timed out. The chip is started step by step: a step that must
     wait is continued at a later call.
 
-    There are two modes. In "fifo" the chip stores the samples, and their timestamps follow the chip's period
-    (sample_clock.py). In "burst" one read of 15 bytes returns only the newest sample, with a flag that is set if the
-    sample is new. Its timestamp is the middle of the interval in which it arrived. Use "burst" for a bus that is too
-    slow for all samples. Registers are always read in one burst, because otherwise a word could mix two samples. The
-    INT pin is not needed; it pulses for each sample, for an oscilloscope.
+    The chip stores the samples in its FIFO, and their timestamps follow the chip's period (sample_clock.py). The INT
+    pin is not needed; it pulses for each sample, for an oscilloscope.
 
     A timestamp is the time at which the chip sampled the output of its filter; the motion is older by `delay_s`. The
     samples are rotated by `ImuSettings.axes` from the chip's axes to body axes (x forward, y left, z up). The
@@ -89,7 +86,6 @@ class Mpu6050:
         self._index = 0  # samples read since the FIFO was emptied
         self._residue = 0  # bytes in the FIFO before a read that failed
         self._odd = 0  # consecutive calls that found an incomplete sample
-        self._look_ns = now_ns()
 
     @property
     def delay_s(self) -> tuple[float, float]:
@@ -99,7 +95,7 @@ class Mpu6050:
 
     @property
     def rate_hz(self) -> float:
-        """Return the sampling rate [Hz], measured by the host's clock; in burst mode the nominal rate."""
+        """Return the sampling rate [Hz], measured by the host's clock."""
         return self.clock.rate_hz
 
     @property
@@ -203,7 +199,7 @@ class Mpu6050:
             if not self._has_settings(now_ns):
                 return EMPTY_BATCH
             self._check_at = now_ns + SECOND
-        return self._read_fifo(now_ns) if self.settings.mode == "fifo" else self._read_registers()
+        return self._read_fifo(now_ns)
 
     def _read_fifo(self, now_ns: int) -> Batch:
         """Return at most `MAX_SAMPLES_PER_TRANSFER` samples from the FIFO; empty the FIFO if it is full or out of
@@ -235,16 +231,6 @@ class Mpu6050:
         self._index += read_count
         return list(SAMPLE_LAYOUT.iter_unpack(data)), times
 
-    def _read_registers(self) -> Batch:
-        """Return the newest sample if it is new, else an empty batch."""
-        before_ns = self._now_ns()
-        data = self.device.read(INT_STATUS, 1 + SAMPLE_BYTES)
-        earliest = max(self._look_ns, before_ns - SECOND // self.settings.rate_hz)
-        self._look_ns = before_ns
-        if not data[0] & 1:
-            return self._empty_batch()
-        return [SAMPLE_LAYOUT.unpack(data[1:])], [(earliest + before_ns) // 2]
-
     def _empty_batch(self) -> Batch:
         """Return an empty batch; after a long time without samples, let the next call check the registers."""
         self._check_at = min(
@@ -263,17 +249,13 @@ class Mpu6050:
         target = bytes(self._registers())
         registers = self.device.read(SMPLRT_DIV, len(target))
         control, power = self.device.read(USER_CTRL, 2)
-        if registers == target and power == PLL_X and control & FIFO_ON == self._control_bits:
+        if registers == target and power == PLL_X and control & FIFO_ON:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
         self._watch.record_event(now_ns, code, power=power, value=registers.hex(), expected=target.hex())
         self._restart(now_ns, quietly=True)
         self._start_reported = True
         return False
-
-    @property
-    def _control_bits(self) -> int:
-        return FIFO_ON if self.settings.mode == "fifo" else 0
 
     def _start_steps(self, reopen: bool = False) -> Iterator[int]:
         """Start the chip from any state; after each step, yield the time [ms] to wait before the next step."""
@@ -302,8 +284,7 @@ class Mpu6050:
     def _clear_fifo(self) -> None:
         """Empty the FIFO and count samples from 0 again. FIFO_RESET is ignored while the FIFO is on."""
         self.device.write(USER_CTRL, FIFO_RESET)
-        if self._control_bits:
-            self.device.write(USER_CTRL, self._control_bits)
+        self.device.write(USER_CTRL, FIFO_ON)
         self.clock.restart()
         self._index = self._odd = self._residue = 0
 
@@ -322,7 +303,6 @@ class Mpu6050:
                 self._watch.record_event(now_ns, "imu.started")
             self._start_reported = False
             self._check_at = now_ns + SECOND
-            self._look_ns = now_ns
         except (OSError, BaqueanoError) as error:
             self._steps = self._start_steps(reopen=True)
             self._wait_until = now_ns + AGAIN_MS * MILLISECOND

@@ -12,7 +12,6 @@ from baqueano.robot.imu.chips import ACCEL_RANGES_G, GYRO_RANGES_DPS
 from baqueano.sensors.imu_filter import MPU6050_BANDS
 
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
-MODES = ("fifo", "burst")
 AXIS_LETTERS = ("x", "y", "z")
 BURST_BITS = 156  # bit times of 14 bytes on the bus
 
@@ -69,16 +68,14 @@ class ImuSettings:
     `rate_hz` is 1000 divided by an integer, from 4 to 1000 samples per second. `filter` is 1 (widest) to 6. The ranges
     are ±2, 4, 8, 16 g and ±250, 500, 1000, 2000 °/s. The default is ±4 g because motors shake: clipped vibration looks
     like a bias after the filter. The resolution is still a thirtieth of the noise. The gyro's default is ±1000 °/s
-    because a car of this size spins at 660 °/s. The `mode` is "fifo" or "burst". The `axes` are the chip's axes that
-    point forward, left and up, such as ("-y", "x", "z"). The driver rotates its samples to these axes, and
-    worlds/robot.py uses the result as body axes.
+    because a car of this size spins at 660 °/s. The `axes` are the chip's axes that point forward, left and up, such as
+    ("-y", "x", "z"). The driver rotates its samples to these axes, and worlds/robot.py uses the result as body axes.
     """
 
     rate_hz: int = 200
     filter: int = 3
     accel_range_g: int = 4
     gyro_range_dps: int = 1000
-    mode: str = "fifo"
     axes: tuple[str, ...] = ("x", "y", "z")
 
     def __post_init__(self) -> None:
@@ -86,7 +83,6 @@ class ImuSettings:
         _check_choice("filter", self.filter, list(MPU6050_BANDS))
         _check_choice("accel_range_g", self.accel_range_g, ACCEL_RANGES_G)
         _check_choice("gyro_range_dps", self.gyro_range_dps, GYRO_RANGES_DPS)
-        _check_choice("mode", self.mode, MODES)
         self.body_from_chip()
 
     @property
