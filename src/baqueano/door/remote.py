@@ -118,7 +118,6 @@ class Remote:
         mission: "Mission",
         path: Path,
         *,
-        attended: bool = True,
         hand: Callable[[], Any] | None = None,
         progress: Callable[[float], None] = lambda seconds: None,
         on_event: Callable[[str], object] = lambda text: None,
@@ -135,7 +134,7 @@ class Remote:
         self._drop_old_messages()
         name = uuid4().hex
         self._check_version()
-        self.send(do="mission", id=name, mission=mission.to_json(), attended=attended, door=VERSION)
+        self.send(do="mission", id=name, mission=mission.to_json(), attended=True, door=VERSION)
         outcome = self._await_end(name, hand, progress, on_event, words, on_state)
         if outcome["run"] is not None:
             self.fetch(outcome["run"], path)

@@ -65,8 +65,8 @@ class LocalTarget:
 class RemoteTarget:
     """A vehicle that is reached by ssh. Its start pose is the origin of its map."""
 
-    def __init__(self, remote: "Remote", attended: bool, page: "LivePage | None" = None) -> None:
-        self._remote, self._attended, self._page = remote, attended, page
+    def __init__(self, remote: "Remote", page: "LivePage | None" = None) -> None:
+        self._remote, self._page = remote, page
 
     def drive(
         self, mission: "Mission", vehicle_file: "VehicleFile", path: Path, progress: Callable[[float], None],
@@ -80,14 +80,8 @@ class RemoteTarget:
         }
         if self._page is not None:
             callbacks |= self._page.door.remote_options(self._remote)
-        return self._remote.perform(
-            pack(mission, vehicle_file),
-            path,
-            attended=self._attended,
-            hand=hand,
-            progress=progress,
-            **callbacks,
-        )
+        packed = pack(mission, vehicle_file)
+        return self._remote.perform(packed, path, hand=hand, progress=progress, **callbacks)
 
     def return_to_middle(self) -> None:
         """Wait for the user to confirm that the vehicle is in the middle of the room. Raise click.Abort if not."""
@@ -99,7 +93,7 @@ class RemoteTarget:
 
 @contextmanager
 def open_target(
-    robot: str, vehicle_file: "VehicleFile", seed: int, backend: str, attended: bool = True,
+    robot: str, vehicle_file: "VehicleFile", seed: int, backend: str,
     page: "LivePage | None" = None, shake: tuple[str, ...] = (),
 ) -> Iterator[Target]:  # fmt: skip
     """Yield the target that --robot names, with the faults `shake` of a simulation.
@@ -129,7 +123,7 @@ def open_target(
         from baqueano.door.remote import connect
 
         with connect(robot) as remote:
-            yield RemoteTarget(remote, attended, page)
+            yield RemoteTarget(remote, page)
 
 
 def announce_rest(mission: "Mission", vehicle_file: "VehicleFile") -> float:
