@@ -69,6 +69,11 @@ class Mission:
                 raise UsageError(fault("mission.lacks", kind=kind, name=name))
 
     @property
+    def is_manual(self) -> bool:
+        """Return True if a person drives."""
+        return self.kind in ("drive", "teach") and self.route is None
+
+    @property
     def start_pose(self) -> np.ndarray:
         """Return the pose (3,) of the vehicle at the start, in the map: `start`, else the first pose of the route."""
         if self.start:

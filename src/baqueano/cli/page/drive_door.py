@@ -161,13 +161,10 @@ class DriveDoor:
         """Record that a drive begins, or that it has ended if `mission` is None."""
         self._mission = None if mission is None else mission.with_usual_rest(self._file)
         self._record, self._reason = None, reason
-        manual_state = (
-            DoorState.MANUAL
-            if mission is not None and mission.kind in MANUAL_MISSIONS and mission.route is None
-            else None
-        )
-        at_rest = DoorState.READY if reason is None else DoorState.STOPPED
-        self._state = at_rest if mission is None else manual_state or DoorState.MISSION
+        if mission is None:
+            self._state = DoorState.READY if reason is None else DoorState.STOPPED
+        else:
+            self._state = DoorState.MANUAL if mission.is_manual else DoorState.MISSION
         self.publish(at_once=True)
 
     def on_record(self, record: Record, truth: "Motion") -> None:

@@ -46,7 +46,7 @@ class FaultRequests:
     ) -> Observer:
         """Store a drive that begins, and return the observer that keeps its record of faults."""
         mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
-        self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
+        self._by_hand = plan.mission.is_manual
         self._world, self._last = world, (mission, is_attended, world)
         return _LedgerObserver(self, plan, world)
 

@@ -20,7 +20,7 @@ from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
 from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import STOP_COMMAND, Operator
-from baqueano.door.outcome import mission_outcome
+from baqueano.door.outcome import finish_mission, mission_outcome
 from baqueano.door.simulated.fault_requests import FaultRequests
 from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload_if_changed
 from baqueano.door.simulated.pace import PacedClock
@@ -126,18 +126,11 @@ class SimulatedService:
         with mission_plan(mission_json, self.vehicle_file, self.routes, self.seed + self._drives - 1) as plan:
             path = reserve_path(self.folder, plan.mission.kind)
             try:
-                by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
-                self.machine.transition("manual" if by_hand else "mission")
+                self.machine.transition("manual" if plan.mission.is_manual else "mission")
                 self._plan, self._run = plan, path.name
                 self.send_state(at_once=True)
                 reason, code = mission_outcome(lambda: self._drive(plan, mission_json, attended, path))
-                regular_end = reason is None or code or self.operator.is_end_requested
-                late_stop = self.operator.stop_reason(
-                    attended=False
-                )  # requested while the drive was prepared, or its run closed
-                stop_reason = late_stop if regular_end else reason
-                self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
-                self.operator.discard_requests(stop_reason)
+                stop_reason = finish_mission(self.machine, self.operator, reason, code)
                 outcome |= {"run": path.name if path.exists() else None, "reason": reason, "code": code}
                 if plan.route_name and stop_reason is None and not code and path.exists():
                     outcome |= self._store_taught_route(plan, path)

@@ -24,7 +24,7 @@ from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
 from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import Operator
-from baqueano.door.outcome import mission_outcome
+from baqueano.door.outcome import finish_mission, mission_outcome
 from baqueano.door.states import DoorState, StateMachine
 from baqueano.drive.budget import PREPARE_S, within
 from baqueano.drive.mission import Mission, perform, unpack
@@ -193,8 +193,7 @@ class Service:
         try:
             mission = Mission.from_json(request) if isinstance(request, str) else request
             path = self._new_run_path(mission.kind)
-            by_hand = mission.kind in ("drive", "teach") and mission.route is None
-            self.machine.transition("manual" if by_hand else "mission")
+            self.machine.transition("manual" if mission.is_manual else "mission")
         except BaqueanoError as error:
             self.set_watchdog_timeout(HANG_TIMEOUT_S)
             self.operator.record_mission_end()
@@ -210,12 +209,7 @@ class Service:
             self.journal.end()
             self.health.limits = self.hardware
             self.set_watchdog_timeout(HANG_TIMEOUT_S)
-        regular_end = reason is None or code or self.operator.is_end_requested
-        # requested while the drive was prepared, or its run closed
-        late_stop = self.operator.stop_reason(attended=False)
-        stop_reason = late_stop if regular_end else reason
-        self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
-        self.operator.discard_requests(stop_reason)
+        finish_mission(self.machine, self.operator, reason, code)
         self._run = self._mission = None
         self._publish(at_once=True)
         self.operator.record_mission_end()
