@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
+from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
@@ -116,21 +117,16 @@ def panel(size_in: tuple[float, float]) -> tuple["Figure", "Axes"]:
 
 def matplotlib() -> ModuleType:
     """Return the module matplotlib. If it is missing, raise UsageError with the command to install it."""
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise UsageError(
-            fault("front.missing", INSTALL_COMMAND, package="matplotlib", what=N_("a figure"))
-        ) from error
-    return matplotlib
+    return _library("matplotlib", N_("a figure"))
 
 
 def jinja2() -> ModuleType:
     """Return the module jinja2. If it is missing, raise UsageError with the command to install it."""
+    return _library("jinja2", N_("a report"))
+
+
+def _library(name: str, purpose: str) -> ModuleType:
     try:
-        import jinja2
+        return import_module(name)
     except ImportError as error:
-        raise UsageError(
-            fault("front.missing", INSTALL_COMMAND, package="jinja2", what=N_("a report"))
-        ) from error
-    return jinja2
+        raise UsageError(fault("front.missing", INSTALL_COMMAND, package=name, what=purpose)) from error

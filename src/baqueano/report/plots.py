@@ -146,21 +146,6 @@ def _drawings_of_its_run(result: TeachResult | ImportedRun | FirstDrive) -> dict
     return _run_drawings(result.run)
 
 
-@drawings_of.register(Route)
-def _route_drawings(result: Route) -> dict[str, Draw]:
-    return {"path": lambda: plot_route(result)}
-
-
-@drawings_of.register(RouteReport)
-def _examined_route_drawings(result: RouteReport) -> dict[str, Draw]:
-    return {"demand": lambda: plot_demand(result), "path": lambda: plot_examined_route(result)}
-
-
-@drawings_of.register(Noise)
-def _noise_drawings(result: Noise) -> dict[str, Draw]:
-    return {"deviations": lambda: plot_noise(result)}
-
-
 @drawings_of.register(RestMeasurement)
 def _rest_drawings(result: RestMeasurement) -> dict[str, Draw]:
     return {
@@ -190,32 +175,12 @@ def _history_drawings(result: ParameterHistory) -> dict[str, Draw]:
     return {"parameters": lambda: curves(result, entries)} if entries else {}
 
 
-@drawings_of.register(Comparison)
-def _comparison_drawings(result: Comparison) -> dict[str, Draw]:
-    return {"runs": lambda: plot_comparison(result)}
-
-
-@drawings_of.register(TuneResult)
-def _tune_drawings(result: TuneResult) -> dict[str, Draw]:
-    return {"search": lambda: plot_search(result), "cost": lambda: plot_cost_around(result)}
-
-
 @drawings_of.register(CorridorForecast)
 def _corridor_drawings(result: CorridorForecast) -> dict[str, Draw]:
     return {
         "path": partial(_first_figure, lambda: paths(result.run)),
         "corridor": lambda: plot_corridor(result),
     }
-
-
-@drawings_of.register(Forecast)
-def _forecast_drawings(result: Forecast) -> dict[str, Draw]:
-    return {"drives": lambda: plot_forecast(result)}
-
-
-@drawings_of.register(Ensemble)
-def _ensemble_drawings(result: Ensemble) -> dict[str, Draw]:
-    return {"path": lambda: plot_ensemble(result)}
 
 
 @with_style
@@ -367,3 +332,17 @@ def plot_ensemble(result: Ensemble) -> "Figure":
 
 
 MAX_PATHS = 200  # paths that are drawn
+
+PLOTS: dict[type, dict[str, Callable[..., "Figure | None"]]] = {  # of results that their plots draw alone
+    Route: {"path": plot_route},
+    RouteReport: {"demand": plot_demand, "path": plot_examined_route},
+    Noise: {"deviations": plot_noise},
+    Comparison: {"runs": plot_comparison},
+    TuneResult: {"search": plot_search, "cost": plot_cost_around},
+    Forecast: {"drives": plot_forecast},
+    Ensemble: {"path": plot_ensemble},
+}
+for _kind, _plots in PLOTS.items():
+    drawings_of.register(
+        _kind, lambda result, plots=_plots: {name: partial(plot, result) for name, plot in plots.items()}
+    )

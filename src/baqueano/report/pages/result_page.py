@@ -94,41 +94,11 @@ def page_of(result: Tabular, alignment: str = "none") -> Page:
     raise UsageError(fault("front.no-page", value=type(result).__name__))
 
 
-@page_of.register(Run)
-def _run_page(result: Run, alignment: str = "none") -> Page:
-    return page_of_run(result, alignment)
-
-
 @page_of.register(TeachResult)
 @page_of.register(ImportedRun)
 @page_of.register(FirstDrive)
 def _page_of_its_run(result: TeachResult | ImportedRun | FirstDrive, alignment: str = "none") -> Page:
     return page_of_run(result.run, alignment)
-
-
-@page_of.register(CorridorForecast)
-def _corridor_page(result: CorridorForecast, alignment: str = "none") -> Page:
-    return page_of_run(result.run)
-
-
-@page_of.register(Fit)
-def _fit_page(result: Fit, alignment: str = "none") -> Page:
-    return page_of_fit(result)
-
-
-@page_of.register(RestMeasurement)
-def _rest_page(result: RestMeasurement, alignment: str = "none") -> Page:
-    return page_of_rest(result)
-
-
-@page_of.register(ParameterHistory)
-def _history_page(result: ParameterHistory, alignment: str = "none") -> Page:
-    return page_of_drift(result)
-
-
-@page_of.register(RouteReport)
-def _route_page(result: RouteReport, alignment: str = "none") -> Page:
-    return page_of_route(result)
 
 
 @page_of.register(Comparison)
@@ -156,3 +126,11 @@ def page_of_comparison(result: Comparison, alignment: str = "none") -> Page:
         ],
         reproduce=baqueano_command("compare", *(run.name for run in result.runs)),
     )
+
+
+page_of.register(Run, page_of_run)
+page_of.register(CorridorForecast, lambda result, alignment="none": page_of_run(result.run))
+page_of.register(Fit, lambda result, alignment="none": page_of_fit(result))
+page_of.register(RestMeasurement, lambda result, alignment="none": page_of_rest(result))
+page_of.register(ParameterHistory, lambda result, alignment="none": page_of_drift(result))
+page_of.register(RouteReport, lambda result, alignment="none": page_of_route(result))
